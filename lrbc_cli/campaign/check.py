@@ -20,7 +20,7 @@ from lrbc_cli.campaign.looking.axes import other_lines
 from lrbc_cli.campaign.looking.first_look import FirstLook, first_look
 from lrbc_cli.campaign.looking.nested import exchanged_files
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.campaign.reading.model_doubts import loss_factor
+from lrbc_cli.campaign.reading.model_doubts import loss_factor, undamped_text
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import GB, limit_of, reduction_cost
 from lrbc_cli.config.settings import EveryLine
@@ -79,6 +79,7 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False, pictured: bool =
     out.warnings += inputs.warnings
     out.warnings += [*passed_over(inputs.campaign), *unnamed(inputs.campaign)]
     out.warnings += _unwritable(inputs.campaign.output)
+    out.warnings += filter(None, [undamped_text(inputs.model, inputs.groups)])
     out.sections["model"] = _model(inputs)
     parts = cache.key_parts(inputs)
     decision = cache.look_up(folder, parts)
@@ -244,6 +245,8 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
 
 def _looks(inputs: Inputs, folder: Path, readable: dict[str, Measurement]) -> FirstLook:
     """What measurements beside the model show; over a piece of the file without resonances errors of the model look like gains."""
+    if inputs.places_doubt:
+        return FirstLook(note="measured and computed FRFs are compared once the places of hammer and sensors are corrected")
     tight = readable.get(inputs.campaign.update.reference or "")
     if (
         tight is not None

@@ -12,6 +12,7 @@ from lrbc_cli.campaign.export import check_targets, export, require_real
 from lrbc_cli.campaign.jobs.results import write_campaign, write_reduction
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.cache import key_parts, look_up
+from lrbc_cli.campaign.reduced.stage import bound_hint
 from lrbc_cli.campaign.simulate import check_parameters
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
@@ -128,7 +129,8 @@ def describe(record: ReductionRecord, seconds: float) -> list[str]:
     ]
     bound, share, sure = measured.unseen, measured.unseen_share, measured.unseen_confidence
     if bound is not None and share is not None and sure is not None:
-        above = ", which is ABOVE the tolerance: lower reduction.tolerance or raise reduction.held_out" if bound > record.tolerance else ""
+        hint = bound_hint(measured.worst, record.tolerance, len(held_out))
+        above = f", which is ABOVE the tolerance: {hint}" if bound > record.tolerance else ""
         lines.append(
             f"other lines (bound from these {len(held_out)}): below {bound:.1e} at {round(100 * share)} % of them, "
             f"with {round(100 * sure)} % confidence{above}"

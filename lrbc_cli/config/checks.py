@@ -25,7 +25,6 @@ def check_references(campaign: Campaign) -> None:
         if name.lower() in RESERVED_JOBS:
             raise campaign.error("a job named like a file of the results", "jobs", name, hint="choose another name")
     _check_names(campaign)
-    _check_operators(campaign)
     _check_calibration(campaign)
     _check_excitations(campaign)
     if campaign.model.dofs is None:
@@ -95,23 +94,6 @@ def _check_names(campaign: Campaign) -> None:
         for section, names in (("records", config.records), ("scale", config.scale)):
             for name in names:
                 _known(campaign, name, campaign.responses, "response", "jobs", job, section, name)
-
-
-def _check_operators(campaign: Campaign) -> None:
-    """Refuse one matrix in two places."""
-    model, seen = campaign.model, dict[str, str]()
-    for name in ("stiffness", "mass", "damping"):
-        ref = getattr(model, name)
-        first = seen.setdefault(repr(ref), name) if isinstance(ref, MatrixRef) else name
-        if first != name:
-            raise campaign.error(
-                f"model.{first} and model.{name} name one matrix",
-                "model",
-                name,
-                expected="a matrix of its own for each",
-                found=ref.path.name,
-                hint="name its own file" + ("; damping by the stiffness is {structure: {beta: ...}}" if name == "damping" else ""),
-            )
 
 
 def _check_calibration(campaign: Campaign) -> None:

@@ -16,6 +16,7 @@ from lrbc_cli.reduction.outcome import ReductionOptions
 from lrbc_cli.reduction.problem.problem import Problem
 from lrbc_cli.reduction.solve.dynamic import columns_at_once
 from lrbc_cli.reduction.steps.full_lines import SIDE_BY_SIDE_BYTES, cores, moments_worth
+from lrbc_cli.reduction.threads import single_threaded
 
 COMPLEX, REAL = 16, 8
 
@@ -63,7 +64,7 @@ class Cost:
     line : float
         Those of one full line with all columns.
     seconds : float
-        At the speed of a dense product now, which depends on what else the machine does.
+        At the speed of a dense product in one thread, now.
     nonzeros : int
         Entries of the factors.
     backend : str
@@ -161,11 +162,16 @@ def _estimate_bytes(model: FeModel) -> float:
 
 
 def _product_rate() -> float:
-    """Operations a second of a dense complex product on this machine, the best of a few."""
+    """Operations a second of a dense complex product on this machine, in one thread, the best of a few.
+
+    Where others use the cores, or a container has a share of them, two threads of so short a product wait for each other: they are up to a
+    hundred times slower then, and a reduction is not.
+    """
     A = np.full((256, 256), 0.5 + 0.5j)
     times = []
-    for _ in range(5):
-        start = time.perf_counter()
-        A @ A
-        times.append(time.perf_counter() - start)
+    with single_threaded():
+        for _ in range(5):
+            start = time.perf_counter()
+            A @ A
+            times.append(time.perf_counter() - start)
     return float(8 * A.shape[0] ** 3 / min(times))

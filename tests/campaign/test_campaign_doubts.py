@@ -12,10 +12,12 @@ from campaigns import Folder
 import lrbc_cli as lrbc
 from lrbc_cli.campaign.identification.compared.doubts import coarse_text, noise_level, offset_texts, own_fault_text, unreached, worsened
 from lrbc_cli.campaign.identification.records import read_measurement
+from lrbc_cli.campaign.jobs.evidence import guessed_text
 from lrbc_cli.campaign.reading.doubts import springs
 from lrbc_cli.model.units import SI
 from lrbc_cli.updating.comparison.scale import Offset
 from lrbc_cli.updating.judging.reference import ReferenceState
+from lrbc_cli.updating.statistics.saturation import Saturation
 
 G = "{acc1: 0.1019716, acc2: 0.1019716, acc3: 0.1019716, acc4: 0.1019716}"
 
@@ -213,3 +215,9 @@ def test_rotational_springs_as_the_table_says_are_in_no_other_unit(frame: Folder
     assert campaign.unit_system == SI
     assert springs._unit_text(campaign, group, [(True, np.ones(3))]) is None
     assert "translational springs are in N/mm" in str(springs._unit_text(campaign, group, [(False, np.full(3, 1e3))]))
+
+
+def test_what_auto_stands_for_where_the_frfs_do_not_say() -> None:
+    text = guessed_text("axial", Saturation(start=7.0, lower=2.0, upper=10.0, found=False))
+    assert "guessed from the stiffness matrix (start 7, bounds 2 to 10, log10)" in text
+    assert "write `initial` and `bounds` of parameters.axial instead of auto" in text

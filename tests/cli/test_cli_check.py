@@ -286,7 +286,13 @@ def test_points_in_millimetres(tmp_path: Path) -> None:
     (folder.data / "bolts.csv").write_text(millimetres(plain, range(1, 4)))
     result = folder.run("check")
     assert result.code == 3
-    for part in ("bolts.csv", "bolt B6 lies outside the model by more than its size", "are these millimetres?", "2.1 m"):
+    for part in (
+        "bolts.csv",
+        "all 6 bolts lie outside the model by more than its size",
+        "B6 at (1500, 10, 0)",
+        "are these millimetres?",
+        "2.1 m",
+    ):
         assert part in result.stderr
     (folder.data / "bolts.csv").write_text(plain)
     tree["excitation"]["hammer"] = {"near": [2100.0, 0.0, 0.0], "component": "UZ"}

@@ -406,6 +406,28 @@ def without_springs(*bolts: str) -> Damage:
     return damage
 
 
+def fixed_at_bolts(folder: Folder) -> None:
+    """Matrices of the plate as they are exported with a boundary condition at the bolts."""
+    held = {line.split(",")[1] for line in (folder.data / "bushings.csv").read_text().splitlines()[1:]}
+    dofs = (folder.data / "plate.dof").read_text().split()
+    free = np.array([dof.split(".")[0] not in held for dof in dofs])
+    (folder.data / "plate.dof").write_text("".join(f"{dof}\n" for dof, kept in zip(dofs, free, strict=True) if kept))
+    row = np.cumsum(free)
+    for name in ("plate.sti.gz", "plate.mas.gz"):
+        entries = np.loadtxt(io.StringIO(gzip.decompress((folder.data / name).read_bytes()).decode()))
+        at = entries[:, :2].astype(int) - 1
+        kept = free[at].all(axis=1)
+        lines = (f"{row[i]} {row[j]} {value:.13e}\n" for (i, j), value in zip(at[kept], entries[kept, 2], strict=True))
+        (folder.data / name).write_bytes(gzip.compress("".join(lines).encode()))
+
+
+def two_matrices(folder: Folder) -> None:
+    """Matrices of an HDF5 file, one of them a share of another."""
+    with h5py.File(folder.data / "model/model.h5", "w") as file:
+        for name in ("K", "K_x", "M"):
+            file[name] = np.eye(3)
+
+
 def stretched(change: Callable[[float], float]) -> Damage:
     """Coordinates along x of another state of the model, of the nodes alone."""
 
@@ -441,6 +463,12 @@ def inverse(file: str) -> str:
 
 K, M = "data/model/stiffness.mtx", "data/model/mass.mtx.gz"
 ACC1 = ", quantity: acceleration}\n  acc2"
+SIDEWAYS = """\
+    baseline: 1.0
+  sideways:
+    kind: stiffness
+    select: {bushings: data/again.csv, component: UY}
+"""
 UNITS = "units: mm-N-t                             # of the model and of all coordinates; FRFs state their own\n"
 LOOSE = "frf: data/frf/loose-2.csv"
 TIGHT = "frf: data/frf/tight.csv"
@@ -552,7 +580,7 @@ MISTAKES = [
         triplets_times("plate.mas.gz", 1e12),
         3,
         "far below the band",
-        "the mass matrix is 1e+12 times too large (density in kg/m³ where the units want t/mm³)",
+        "the mass matrix is 1e+12 times too large (density in kg/m³ where `units: mm-N-t` wants t/mm³, 7.85e-09 for steel)",
     ),
     Mistake(
         "density in t/mm3 in SI",
@@ -748,7 +776,14 @@ MISTAKES = [
         "model.damping.acoustic has no effect",
         "remove it",
     ),
-    Mistake("point in mm", "frame", config(("[0.16, 0.12, 0.0]", "[160, 120, 0]")), 3, "outside the model", "are these millimetres?"),
+    Mistake(
+        "point in mm",
+        "frame",
+        config(("[0.16, 0.12, 0.0]", "[160, 120, 0]")),
+        3,
+        "excitation hammer lies outside the model",
+        "are these millimetres?",
+    ),
     Mistake("wrong node", "plate", config(("near: [20, 100, 4]", "node: 9417")), 2, "node 9417", "numbered 101 to 509"),
     Mistake("wrong component", "frame", config(("0.28, 0.0], component: UZ", "0.28, 0.0], component: UX")), 2, "UX", "TWIST, UZ"),
     Mistake("two sensors at one place", "frame", config(("[0.32, 0.28,", "[0.08, 0.20,")), 0, "one DOF", "correct responses.acc2"),
@@ -962,6 +997,52 @@ MISTAKES = [
         "node 1290",
         "numbered 101 to 509",
     ),
+    Mistake(
+        "bolts fixed in the export",
+        "plate",
+        fixed_at_bolts,
+        3,
+        "coordinates, but no DOFs in the matrices",
+        "remove the boundary condition at the bolts",
+    ),
+    Mistake(
+        "springs to a fixed node",
+        "plate",
+        all_of(
+            text("plate.inp", lambda t: t.replace("NSET=ALL\n", "NSET=ALL\n999, 0, 0, -10\n")),
+            text("bushings.csv", lambda t: re.sub(r"(?m)^(B\d,\d+),,", r"\1,999,", t)),
+        ),
+        3,
+        "node 999 has coordinates, but no DOFs in the matrices",
+        "leave node_b empty",
+    ),
+    Mistake(
+        "sensor at a node that the export fixed",
+        "plate",
+        all_of(fixed_at_bolts, config(("near: [20, 100, 4]", "node: 129"))),
+        2,
+        "node 129 has no DOF UZ",
+        "remove the boundary condition that holds it",
+    ),
+    Mistake(
+        "damping forgotten",
+        "plate",
+        config(
+            ("  damping:\n    structure: {alpha: 0.0, beta: 0.0, loss_factor: 0.01}\n", ""),
+            ("structure, loss_factor.structure]", "structure]"),
+        ),
+        0,
+        "nothing damps the model",
+        "write model.damping: {structure: {loss_factor: 0.01}}",
+    ),
+    Mistake(
+        "stiffness named as mass, of a file that holds both",
+        "frame",
+        all_of(two_matrices, config((K, "data/model/model.h5#K"), (M, "data/model/model.h5#K"))),
+        2,
+        "found:    model.h5#K",
+        "write model.mass: data/model/model.h5#M; the file holds K, K_x, M",
+    ),
     Mistake("springs twice", "plate", config(("baseline: 1.0  ", "baseline: 0.0  ")), 0, "count twice", "parameters.bolts.baseline: 1.0"),
     Mistake("key misspelt", "frame", config(("reduction: {band", "reduktion: {band")), 2, "'reduktion'", "did you mean 'reduction'?"),
     Mistake("indented wrongly", "frame", config(("\n  reference: tight", "\nreference: tight")), 2, "line 51", "indentation"),
@@ -1147,7 +1228,7 @@ MISTAKES = [
         text("bolts.csv", lambda t: re.sub(r"(?m)^B([1346])", lambda m: f"B{dict(zip('1346', '3164', strict=True))[m[1]]}", t)),
         0,
         "B3 at the springs of B1, B1 at the springs of B3, B6 at the springs of B4, B4 at the springs of B6",
-        "exchange the names there, or in the table of the springs",
+        "in the bolts file write the names in the order B1, B2, B3, B4 ... B6",
     ),
     Mistake(
         "places of the terms from the other end",
@@ -1504,6 +1585,47 @@ def test_every_wrong_response_and_group_is_told_at_once(tmp_path: Path) -> None:
     for part in ("node 9001", "node 9002", "responses.acc4.row", "left_edge.select.box"):
         assert result.stderr.count(part + " ") or result.stderr.count(part + ":"), result.stderr
     assert "4 things to fix" in result.stdout
+
+
+def test_points_in_millimetres_are_told_once(tmp_path: Path) -> None:
+    """Each of hammer and ten microphones had a block of its own."""
+    folder = make_frame(tmp_path)
+    folder.config.write_text(
+        re.sub(
+            r"near: \[(.+?)\]", lambda m: f"near: [{', '.join(f'{1e3 * float(x):g}' for x in m[1].split(','))}]", folder.config.read_text()
+        )
+    )
+    result = check(folder, "frame")
+    assert result.code == 3
+    assert "campaign.yaml, excitation and responses: excitation hammer and both responses lie outside the model" in result.stderr
+    assert result.stderr.count("are these millimetres? divided by 1000 they fit") == 1
+    text("model/bolts.csv", lambda t: t.replace("B2,-0.01", "B2,-10"))(folder := make_frame(tmp_path / "bolts"))
+    assert "bolts.csv: bolt B2 lies outside" in check(folder, "frame").stderr
+    numbers("model/bolts.csv", times(1e3))(folder := make_frame(tmp_path / "all"))
+    assert "bolts.csv: all 6 bolts lie outside" in check(folder, "frame").stderr
+
+
+def test_places_from_another_origin_are_the_one_thing_told(tmp_path: Path) -> None:
+    """Sensors that fell on one node were to be taken out, though every one is good."""
+    folder = make_plate(tmp_path)
+    config(*(moved_to_the_middle(*place) for place in PLACES))(folder)
+    told = check(folder, "plate").stdout.partition("\nwarnings\n")[2].splitlines()
+    assert len(told) == 1
+    assert "measured from another origin than the model's" in told[0]
+
+
+def test_bolts_beside_their_springs_are_told_once_for_all_tables(tmp_path: Path) -> None:
+    folder = make_plate(tmp_path)
+    shutil.copy(folder.data / "bushings.csv", folder.data / "again.csv")
+    select = "    select: {bushings: data/bushings.csv}    # bolt, node, component, stiffness\n"
+    config(
+        (select, select.replace("csv}", "csv, component: UX}") + SIDEWAYS),
+        ("factors: [stiffness.structure, loss_factor.structure]", "factors: [stiffness.structure]"),
+    )(folder)
+    text("bolts.csv", lambda t: t.replace("B1,", "B9,").replace("B2,", "B1,").replace("B9,", "B2,"))(folder)
+    told = check(folder, "plate").stdout
+    assert told.count("B2, B1 lie nearer to the springs of other bolts") == 1
+    assert "(bushings.csv and again.csv name the nodes)" in told
 
 
 def test_a_measurement_in_the_watched_folder_that_no_pattern_takes(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ import scipy.sparse as sp
 from campaigns import Folder, box, chain_folder, frame
 
 from lrbc_cli.campaign.reduced import memory
+from lrbc_cli.campaign.reduced.stage import bound_hint
 from lrbc_cli.io.frf import read_frf
 from lrbc_cli.io.hdf5.store import read_store, write_store
 
@@ -523,3 +524,10 @@ def test_back_ends_agree(tmp_path: Path) -> None:
         assert folder.run("simulate", "--override", f"reduction.backend={backend}", "--out", str(out)).code == 0
         frfs.append(np.stack([record.values for record in read_frf(out).records]))
     np.testing.assert_allclose(frfs[0], frfs[1], rtol=1e-8)
+
+
+def test_what_to_do_about_a_bound_far_above_the_errors() -> None:
+    """A lower tolerance was proposed where every error was a thousandth of it: the bound grew."""
+    assert "write reduction.held_out: 12; a lower tolerance hardly helps" in bound_hint(3e-6, 1e-3, 5)
+    assert "write reduction.held_out: 24" in bound_hint(3e-6, 1e-3, 12)
+    assert bound_hint(9e-4, 1e-3, 5) == "lower reduction.tolerance or raise reduction.held_out"

@@ -13,6 +13,7 @@ import pytest
 import scipy.sparse as sp
 from systems import csc, fe_model, grid
 
+from lrbc_cli.reduction import predict as predict_module
 from lrbc_cli.reduction.outcome import ReductionOptions
 from lrbc_cli.reduction.predict import LIBRARIES, memory_bound, predict
 from lrbc_cli.reduction.solve import pardiso
@@ -94,12 +95,23 @@ class TestPrediction:
         assert second.nonzeros > 4.0 * first.nonzeros
         # PARDISO adds room for each of its threads, which does not grow.
         assert second.memory["factors"] > (4.0 if backend == "superlu" else 1.2) * first.memory["factors"]
-        # Counted operations: the seconds of either follow how busy the machine is.
         assert second.work > 2.0 * first.work
         assert min(first.seconds, second.seconds) > 0
         many = predict(cube(12, terms=36), options, backend=backend)
         assert many.memory["snapshots"] > 2 * first.memory["snapshots"]
         assert many.memory["factors"] < 1.1 * first.memory["factors"]
+
+    def test_the_rate_is_that_of_one_thread(self, monkeypatch):
+        """Threads of so short a product wait for each other where others use the cores: minutes were predicted for seconds."""
+        seen, limited = [], predict_module.single_threaded
+
+        def noted():
+            seen.append(True)
+            return limited()
+
+        monkeypatch.setattr(predict_module, "single_threaded", noted)
+        assert predict_module._product_rate() > 0
+        assert seen == [True]
 
     def test_a_largest_size_bounds_the_basis(self):
         model = cube(12)

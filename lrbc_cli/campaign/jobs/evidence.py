@@ -37,6 +37,7 @@ from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.posterior.confidence import Band, band
 from lrbc_cli.updating.search.ends import near_tie
 from lrbc_cli.updating.statistics.lines import interpolated, too_wide
+from lrbc_cli.updating.statistics.saturation import Saturation
 from lrbc_cli.updating.unknowns.places import Edge, Joints, Spot
 
 
@@ -342,13 +343,23 @@ def _alternatives(inputs: Inputs, result: Identification) -> tuple[tuple[tuple[f
     return tuple((tuple(found.get(column) for column in columns), share) for found, share in states)
 
 
+def guessed_text(name: str, limits: Saturation) -> str:
+    """What ``auto`` stands for where the FRFs do not say between which stiffnesses they change, and what to do then."""
+    return (
+        f"{name}: the FRFs do not show from which stiffness on a joint is as good as rigid or as good as gone, so that what `auto` stands "
+        f"for was guessed from the stiffness matrix (start {limits.start:.3g}, bounds {limits.lower:.3g} to {limits.upper:.3g}, log10). "
+        f"Where values end at one of these bounds, write `initial` and `bounds` of parameters.{name} instead of auto; else nothing is to "
+        "be done"
+    )
+
+
 def remarks(result: Identification) -> list[str]:
     """What a reader of the result should know: limits that do not exist, values at their bounds."""
     found = []
     for group, values, at in result.parameters.placed:
         limits = result.saturations.get(group.name)
         if limits is not None and not limits.found:
-            found.append(f"{group.name}: the FRFs reach no free or clamped limit; auto values are decades from the local stiffness")
+            found.append(guessed_text(group.name, limits))
         p, bounds = result.solution.theta[values], group.bounds
         low, high = int(np.sum(p <= bounds[:, 0])), int(np.sum(p >= bounds[:, 1]))
         if low or high:

@@ -42,7 +42,7 @@ FEW, MANY = 0.05, 0.3
 _EXPANDED = re.compile(r"\*ELEMENT\b.*TYPE\s*=\s*(S\d|M3D|B\d|T[23]D|CP[SE]|CAX)", re.IGNORECASE)
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Numbering:
     """What the rows of the model are.
 
@@ -57,6 +57,8 @@ class Numbering:
         What was read.
     lacking : Path or None
         The file of coordinates, where it lacks nodes of the matrices.
+    spare : (k,) int array
+        Nodes that have coordinates and no rows.
     """
 
     table: DofTable | None = None
@@ -64,6 +66,7 @@ class Numbering:
     notes: list[str] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
     lacking: Path | None = None
+    spare: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 def numbering(source: Path | DofSource | None, stiffness: MatrixFile) -> Numbering:
@@ -86,7 +89,7 @@ def numbering(source: Path | DofSource | None, stiffness: MatrixFile) -> Numberi
     if isinstance(source, Path):
         if is_dof_table(source):
             table = read_dof_table(source)
-            return Numbering(table, DofLabels(table.node, table.component), files=[source])
+            return Numbering(table=table, labels=DofLabels(table.node, table.component), files=[source])
         source = DofSource.model_construct(nodes=source)
     found = Numbering(labels=stiffness.labels, files=[source.nodes])
     n = stiffness.matrix.shape[0]
@@ -160,6 +163,7 @@ def _place(found: Numbering, node: Integers, xyz: Floats, path: Path) -> None:
         component[inner] = [name if name.startswith("INNER") else f"INNER{name}" for name in component[inner]]
         found.lacking = path
     places = np.where(known[:, None], xyz[order][at], xyz.mean(axis=0))
+    found.spare = np.setdiff1d(node, labels.node)
     found.labels = DofLabels(labels.node, component.astype(np.str_))
     found.table = DofTable(node=labels.node, component=found.labels.component, xyz=places)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -11,8 +12,9 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.campaign.reading.joints import apart, bolts_of_terms, bushing_vectors, joint_notes, owners
-from lrbc_cli.campaign.reading.places import beside_their_dofs, beside_their_springs, require_near
+from lrbc_cli.campaign.reading.doubts.astray import beside_their_dofs, beside_their_springs
+from lrbc_cli.campaign.reading.joints import apart, bolts_of_terms, bushing_vectors, joint_notes, owners, require_free
+from lrbc_cli.campaign.reading.places import require_near
 from lrbc_cli.campaign.reading.reader import ModelReader, Parts
 from lrbc_cli.config.structure import Damping, GroupConfig, GroupDampingConfig
 from lrbc_cli.errors import DataError
@@ -107,10 +109,32 @@ class GroupReader(ModelReader):
                 found.append(one)
                 first += one.left.shape[1]
         parts.require()
+        for text, tables in self.beside.items():
+            tables = list(dict.fromkeys(tables))
+            names = f"{' and '.join(tables)} name{'' if len(tables) > 1 else 's'} the nodes"
+            self.warn(f"bolts: {self.campaign.bolts.name if self.campaign.bolts else ''}: {text} ({names})")
         power = np.concatenate([np.full(f.group.terms.size, KIND_POWER[f.group.config.kind]) for f in found])
         baseline = np.concatenate([np.full(f.group.terms.size, f.group.config.baseline) for f in found])
         left, right = (sp.hstack(vectors, format="csc") for vectors in ([f.left for f in found], [f.right for f in found]))
         return found, LowRankTerms(left, right, power, baseline)
+
+    @property
+    def astray(self) -> set[str]:
+        """Responses whose places are in doubt, which is told of by itself: they lie more than a mesh size from any node."""
+        return {name for (section, name), point in self.near.items() if section == "responses" and point.away > 1.0}
+
+    def require_points(self) -> None:
+        """Refuse hammer and sensors that lie far outside the model, all at once: one slip moves all of them."""
+        keys = list(self.near)
+        if self.dofs is None or not keys:
+            return
+
+        def place(some: Sequence[int]) -> str:
+            sections = " and ".join(dict.fromkeys(keys[k][0] for k in some))
+            return sections if len(some) > 1 else self.campaign.place(*keys[some[0]], "near")
+
+        names = [(section.removesuffix("s"), name) for section, name in keys]
+        require_near(np.array([point.place for point in self.near.values()]), names, self.dofs.xyz, file=self.campaign.path, place=place)
 
     def read_bolts(self) -> None:
         """Read the bolts file, where there is one."""
@@ -128,7 +152,7 @@ class GroupReader(ModelReader):
         else:
             known = [self.dofs.xyz] if self.dofs else [f.group.xyz for f in found if f.group.xyz is not None]
             if known:
-                names = [f"bolt {name}" for name in bolts.name]
+                names = [("bolt", name) for name in bolts.name]
                 require_near(bolts.xyz, names, np.concatenate(known), file=file, known=self.dofs is not None)
         owned = [f for f in found if f.bolt is not None]
         if bolts is None or not owned:
@@ -198,7 +222,7 @@ class GroupReader(ModelReader):
         positions = replace(positions, xyz=positions.xyz * self.unit.length)
         self.table(select.positions)
         if self.dofs is not None:
-            places = [f"term {k} of {name}" for k in range(positions.xyz.shape[0])]
+            places = [("term", f"{k} of {name}") for k in range(positions.xyz.shape[0])]
             require_near(positions.xyz, places, self.dofs.xyz, file=select.positions)
         if left.shape != right.shape or positions.xyz.shape[0] != left.shape[1]:
             raise DataError(
@@ -237,6 +261,7 @@ class GroupReader(ModelReader):
         unit = self.unit
         turns = np.char.startswith(np.array(table.component), "ROT")
         table = replace(table, stiffness=table.stiffness * unit.force * np.where(turns, unit.length, 1.0 / unit.length))
+        require_free(table, self.dofs, self.held)
         vectors, places = bushing_vectors(table, self.dofs)
         count, gap = apart(table, self.dofs)
         if count:
@@ -246,7 +271,7 @@ class GroupReader(ModelReader):
             )
         astray = None if self.bolts is None else beside_their_springs(self.bolts, places, table.bolt, self.unit.length)
         if astray:
-            self.warn(f"bolts: {self.campaign.bolts.name if self.campaign.bolts else ''}: {astray} ({file.name} names the nodes)")
+            self.beside.setdefault(astray, []).append(file.name)
         grounded = {node is None for node in table.node_b}
         return vectors, places, table.bolt, grounded.pop() if len(grounded) == 1 else None
 

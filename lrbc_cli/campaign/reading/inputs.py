@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -29,14 +29,7 @@ from lrbc_cli.campaign.reading.factors import (
     without_springs,
 )
 from lrbc_cli.campaign.reading.groups import GroupReader, TermGroup, Terms
-from lrbc_cli.campaign.reading.model_doubts import (
-    doubts,
-    fixed_dofs,
-    require_apart,
-    require_mass,
-    require_roles,
-    slips,
-)
+from lrbc_cli.campaign.reading.model_doubts import doubts, fixed_dofs, require_apart, require_mass, require_own, require_roles, slips
 from lrbc_cli.campaign.reading.places import beside_nodes, extents, require_metres, require_unit
 from lrbc_cli.campaign.reading.reach import require_frequencies, require_reach
 from lrbc_cli.campaign.reading.reader import Parts, Point
@@ -109,6 +102,8 @@ class Inputs:
     warnings : tuple of str
     units_doubt : str or None
         That of the warnings which only the mesh lets guess.
+    places_doubt : bool
+        Whether the places of hammer and sensors seem to be given from another origin.
     hashes : dict
         SHA-256 of every file that was read, by its absolute path.
     recipe : Recipe
@@ -136,6 +131,7 @@ class Inputs:
     hashes: dict[str, str] = field(repr=False)
     recipe: Recipe = field(repr=False)
     units_doubt: str | None = None
+    places_doubt: bool = False
     shifts: NDArray[np.int64] | None = None
     calibration: CalibrationUse | None = None
     read_with: str = ""
@@ -223,8 +219,14 @@ class _Reader(GroupReader):
             if found is not None:
                 rows.append(found[0])
                 responses.append(found[1])
+        parts.read(self.require_points)
         parts.require()
         return sp.vstack(rows, format="csc"), responses
+
+    def slips(self, model: FeModel, responses: list[Response], groups: list[TermGroup], bolts: PointTable | None) -> Iterator[str]:
+        """Warnings of what contradicts itself."""
+        named = [(response.name, response.input) for response in responses]
+        return slips(self.campaign, model, named, groups, bolts, self.dofs, astray=self.astray)
 
     def response(self, point: ResponseConfig, name: str, acoustic: NDArray[np.bool_]) -> tuple[sp.csc_array, Response]:
         """The row of one response, and what it is."""
@@ -313,7 +315,7 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     lossy = partial(with_loss, campaign, acoustic)
     extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M}, lossy)
     model = FeModel(K=lossy(K), C=C, M=M, B=B, L=L, output_power=output_power, is_acoustic=acoustic, terms=terms, extras=extras)
-    reader.warn(*doubts(model), *slips(campaign, model, [(r.name, r.input) for r in responses], groups, bolts, reader.dofs))
+    reader.warn(*doubts(model), *reader.slips(model, responses, groups, bolts))
     check_drift(campaign, bool(acoustic.any()))
     require_reach(model, [r.name for r in responses], list(campaign.excitation), [r.input for r in responses])
     require_frequencies(model, campaign, reader.dofs)
@@ -331,6 +333,7 @@ def read_as_exported(campaign: Campaign) -> Inputs:
         hashes=reader.hashes,
         recipe=recipe_of(campaign, model),
         units_doubt=reader.units_doubt,
+        places_doubt=reader.moved,
         shifts=reader.shifts,
     )
 
@@ -339,7 +342,9 @@ def _bolts_and_terms(reader: _Reader) -> tuple[list[Terms], LowRankTerms]:
     if reader.dofs is not None:
         # All points have been read by now.
         require_unit(reader.dofs, points := list(reader.near.values()), reader.campaign.path)
-        reader.warn(*beside_nodes(reader.dofs, points, reader.unit.length))
+        beside = beside_nodes(reader.dofs, points, reader.unit.length)
+        reader.moved = beside.moved
+        reader.warn(*beside.warnings)
     reader.read_bolts()
     return reader.terms()
 
@@ -369,6 +374,7 @@ def _require_whole(campaign: Campaign, stiffness: MatrixFile, mass: MatrixFile) 
 def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, NDArray[np.bool_]]:
     """With the mask of the pressures; fixed DOFs are left out."""
     source = reader.campaign.model
+    require_own(reader.campaign)
     came_through(read_before(reader.campaign.output, reader.campaign.jobs))
     first, second = reader.load(source.stiffness), reader.load(source.mass)
     _require_whole(reader.campaign, first, second)

@@ -11,12 +11,19 @@ import scipy.sparse as sp
 
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.io.common import listing
 from lrbc_cli.io.text.bushings import COMPONENTS, BushingTable
 from lrbc_cli.model.dofs import DofTable, PointTable, numbers_text
 from lrbc_cli.model.selection import at_node
 
 #: Direction cosines below this are rounding of an axis.
 ROUNDING = 1e-9
+
+#: What to do about a node that has coordinates and no DOFs.
+HELD = (
+    "it has coordinates, but no DOFs in the matrices: it was fixed there when they were exported, and what is fixed neither moves nor "
+    "loosens; remove the boundary condition that holds it, and export the matrices again"
+)
 
 
 @dataclass(frozen=True)
@@ -108,6 +115,46 @@ def bushing_vectors(table: BushingTable, dofs: DofTable) -> tuple[sp.csc_array, 
             places[k] += dofs.xyz[np.flatnonzero((dofs.node == node) & ~dofs.is_acoustic)[0]] / len(given)
     vectors = sp.csc_array((values, (rows, columns)), shape=(dofs.size, len(table.lines)))
     return vectors, places
+
+
+def require_free(table: BushingTable, dofs: DofTable, held: Integers) -> None:
+    """Refuse springs at nodes that have no DOFs.
+
+    Parameters
+    ----------
+    table : BushingTable
+    dofs : DofTable
+    held : int array
+        Nodes that have coordinates all the same.
+
+    Raises
+    ------
+    DataError
+        With all of them: another node in place of each would be the wrong mend.
+    """
+    known = set(held.tolist())
+    springs = list(zip(table.node_a.tolist(), table.node_b, table.bolt, table.lines, strict=True))
+    at = [(node, bolt, line) for a, b, bolt, line in springs for node in (a, b) if node in known]
+    if not at:
+        return
+    nodes, bolts = ([str(name) for name in dict.fromkeys(entry[k] for entry in at) if name != ""] for k in (0, 1))
+    have = f"nodes {listing(nodes, 6)} have" if len(nodes) > 1 else f"node {nodes[0]} has"
+    of = f", of {len(bolts)} bolt{'s' if len(bolts) > 1 else ''} ({listing(bolts, 6)})" if bolts else ""
+    hint = (
+        "they were fixed when the matrices were exported, it seems, and what is fixed cannot loosen: remove the boundary condition at the "
+        "bolts, so that these springs alone hold the structure there, and export the matrices again (a node of no element has no DOFs "
+        "either)"
+    )
+    if not any(a in known for a, *_ in springs):
+        hint = "a spring to a fixed node goes to ground: leave node_b empty there"
+    raise DataError(
+        f"{have} coordinates, but no DOFs in the matrices",
+        file=table.path,
+        place=f"line {at[0][2]}",
+        expected="springs at nodes that can move",
+        found=f"{len(nodes)} node{'s' if len(nodes) > 1 else ''} without a row{of}",
+        hint=hint,
+    )
 
 
 def _dof(table: BushingTable, dofs: DofTable, k: int, column: str, node: int, name: str) -> int:

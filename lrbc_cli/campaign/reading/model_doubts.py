@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import os
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,8 +20,11 @@ from lrbc_cli.campaign.reading.doubts.springs import held_springs
 from lrbc_cli.campaign.reading.groups import TermGroup
 from lrbc_cli.config import Campaign, ModelConfig
 from lrbc_cli.config.explain import suggestion
+from lrbc_cli.config.fields import MatrixRef
 from lrbc_cli.config.structure import ProportionalDamping
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import DataError, LrbcError
+from lrbc_cli.io.common import listing
+from lrbc_cli.io.matrices.read import matrix_names
 from lrbc_cli.model.dofs import COMPONENTS, DofLabels, DofTable, PointTable
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.problem.vectors import highest_omega
@@ -29,6 +35,13 @@ PENALTY = 1e30
 
 #: A loss factor that no bolted structure reaches: it is given in per cent, it seems.
 LARGE_LOSS = 0.5
+
+#: What matrices are called in files of several.
+_NAMES = {
+    "stiffness": ("k", "stiffness", "kaa", "kgg"),
+    "mass": ("m", "mass", "maa", "mgg"),
+    "damping": ("c", "d", "damping", "baa", "bgg"),
+}
 
 #: Digits in which the entries of two vectors agree that are the same.
 _DIGITS = 9
@@ -103,6 +116,43 @@ def require_mass(M: sp.csc_array, C: sp.csc_array, dofs: DofTable, source: Model
             )
 
 
+def require_own(campaign: Campaign) -> None:
+    """Refuse one matrix in two places of ``model``.
+
+    Raises
+    ------
+    ConfigError
+        With the other matrices of the file, where it holds any.
+    """
+    model, seen = campaign.model, dict[str, str]()
+    for name in ("stiffness", "mass", "damping"):
+        ref = getattr(model, name)
+        first = seen.setdefault(repr(ref), name) if isinstance(ref, MatrixRef) else name
+        if first != name:
+            raise campaign.error(
+                f"model.{first} and model.{name} name one matrix",
+                "model",
+                name,
+                expected="a matrix of its own for each",
+                found=ref.path.name + (f"#{ref.group}" if ref.group else ""),
+                hint=_own_matrix(campaign, name, ref)
+                + ("; damping by the stiffness is {structure: {beta: ...}}" if name == "damping" else ""),
+            )
+
+
+def _own_matrix(campaign: Campaign, name: str, ref: MatrixRef) -> str:
+    """What to write for the matrix that was named in place of another one."""
+    held = list[str]()
+    with suppress(LrbcError):
+        held = [found for found in matrix_names(ref.path) if found is not None]
+    others = [found for found in held if found != ref.group]
+    if not others:
+        return "name its own file"
+    likely = (found for found in others if found.rpartition("/")[2].casefold() in _NAMES[name])
+    file = Path(os.path.relpath(ref.path, campaign.path.parent)).as_posix()
+    return f"write model.{name}: {file}#{next(likely, 'NAME')}; the file holds {listing(held, 8)}"
+
+
 def require_apart(source: ModelConfig, **matrices: sp.csc_array) -> None:
     """Refuse a last matrix, of the names of ``model``, that holds the numbers of another one.
 
@@ -165,6 +215,8 @@ def slips(
     groups: Sequence[TermGroup],
     bolts: PointTable | None,
     dofs: DofTable | None,
+    *,
+    astray: Collection[str] = (),
 ) -> Iterator[str]:
     """Warnings, in words, each with what to do.
 
@@ -177,11 +229,13 @@ def slips(
     groups : sequence of TermGroup
     bolts : PointTable or None
     dofs : DofTable or None
+    astray : collection of str
+        Responses whose places are in doubt.
     """
     yield from setting_slips(campaign)
     yield from numbering_doubts(model, dofs)
     yield from _damping(campaign, model)
-    yield from _one_place(model, responses)
+    yield from _one_place(model, responses, astray)
     yield from _terms_twice(model, groups)
     yield from held_springs(campaign, model, groups, dofs)
     yield from _out_of_reach(groups, bolts)
@@ -230,6 +284,20 @@ def _damping(campaign: Campaign, model: FeModel) -> Iterator[str]:
             )
 
 
+def undamped_text(model: FeModel, groups: Sequence[TermGroup]) -> str | None:
+    """That nothing damps a model, which measured FRFs are to be compared with, and what to write; None where something does."""
+    own = any(group.beta or group.loss_factor or group.config.kind == "damping" for group in groups)
+    if own or np.iscomplexobj(model.K.data) or model.C.count_nonzero():
+        return None
+    only_air = bool(model.is_acoustic.all())
+    field, factor = ("acoustic", 0.001) if only_air else ("structure", 0.01)
+    return (
+        "nothing damps the model: its resonances are infinite and those of the measurement are not, so that no fit meets them; write "
+        f"model.damping: {{{field}: {{loss_factor: {factor:g}}}}}, a usual value, or the half-power width of a measured resonance over its "
+        "frequency"
+    )
+
+
 def _least_ratio(alpha: float, beta: float, band_hz: tuple[float, float]) -> float:
     """Least damping ratio alpha / (2 omega) + beta omega / 2 of modes in the band."""
     low, high = (2.0 * np.pi * hz for hz in band_hz)
@@ -266,12 +334,15 @@ def structural_share(model: FeModel, band_hz: tuple[float, float], *, same: floa
     return share if share * np.pi * band_hz[0] > 1.0 else None
 
 
-def _one_place(model: FeModel, responses: Sequence[tuple[str, int]]) -> Iterator[str]:
-    """Responses that have one row and one input: what two sensors measured is compared with one FRF of the model."""
+def _one_place(model: FeModel, responses: Sequence[tuple[str, int]], astray: Collection[str]) -> Iterator[str]:
+    """Responses that have one row and one input: what two sensors measured is compared with one FRF of the model.
+
+    Where a place is in doubt, the node that happens to be the nearest tells nothing, and no sensor is one too many.
+    """
     seen: dict[tuple[object, ...], str] = {}
     for i, ((name, own), row) in enumerate(zip(responses, _columns(model.L.T.tocsc(), scaled=False), strict=True)):
         first = seen.setdefault((row, int(model.output_power[i]), own), name)
-        if first != name:
+        if first != name and not {first, name} & set(astray):
             yield f"responses {first} and {name} are one DOF of the model: correct responses.{name}, or take one of them out"
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -13,11 +13,12 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Bools, Floats
+from lrbc_cli.campaign.reading.doubts.materials import material_cause
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import DofSource, ModelConfig, ProportionalDamping
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.text.tables import ROUNDING
-from lrbc_cli.model.dofs import DofTable, PointTable
+from lrbc_cli.io.common import listing
+from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.selection import nearest, spacing
 from lrbc_cli.model.units import SI, USUAL_SYSTEMS, parse_system
 
@@ -37,9 +38,6 @@ MILLIMETRES = 1e-3
 #: A point lies at a node within this share of the distance to the next one.
 AT_NODE = 0.05
 
-#: Springs of another bolt are nearer than the own ones by more than this factor: those of one place are not.
-CLEARLY_NEARER = 0.5
-
 #: Axes that are exchanged, and the columns then.
 EXCHANGES = {"x and y": [1, 0, 2], "x and z": [2, 1, 0], "y and z": [0, 2, 1]}
 
@@ -58,23 +56,6 @@ MOST_OFF = 1.8
 #: Causes that come nearest to the usual by so many decades, of speed and density together, are told side by side.
 ALIKE = 0.7
 
-#: What a matrix is then taken for: too large by the factor.
-_CAUSES = {
-    ("mass", 1e12): "density in kg/m³ where the units want t/mm³",
-    ("mass", 1e-12): "density in t/mm³ where the units want kg/m³",
-    ("mass", 1e9): "density in kg/m³ where the units want kg/mm³",
-    ("mass", 1e-9): "density in kg/mm³ where the units want kg/m³",
-    ("mass", 1e3): "density in kg/m³ where the units want g/cm³ or t/m³, or kg for t",
-    ("mass", 1e-3): "density in g/cm³ or t/m³ where the units want kg/m³, or t for kg",
-    ("stiffness", 1e6): "a modulus in Pa where the units want MPa",
-    ("stiffness", 1e-6): "a modulus in MPa where the units want Pa",
-    ("stiffness", 1e3): "a modulus in MPa where the units want GPa, or N/m for N/mm",
-    ("stiffness", 1e-3): "a modulus in GPa where the units want MPa, or N/mm for N/m",
-    ("stiffness", 1e9): "a modulus in Pa where the units want GPa",
-    ("stiffness", 1e-9): "a modulus in GPa where the units want Pa",
-    **{("mass", gravity): "a weight density, force per volume, where the units want mass per volume" for gravity in GRAVITIES},
-}
-
 
 def extents(xyz: Floats) -> str:
     """The box of points in words."""
@@ -82,65 +63,108 @@ def extents(xyz: Floats) -> str:
     return ", ".join(f"{axis} {a:.4g} to {b:.4g}" for axis, a, b in zip("xyz", low, high, strict=True)) + " m"
 
 
-def require_near(points: Floats, names: Sequence[str], model: Floats, *, file: Path, place: str | None = None, known: bool = True) -> None:
-    """Refuse a point outside the model's box by more than the box is large.
+def require_near(
+    points: Floats,
+    names: Sequence[tuple[str, str]],
+    model: Floats,
+    *,
+    file: Path,
+    place: Callable[[Sequence[int]], str] | None = None,
+    known: bool = True,
+) -> None:
+    """Refuse points outside the model's box by more than the box is large.
 
     Parameters
     ----------
     points : (m, 3) float array
-    names : sequence of str
-        What they are.
+    names : (m,) sequence of (str, str)
+        What they are, such as ``bolt`` or ``response``, and their names.
     model : (n, 3) float array
         Points of the model [m]; without an extent they tell nothing.
-    file, place
-        Where the points are given.
+    file : Path
+    place : callable or None
+        Where some of the points are given in it.
     known : bool
         Whether ``model`` is all of it. Of a part, points may lie far away: then all of them must, and fit in millimetres.
 
     Raises
     ------
     DataError
-        With the likely cause.
+        With the likely cause, once for all of them.
     """
     low, high = model.min(axis=0), model.max(axis=0)
     size = float(np.linalg.norm(high - low))
     if size == 0.0 or not points.size:
         return
 
-    def away(scale: float) -> Floats:
-        return np.asarray(np.linalg.norm(np.maximum(np.maximum(low - scale * points, scale * points - high), 0.0), axis=1))
+    def away(some: Floats) -> Floats:
+        return np.asarray(np.linalg.norm(np.maximum(np.maximum(low - some, some - high), 0.0), axis=1))
 
-    distance = away(1.0)
+    distance = away(points)
     far = np.flatnonzero(distance > size)
-    if not far.size or (not known and (far.size < points.shape[0] or bool(np.any(away(MILLIMETRES) > size)))):
+    if not far.size or (not known and (far.size < points.shape[0] or bool(np.any(away(points * MILLIMETRES) > size)))):
         return
     worst = int(far[np.argmax(distance[far])])
     hint = "correct the coordinates: order and direction of the axes, origin"
     # Any point near fits when it is divided: millimetres lie hundreds of sizes away.
-    if distance[worst] > EVIDENT * size and away(MILLIMETRES).max() <= size:
+    if distance[worst] > EVIDENT * size and away(points[far] * MILLIMETRES).max() <= size:
         hint = "are these millimetres? divided by 1000 they fit the model; coordinates are in metres"
-    elif away(1.0 / MILLIMETRES).max() <= size:
+    elif away(points / MILLIMETRES).max() <= size:
         hint = "are the coordinates of the DOF table millimetres? these points fit them times 1000; coordinates are in metres"
+    one = far.size == 1
     raise DataError(
-        f"{names[worst]} lies outside the model by more than its size",
+        f"{counted(names, far.tolist())} {'lies' if one else 'lie'} outside the model by more than its size",
         file=file,
-        place=place,
+        place=None if place is None else place(far.tolist()),
         expected=f"coordinates in metres; the model spans {size:.3g} m ({extents(model)})",
-        found="(" + ", ".join(f"{value:g}" for value in points[worst]) + f"), {distance[worst]:.3g} m away from it",
+        found=("" if one else f"{names[worst][1]} at ")
+        + f"({', '.join(f'{value:g}' for value in points[worst])}), {distance[worst]:.3g} m away from it",
         hint=hint,
     )
 
 
+def counted(names: Sequence[tuple[str, str]], some: Sequence[int]) -> str:
+    """Some of many points in words, kind by kind: ``excitation hammer and all 10 responses``.
+
+    Parameters
+    ----------
+    names : sequence of (str, str)
+        Kind and name of all.
+    some : sequence of int
+    """
+    told = []
+    for kind in dict.fromkeys(kind for kind, _ in names):
+        count, own = sum(each == kind for each, _ in names), [names[k][1] for k in some if names[k][0] == kind]
+        if len(own) == 1:
+            told.append(f"{kind} {own[0]}")
+        elif own:
+            every = "both" if count == 2 else f"all {count}"
+            told.append(f"{every} {kind}s" if len(own) == count else f"{len(own)} of {count} {kind}s ({listing(own, 6)})")
+    return " and ".join(told)
+
+
 @dataclass(frozen=True)
 class NearPoint:
-    """A point that is given by coordinates [m], the component that is meant, and the warning where it lies beside the nodes."""
+    """A point that is given by coordinates [m], the component that is meant, and the warning where it lies beside the nodes.
+
+    ``away`` is the distance to the nearest node over that to the next one: above 1 the point is meant to be elsewhere.
+    """
 
     place: Floats
     component: str
     warning: str
+    away: float
 
 
-def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> list[str]:
+@dataclass(frozen=True)
+class Beside:
+    """Warnings of points beside the nodes, and whether all of them are given from another origin."""
+
+    warnings: list[str]
+    moved: bool = False
+
+
+def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> Beside:
     """Warnings of points beside the nodes: one where another origin, at a side or in the middle of the model, explains all of them.
 
     Parameters
@@ -152,7 +176,7 @@ def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> li
     """
     told = [point.warning for point in points if point.warning]
     if len(told) < 2 or 2 * len(told) <= len(points):
-        return told
+        return Beside(told)
     low, high = dofs.xyz.min(axis=0), dofs.xyz.max(axis=0)
     # What leaves all points at nodes, or is the only one that leaves all of them within a mesh size.
     fits: list[tuple[float, tuple[float, ...]]] = []
@@ -165,13 +189,14 @@ def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> li
             fits.append((max(away), shift))
     fits.sort()
     if not fits or (fits[0][0] > AT_NODE and len(fits) > 1):
-        return told
+        return Beside(told)
     added = ", ".join(f"{value / unit:g}" for value in fits[0][1])
-    return [
+    text = (
         f"{len(told)} of {len(points)} points of hammer and sensors lie beside the nodes; with ({added}) added to each of them they lie at "
         "nodes: the coordinates were measured from another origin than the model's, it seems: add that to each `near` of excitation and "
         "responses"
-    ]
+    )
+    return Beside([text], moved=True)
 
 
 def require_unit(dofs: DofTable, points: Sequence[NearPoint], file: Path) -> None:
@@ -200,88 +225,6 @@ def _nodes_at(dofs: DofTable, points: Sequence[NearPoint], times: float, share: 
     found = [nearest(dofs, (times * point.place).tolist(), point.component) for point in points]
     near = [dof for dof, distance in filter(None, found) if distance <= share * spacing(dofs, dof)]
     return {int(dofs.node[dof]) for dof in near} if len(near) == len(points) else set()
-
-
-def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str], unit: float) -> str | None:
-    """What is wrong with bolts that lie beside their own springs and nearer to those of other bolts, in words.
-
-    Parameters
-    ----------
-    bolts : PointTable
-    springs : (m, 3) float array
-        Their places [m].
-    owner : (m,) sequence of str
-        The bolt of each.
-    unit : float
-        Of the file's coordinates [m].
-    """
-    names = [name for name in bolts.name if name in owner]
-    xyz = bolts.xyz[[bolts.name.index(name) for name in names]]
-    if len(names) < 2:
-        return None
-    own = np.array(owner)[None, :] == np.array(names)[:, None]
-
-    def astray(points: Floats, share: float) -> Bools:
-        away = np.linalg.norm(points[:, None] - springs[None], axis=2)
-        mine, other = (np.where(mask, away, np.inf).min(axis=1) for mask in (own, ~own))
-        found: Bools = other < share * mine
-        return found
-
-    lost = np.flatnonzero(astray(xyz, CLEARLY_NEARER))
-    if not lost.size:
-        return None
-    middles = np.array([springs[mask].mean(axis=0) for mask in own])
-    # Places are written to a nanometre at most; more digits are rounding.
-    shift = np.median(middles - xyz, axis=0).round(9)
-    added = ", ".join(f"{value / unit:.6g}" for value in shift + 0.0)
-    ways = {
-        "metres, it seems: multiply them by 1000": xyz / MILLIMETRES,
-        "millimetres, it seems: divide them by 1000": xyz * MILLIMETRES,
-        **{f"with {axes} exchanged, it seems: exchange these columns": xyz[:, order] for axes, order in EXCHANGES.items()},
-    }
-    # One shift that puts every bolt nearer to its springs than the shift is long; names that change places among themselves.
-    moved = np.linalg.norm(middles - xyz - shift, axis=1).max() < CLEARLY_NEARER * np.linalg.norm(shift)
-    ways |= {f"from another origin, it seems: add ({added}) to all of them": xyz + shift} if moved else {}
-    nearest_to = [names.index(owner[int(np.argmin(np.linalg.norm(springs - point, axis=1)))]) for point in xyz]
-    if sorted(nearest_to) == list(range(len(names))):
-        turned = ", ".join(f"{names[k]} at the springs of {names[nearest_to[k]]}" for k in lost[:8])
-        ways[f"those of others ({turned}): exchange the names there, or in the table of the springs"] = xyz[np.argsort(nearest_to)]
-    fix = next(
-        (way for way, points in ways.items() if not astray(points, 1.0).any()), "wrong there, or the nodes of the springs are: correct them"
-    )
-    which = ", ".join(names[k] for k in lost[:8]) + (" ..." if lost.size > 8 else "")
-    lie, its = ("lies", "its") if lost.size == 1 else ("lie", "their")
-    return f"{which} {lie} nearer to the springs of other bolts than to {its} own; the places are {fix}"
-
-
-def beside_their_dofs(places: Floats, vectors: sp.csc_array, model: Floats) -> str | None:
-    """What is wrong with places of terms most of which lie beside the DOFs that their vectors act on, in words.
-
-    They do where DOFs of other terms are nearer, or where they are farther away than the terms are from each other.
-
-    Parameters
-    ----------
-    places : (m, 3) float array
-    vectors : (n, m) csc_array
-    model : (n, 3) float array
-        Places of the DOFs [m].
-    """
-    acted = [vectors.indices[start:end] for start, end in zip(vectors.indptr[:-1], vectors.indptr[1:], strict=True)]
-    trees = [cKDTree(model[at]) for at in acted]
-    every, length = cKDTree(model[np.unique(vectors.indices)]), float(np.linalg.norm(np.ptp(places, axis=0)))
-
-    def away(points: Floats) -> Floats | None:
-        own = np.array([tree.query(point)[0] for tree, point in zip(trees, points, strict=True)])
-        nearer = own > every.query(points)[0] + ROUNDING * length
-        return own if 2 * nearer.sum() > len(own) or float(np.median(own)) > length > 0.0 else None
-
-    distance = away(places)
-    if distance is None:
-        return None
-    fixes = {f"they fit with {axes} exchanged; exchange these columns": places[:, order] for axes, order in EXCHANGES.items()}
-    fixes["they fit in reverse order: reverse the rows, or, where the DOF table is mirrored, correct its coordinates"] = places[::-1]
-    fix = next((text for text, points in fixes.items() if away(points) is None), "correct the coordinates, or the order of the rows")
-    return f"up to {1e3 * distance.max():.3g} mm from the DOFs that their vectors act on: {fix}"
 
 
 def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign: Campaign) -> str | None:
@@ -372,7 +315,9 @@ def mistake_text(model: ModelConfig, matrix: str, factor: float, folder: Path) -
     size = f"{factor:.4g} times too large" if factor > 1.0 else f"{1.0 / factor:.4g} times too small"
     if reference is None or isinstance(reference, ProportionalDamping):
         return f"the {matrix} of the model is {size}: correct alpha, beta and loss_factor of model.{matrix}"
-    cause = _CAUSES.get((matrix, factor))
+    cause = material_cause(model.unit_system, matrix, factor)
+    if matrix == "mass" and factor in GRAVITIES:
+        cause = "a weight density, force per volume, where the units want mass per volume"
     given = reference.scale if isinstance(reference.scale, float) else 1.0
     group = f", group: {reference.group}" if reference.group else ""
     return (

@@ -14,7 +14,8 @@ from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.reading.dof_source import Numbering, aligned
-from lrbc_cli.campaign.reading.places import AT_NODE, NearPoint, require_near
+from lrbc_cli.campaign.reading.joints import HELD
+from lrbc_cli.campaign.reading.places import AT_NODE, NearPoint
 from lrbc_cli.campaign.reading.triangles import whole
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.fields import MatrixRef, OperatorRef
@@ -83,6 +84,8 @@ class ModelReader:
         self.units_doubt: str | None = None
         self.hashes: dict[str, str] = {}
         self.dofs: DofTable | None = None
+        #: Nodes that have coordinates, and no DOFs in the matrices or fixed ones only.
+        self.held = np.zeros(0, dtype=np.int64)
         self.bolts: PointTable | None = None
         #: Node and component of each row as exported, and their number, which numbers of DOFs in files count.
         self.labels: DofLabels | None = None
@@ -94,6 +97,10 @@ class ModelReader:
         #: Points by coordinates, by their keys, and whether the rows of the DOF table seem to be in another order.
         self.near: dict[tuple[str, ...], NearPoint] = {}
         self.disordered = False
+        #: What is wrong with bolts beside their springs, by the names of the tables that say so.
+        self.beside: dict[str, list[str]] = {}
+        #: Whether all points seem to be given from another origin.
+        self.moved = False
 
     def hash(self, path: Path) -> None:
         """Note the hash of a file that was read."""
@@ -118,7 +125,7 @@ class ModelReader:
 
     def number(self, found: Numbering) -> None:
         """Take up what the rows are."""
-        self.dofs, self.labels = found.table, found.labels
+        self.dofs, self.labels, self.held = found.table, found.labels, found.spare
         if self.dofs is not None:
             self.dofs = replace(self.dofs, xyz=self.dofs.xyz * self.unit.length)
         self.notes += found.notes
@@ -189,6 +196,7 @@ class ModelReader:
         self.n = self.kept.size
         if self.dofs is not None:
             at = self.kept
+            self.held = np.union1d(self.held, np.setdiff1d(self.dofs.node, self.dofs.node[at]))
             self.dofs = DofTable(node=self.dofs.node[at], component=self.dofs.component[at], xyz=self.dofs.xyz[at])
 
     def vectors(self, ref: MatrixRef, what: str) -> sp.csc_array:
@@ -290,10 +298,10 @@ class ModelReader:
             if found.size != 1:
                 known = bool(np.any(table.node == node))
                 raise self.campaign.error(
-                    f"node {node} has no DOF {select.component}" if known else f"node {node} does not exist",
+                    f"node {node} has no DOF {select.component}" if known or node in self.held else f"node {node} does not exist",
                     *keys,
                     "nodes",
-                    hint=PINNED if known else numbers_text(table.node),
+                    hint=PINNED if known else HELD if node in self.held else numbers_text(table.node),
                 )
             out.append(int(found[0]))
         return np.array(out, dtype=np.int64)
@@ -398,7 +406,11 @@ class ModelReader:
                     *keys,
                     expected=f"one of {', '.join(here)}" if here else "a node of the DOF table",
                     found=point.component if here else f"node {point.node}",
-                    hint="a fixed DOF that the export eliminated cannot be used" if here else numbers_text(table.node),
+                    hint="a fixed DOF that the export eliminated cannot be used"
+                    if here
+                    else HELD
+                    if point.node in self.held
+                    else numbers_text(table.node),
                 )
             return int(dofs[0]), f"node {point.node} {point.component}"
         assert point.near is not None
@@ -407,14 +419,14 @@ class ModelReader:
         if found is None:
             raise campaign.error("no DOF has this component", *keys, "component", expected=f"one of {components}", found=point.component)
         dof, distance = found
-        require_near(np.array([place]), [" ".join(keys)], table.xyz, file=campaign.path, place=campaign.place(*keys, "near"))
         size = spacing(table, dof)
         text = f"node {table.node[dof]} {point.component}, {1e3 * distance:.2f} mm from the given point"
         beside = (
             f"{'.'.join(keys)}: the nearest node {table.node[dof]} is {1e3 * distance:.1f} mm away (mesh size {1e3 * size:.0f} mm); "
             "such an offset can cost 1 to 2 dB: give an interpolated row ({matrix:} or {vector:})"
         )
-        self.near[keys] = NearPoint(np.array(place), point.component, beside if distance > AT_NODE * size else "")
+        away = distance / size if size else 0.0
+        self.near[keys] = NearPoint(np.array(place), point.component, beside if distance > AT_NODE * size else "", away)
         return dof, text
 
     def point(self, dof: int) -> Point:

@@ -35,6 +35,10 @@ log = logging.getLogger(__name__)
 #: A bound of the error at lines that were not solved is warned of from so many tolerances.
 FAR_ABOVE = 10.0
 
+#: Held-out lines whose errors lie below this share of the tolerance are good ones: what makes the bound large is that they are few. So many
+#: of them suffice mostly.
+_LOW, _ENOUGH = 0.1, 12
+
 
 @dataclass(frozen=True)
 class ReductionStage:
@@ -193,16 +197,35 @@ def _built_and_kept(inputs: Inputs, decision: cache.CacheDecision, parts: dict[s
     )
     if reduction.reached and reduction.unseen > FAR_ABOVE * reduction.options.tolerance:
         log.warning(
-            "the reduced model holds its tolerance of %.1e at the held-out lines, but the bound for the other lines is %.1e: lower "
-            "reduction.tolerance or raise reduction.held_out",
+            "the reduced model holds its tolerance of %.1e at the held-out lines, but the bound for the other lines is %.1e: %s",
             reduction.options.tolerance,
             reduction.unseen,
+            bound_hint(reduction.worst, reduction.options.tolerance, len(reduction.held_out)),
         )
     reduction = replace(reduction, seconds=reduction.seconds | line_seconds(reduction.model, settings.band))
     cache.store(decision, parts, reduction)
     if reduction.rows is not None:
         cache.store_rows(decision, reduction, dofs[dofs >= 0])
     return replace(reduction, rows=None)
+
+
+def bound_hint(worst: float, tolerance: float, lines: int) -> str:
+    """What to do where the bound for the lines that were not solved is above the tolerance.
+
+    Parameters
+    ----------
+    worst : float
+        Largest error at the lines that were solved.
+    tolerance : float
+    lines : int
+        How many these are.
+    """
+    if worst > _LOW * tolerance:
+        return "lower reduction.tolerance or raise reduction.held_out"
+    return (
+        f"no error that was measured is above {worst:.1e}, but {lines} lines are too few to bound the others; write reduction.held_out: "
+        f"{max(2 * lines, _ENOUGH)}; a lower tolerance hardly helps"
+    )
 
 
 def _missed(inputs: Inputs, stage: ReductionStage) -> NumericalError:

@@ -1,0 +1,117 @@
+"""Bolts beside their own springs, and places of terms beside their DOFs: read in other units, axes or orders, it seems."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.spatial import cKDTree
+
+from lrbc_cli.arrays import Bools, Floats
+from lrbc_cli.campaign.reading.places import EXCHANGES, MILLIMETRES
+from lrbc_cli.io.text.tables import ROUNDING
+from lrbc_cli.model.dofs import PointTable
+
+#: Springs of another bolt are nearer than the own ones by more than this factor: those of one place are not.
+CLEARLY_NEARER = 0.5
+
+#: Pairs of names that tell enough.
+_MOST = 4
+
+
+def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str], unit: float) -> str | None:
+    """What is wrong with bolts that lie beside their own springs and nearer to those of other bolts, in words.
+
+    Parameters
+    ----------
+    bolts : PointTable
+    springs : (m, 3) float array
+        Their places [m].
+    owner : (m,) sequence of str
+        The bolt of each.
+    unit : float
+        Of the file's coordinates [m].
+    """
+    names = [name for name in bolts.name if name in owner]
+    xyz = bolts.xyz[[bolts.name.index(name) for name in names]]
+    if len(names) < 2:
+        return None
+    own = np.array(owner)[None, :] == np.array(names)[:, None]
+
+    def astray(points: Floats, share: float) -> Bools:
+        away = np.linalg.norm(points[:, None] - springs[None], axis=2)
+        mine, other = (np.where(mask, away, np.inf).min(axis=1) for mask in (own, ~own))
+        found: Bools = other < share * mine
+        return found
+
+    lost = np.flatnonzero(astray(xyz, CLEARLY_NEARER))
+    if not lost.size:
+        return None
+    middles = np.array([springs[mask].mean(axis=0) for mask in own])
+    # Places are written to a nanometre at most; more digits are rounding.
+    shift = np.median(middles - xyz, axis=0).round(9)
+    added = ", ".join(f"{value / unit:.6g}" for value in shift + 0.0)
+    ways = {
+        "metres, it seems: multiply them by 1000": xyz / MILLIMETRES,
+        "millimetres, it seems: divide them by 1000": xyz * MILLIMETRES,
+        **{f"with {axes} exchanged, it seems: exchange these columns": xyz[:, order] for axes, order in EXCHANGES.items()},
+    }
+    # One shift that puts every bolt nearer to its springs than the shift is long; names that change places among themselves.
+    moved = np.linalg.norm(middles - xyz - shift, axis=1).max() < CLEARLY_NEARER * np.linalg.norm(shift)
+    ways |= {f"from another origin, it seems: add ({added}) to all of them": xyz + shift} if moved else {}
+    nearest_to = [names.index(owner[int(np.argmin(np.linalg.norm(springs - point, axis=1)))]) for point in xyz]
+    if sorted(nearest_to) == list(range(len(names))):
+        backwards = reversed_order(nearest_to)
+        turned = ", ".join(f"{names[k]} at the springs of {names[nearest_to[k]]}" for k in lost[: _MOST if backwards else 8])
+        way = f"those of others ({turned}): exchange the names there, or in the table of the springs"
+        if backwards:
+            first, last = ", ".join(names[k] for k in nearest_to[:4]), names[nearest_to[-1]]
+            way = (
+                f"those of others ({turned}{' ...' if lost.size > _MOST else ''}): one of the files numbers them the other way round, it "
+                f"seems; in the bolts file write the names in the order {first} ... {last}, or correct those in the table of the springs"
+            )
+        ways[way] = xyz[np.argsort(nearest_to)]
+    fix = next(
+        (way for way, points in ways.items() if not astray(points, 1.0).any()), "wrong there, or the nodes of the springs are: correct them"
+    )
+    which = ", ".join(names[k] for k in lost[:8]) + (" ..." if lost.size > 8 else "")
+    lie, its = ("lies", "its") if lost.size == 1 else ("lie", "their")
+    return f"{which} {lie} nearer to the springs of other bolts than to {its} own; the places are {fix}"
+
+
+def reversed_order(order: Sequence[int]) -> bool:
+    """Whether a row or a ring of four or more is numbered backwards, from whichever of them."""
+    count, first = len(order), order[0]
+    turned = [(first - k) % count for k in range(count)]
+    return sum(k != other for k, other in enumerate(order)) > 2 and list(order) == turned
+
+
+def beside_their_dofs(places: Floats, vectors: sp.csc_array, model: Floats) -> str | None:
+    """What is wrong with places of terms most of which lie beside the DOFs that their vectors act on, in words.
+
+    They do where DOFs of other terms are nearer, or where they are farther away than the terms are from each other.
+
+    Parameters
+    ----------
+    places : (m, 3) float array
+    vectors : (n, m) csc_array
+    model : (n, 3) float array
+        Places of the DOFs [m].
+    """
+    acted = [vectors.indices[start:end] for start, end in zip(vectors.indptr[:-1], vectors.indptr[1:], strict=True)]
+    trees = [cKDTree(model[at]) for at in acted]
+    every, length = cKDTree(model[np.unique(vectors.indices)]), float(np.linalg.norm(np.ptp(places, axis=0)))
+
+    def away(points: Floats) -> Floats | None:
+        own = np.array([tree.query(point)[0] for tree, point in zip(trees, points, strict=True)])
+        nearer = own > every.query(points)[0] + ROUNDING * length
+        return own if 2 * nearer.sum() > len(own) or float(np.median(own)) > length > 0.0 else None
+
+    distance = away(places)
+    if distance is None:
+        return None
+    fixes = {f"they fit with {axes} exchanged; exchange these columns": places[:, order] for axes, order in EXCHANGES.items()}
+    fixes["they fit in reverse order: reverse the rows, or, where the DOF table is mirrored, correct its coordinates"] = places[::-1]
+    fix = next((text for text, points in fixes.items() if away(points) is None), "correct the coordinates, or the order of the rows")
+    return f"up to {1e3 * distance.max():.3g} mm from the DOFs that their vectors act on: {fix}"

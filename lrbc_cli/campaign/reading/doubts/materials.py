@@ -1,0 +1,67 @@
+"""Which number of a material was written in which unit, where a matrix is too large or too small by a factor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from lrbc_cli.model.units import UnitSystem
+
+#: Units in which densities, masses, moduli and stiffnesses are written [kg/m³, kg, Pa, N/m].
+DENSITIES = {
+    "kg/m³": 1.0,
+    "g/cm³ or t/m³": 1e3,
+    "kg/cm³": 1e6,
+    "kg/mm³": 1e9,
+    "t/mm³": 1e12,
+    "lbm/in³": 27679.905,
+    "lbf s²/in⁴": 1.0686896e7,
+}
+MASSES = {"kg": 1.0, "g": 1e-3, "t": 1e3, "lbm": 0.45359237, "lbf s²/in": 175.126836}
+MODULI = {"Pa": 1.0, "MPa": 1e6, "GPa": 1e9, "psi": 6894.7573}
+STIFFNESSES = {"N/m": 1.0, "N/mm": 1e3}
+
+#: Density and modulus of steel [kg/m³, Pa]: numbers that everybody knows in the units that he works in.
+STEEL = {"mass": 7850.0, "stiffness": 2.1e11}
+
+
+def material_cause(unit: UnitSystem, matrix: str, factor: float) -> str | None:
+    """In which units the numbers were, it seems, and what this system of units wants, with the number of steel.
+
+    Parameters
+    ----------
+    unit : UnitSystem
+        As the campaign states it.
+    matrix : str
+        ``stiffness``, ``mass`` or ``damping``.
+    factor : float
+        By which the matrix is too large.
+
+    Returns
+    -------
+    str or None
+        None for damping.
+    """
+    if matrix == "mass":
+        what, known, own = "density", DENSITIES, unit.mass / unit.length**3
+        whole, pieces, piece = "masses", MASSES, unit.mass
+    elif matrix == "stiffness":
+        what, known, own = "modulus", MODULI, unit.force / unit.length**2
+        whole, pieces, piece = "springs", STIFFNESSES, unit.force / unit.length
+    else:
+        return None
+    # What is too large by a factor was written in a unit that is smaller by it.
+    wanted = _name(known, own) or f"{own:.4g} {next(iter(known))}"
+    stated, steel = unit.text if unit.text == "SI" else f"`units: {unit.text}`", f"{STEEL[matrix] / own:.4g} for steel"
+    first, second = _name(known, own / factor), _name(pieces, piece / factor)
+    if first is None and second is None:
+        return f"{what}: {stated} wants {wanted}, {steel}"
+    other = f"{whole} in {second} where {'it' if first else stated} wants {_name(pieces, piece) or f'{piece:.4g} {next(iter(pieces))}'}"
+    if first is None:
+        return f"{other}, and a {what} in {wanted}, {steel}"
+    return f"{what} in {first} where {stated} wants {wanted}, {steel}" + (f"; or {other}" if second else "")
+
+
+def _name(known: Mapping[str, float], size: float) -> str | None:
+    return next((name for name, own in known.items() if np.isclose(size, own, rtol=1e-3, atol=0.0)), None)

@@ -1,0 +1,41 @@
+"""Bolts whose names go another way round in one file than in the other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lrbc_cli.campaign.reading.doubts.astray import beside_their_springs, reversed_order
+from lrbc_cli.model.dofs import PointTable
+
+RING = np.array([[np.cos(t), np.sin(t), 0.0] for t in 2.0 * np.pi * np.arange(12) / 12])
+ROW = np.column_stack([np.arange(7.0), np.zeros((7, 2))])
+
+
+def told(places: np.ndarray, order: list[int]) -> str:
+    names = [f"B{k + 1:02}" for k in range(len(order))]
+    return str(beside_their_springs(PointTable(tuple(names), places[order]), places, names, 1.0))
+
+
+def test_a_ring_that_is_numbered_clockwise() -> None:
+    text = told(RING, [0, *range(11, 0, -1)])
+    assert "(B02 at the springs of B12, B03 at the springs of B11, B04 at the springs of B10, B05 at the springs of B09 ...)" in text
+    assert "the other way round, it seems; in the bolts file write the names in the order B01, B12, B11, B10 ... B02" in text
+
+
+def test_a_row_from_its_other_end() -> None:
+    assert "in the order B07, B06, B05, B04 ... B01" in told(ROW, list(range(6, -1, -1)))
+
+
+def test_two_that_are_exchanged_are_no_direction() -> None:
+    text = told(RING, [0, 2, 1, *range(3, 12)])
+    assert "those of others (B02 at the springs of B03, B03 at the springs of B02): exchange the names there" in text
+    assert told(RING, list(range(12))) == "None"
+
+
+@pytest.mark.parametrize(
+    ("order", "backwards"), [([3, 2, 1, 0], True), ([1, 0, 3, 2], True), ([0, 3, 2, 1], False), ([1, 2, 3, 0], False), ([2, 1, 0], False)]
+)
+def test_orders(order: list[int], backwards: bool) -> None:
+    """Of four, two that are exchanged could be either; of three, any two."""
+    assert reversed_order(order) is backwards

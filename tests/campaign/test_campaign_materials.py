@@ -1,0 +1,48 @@
+"""A matrix that is too large by a factor: in which unit numbers were written, and what the units of the campaign want, with an example."""
+
+from __future__ import annotations
+
+import pytest
+from campaigns import Folder
+
+from lrbc_cli.campaign.reading.doubts.materials import material_cause
+from lrbc_cli.campaign.reading.places import mistake_text
+from lrbc_cli.model.units import parse_system
+
+
+@pytest.mark.parametrize(
+    ("units", "matrix", "factor", "says"),
+    [
+        (
+            "mm-N-t",
+            "mass",
+            1e3,
+            "density in kg/mm³ where `units: mm-N-t` wants t/mm³, 7.85e-09 for steel; or masses in kg where it wants t",
+        ),
+        ("mm-N-t", "mass", 1e12, "density in kg/m³ where `units: mm-N-t` wants t/mm³, 7.85e-09 for steel"),
+        ("mm-N-t", "mass", 10.0, "density: `units: mm-N-t` wants t/mm³, 7.85e-09 for steel"),
+        ("mm-kg-ms", "mass", 1e9, "density in kg/m³ where `units: mm-kg-ms` wants kg/mm³, 7.85e-06 for steel"),
+        ("cm-kg-s", "mass", 1e6, "density in kg/m³ where `units: cm-kg-s` wants kg/cm³, 0.00785 for steel"),
+        (
+            "in-lbf-s",
+            "mass",
+            386.0886,
+            "density in lbm/in³ where `units: in-lbf-s` wants lbf s²/in⁴, 0.0007345 for steel; or masses in lbm",
+        ),
+        ("SI", "mass", 1e-3, "density in g/cm³ or t/m³ where SI wants kg/m³, 7850 for steel; or masses in t where it wants kg"),
+        ("SI", "stiffness", 1e-6, "modulus in MPa where SI wants Pa, 2.1e+11 for steel"),
+        ("mm-N-t", "stiffness", 1e3, "springs in N/m where `units: mm-N-t` wants N/mm, and a modulus in MPa, 2.1e+05 for steel"),
+        ("in-lbf-s", "stiffness", 6894.7573, "modulus in Pa where `units: in-lbf-s` wants psi, 3.046e+07 for steel"),
+        ("mm-kg-ms", "stiffness", 1e9, "modulus in Pa where `units: mm-kg-ms` wants GPa, 210 for steel"),
+    ],
+)
+def test_what_each_system_of_units_wants(units: str, matrix: str, factor: float, says: str) -> None:
+    assert str(material_cause(parse_system(units), matrix, factor)).startswith(says)
+
+
+def test_the_units_are_those_of_the_campaign(frame: Folder) -> None:
+    model = frame.inputs().campaign.model
+    assert model.unit_system.text == "SI"
+    assert "where SI wants kg/m³, 7850 for steel; or masses in t where it wants kg)" in mistake_text(model, "mass", 1e-3, frame.path)
+    assert "a weight density" in mistake_text(model, "mass", 9.80665, frame.path)
+    assert material_cause(model.unit_system, "damping", 10.0) is None
