@@ -218,7 +218,10 @@ def own_fault_text(inputs: Inputs, misfits: Floats, reference: str, known: str =
         lie, far = "lies" if len(alone) == 1 else "lie", misfits[alone].min()
         what = f"{names} alone {lie} far off ({far:.1f} dB and more, {typical:.1f} dB in the median of all): was a sensor "
         what += "overloaded, moved, turned or exchanged?"
-    return f"{reference} is explained, so that the fault is likely in this measurement; {what} Measure it again"
+    return (
+        f"{reference} is explained, so that the fault is likely in this measurement; {what} Measure it again; if it comes out alike, the "
+        "structure changed by more than the model can follow: joints that hardly hold, a part that is missing"
+    )
 
 
 def coarse_text(reference: ReferenceState) -> str:
