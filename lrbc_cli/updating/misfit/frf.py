@@ -99,9 +99,10 @@ class FrfModel:
         return frf
 
     def speeds(self, theta: Floats, states: Floats, along: Floats) -> Floats:
-        """How fast FRFs move with some stiffnesses, at states that differ from theta in these alone: the norm of ``d ln H``.
+        """How fast FRFs move with some stiffnesses, at states that differ from theta in these alone: ``|dH| / sqrt(|H|² + h²)``.
 
-        Resonances that move by a bandwidth count alike in it, whatever their frequency and damping.
+        With h the median of |H| over the lines. Resonances that move by a bandwidth count alike, whatever their frequency and damping;
+        antiresonances, which may be as sharp as they like, hardly count.
 
         Parameters
         ----------
@@ -112,21 +113,26 @@ class FrfModel:
         Returns
         -------
         (k,) float array
-            Over all lines and responses [dB per unit of the direction].
+            Root of the sum of squares over all lines and responses [per unit of the direction].
         """
+
+        def speed(y: Complexes, change: Complexes) -> float:
+            return float(np.sqrt((np.abs(change) ** 2 / (np.abs(y) ** 2 + np.median(np.abs(y), axis=0) ** 2)).sum()))
+
+        found = []
         if self.ports is None:
-            return np.array([np.linalg.norm(self.sensitivities(x, phase=True)[1] @ d) for x, d in zip(states, along, strict=True)])
+            for x, d in zip(states, along, strict=True):
+                y, J = self.sensitivities(x, phase=True)
+                found.append(speed(y, y / DB * (J @ d)))
+            return np.array(found)
         P, D = self.parameters, self.parameters.dynamic(theta, self.s)
         kappa, c = P.scales(theta), P.spectra(theta, self.s)
         slopes = np.array([P.scale_jacobian(x) @ d for x, d in zip(states, along, strict=True)])
         terms = np.flatnonzero((slopes != 0.0).any(axis=0))
         there, D, c = self.ports.about(D).among(terms), D[:, terms], c[:, terms]
-        found = []
         for x, slope in zip(states, slopes[:, terms], strict=True):
             y, dy = there.linearise(D + c * (P.scales(x) - kappa)[terms])
-            size = np.abs(y)
-            seen = size > np.finfo(float).eps * size.max(axis=0, initial=0.0)
-            found.append(np.linalg.norm(np.where(seen, DB / y, 0.0) * (dy @ (c * slope)[:, :, None])[:, :, 0]))
+            found.append(speed(y, (dy @ (c * slope)[:, :, None])[:, :, 0]))
         return np.array(found)
 
     def sensitivities(self, theta: Floats, phase: bool = False) -> tuple[Complexes, Floats | Complexes]:
