@@ -42,7 +42,7 @@ ALLOWED = {
         *("MOST_LEFT", "COARSE", "MOST_WORK", "UNLIKE", "LARGEST_LOG10"),
         *("CLEARLY", "REAL", "LEAST_ALIKE", "MOST_STATES", "NEAREST", "MOST_OFF", "MORE", "PROMINENCE", "_FURTHER", "USUAL"),
         *("MIN_BAND", "FAR_ABOVE", "MAX_LINES", "MAX_LOG10", "SLOWEST", "LIGHTEST", "HEAVIEST", "PENALTY", "LEAST_USED", "MIN_COHERENCE"),
-        *("RATES", "NEAR", "CLEAR", "ANY_LEVEL_DB", "_SOFTER", "_LEAST_LEVEL", "_OFF_LEVEL", "_LOW", "_ENOUGH"),
+        *("RATES", "NEAR", "CLEAR", "ANY_LEVEL_DB", "_SOFTER", "_LEAST_LEVEL", "_OFF_LEVEL", "_LOW", "_ENOUGH", "MOSTLY", "FARTHER"),
     },
     "campaign files that are drafted from what is there, lists in messages, the picture": {
         *("ASSUMED_RATIO", "MOST_FILES", "_MOST", "MOST", "_CHUNK", "DIGITS"),

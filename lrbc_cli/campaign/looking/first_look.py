@@ -17,23 +17,23 @@ from lrbc_cli.campaign.identification.compared.likeness import (
     apart,
     exchanged,
     exchanged_text,
-    levels,
     off_level,
     other_reading,
     outlying,
     sideways,
-    spread,
     turned,
 )
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.looking.axes import stretched_text
+from lrbc_cli.campaign.looking.coordinates import coordinates_texts
 from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, strike_text
 from lrbc_cli.campaign.looking.held import held_text
 from lrbc_cli.campaign.looking.moved import Seen, hammer_text, hammers_text, sensor_text, unmoved_text
 from lrbc_cli.campaign.looking.rescaled import overdamped_text, rescaled_text, softness_text
+from lrbc_cli.campaign.looking.states import beside_model, few_lines, looked_at, nearest_states, states_of, values_of
 from lrbc_cli.campaign.looking.tables import other_tables
-from lrbc_cli.campaign.looking.tightness import UNLIKE, looser, not_tight, taken_as_tight
+from lrbc_cli.campaign.looking.tightness import UNLIKE, looser, not_tight, taken_as_tight, tighter_text
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misread
 from lrbc_cli.campaign.reduced import cache
@@ -43,10 +43,6 @@ from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.build import reduce_model
 from lrbc_cli.reduction.reduced.ports import PortFrf
-from lrbc_cli.updating.comparison.scale import LEAST_LINES, POWERS
-
-#: Lines of a job that are looked at.
-LINES = 200
 
 #: Down to here no loosened bolts have to be found that explain a measurement [dB].
 NEAR = 2.0
@@ -58,8 +54,8 @@ MOST_WORK = 2e11
 #: Tolerance of that model.
 COARSE = 3e-2
 
-#: States of the model that a measurement is compared with, and how many of the nearest with all sensors in each other's place.
-MOST_STATES, NEAREST = 150, 4
+#: So many of the nearest states are compared with all sensors in each other's place.
+NEAREST = 4
 
 
 @dataclass(frozen=True)
@@ -128,35 +124,6 @@ def first_look(inputs: Inputs, folder: Path, measurements: Mapping[str, Measurem
         return FirstLook(note=f"measured and computed FRFs were not compared: {error.problem}")
 
 
-def _tighter(inputs: Inputs, source: FrfSource, measurements: Mapping[str, Measurement], reference: str) -> str:
-    """Which other jobs are those of the model with all bolts tight, where the reference job is not, in a clause."""
-    far: dict[str, float] = {}
-    for name, found in measurements.items():
-        few = _few(found)
-        s = 2j * np.pi * few.frequency_hz
-        far[name] = float(np.median(apart(few.values, _states(source, parameterise(inputs, source, s)[0], s)[0][0])))
-    near = {name: own for name, own in far.items() if own < min(UNLIKE, max(CLEARLY * far[reference], far[reference] - LEAST_DIFFERENCE))}
-    if not near:
-        return ""
-    named = ", ".join(f"{name} ({own:.1f} dB)" for name, own in near.items())
-    return (
-        f"{named} {'fits' if len(near) == 1 else 'fit'} the tight model far better than {reference} ({far[reference]:.1f} dB): was a bolt "
-        f"loose there, or are files exchanged? Correct jobs.{reference}.frf, or name a tight job under update.reference; else "
-    )
-
-
-def _few(measurement: Measurement) -> Measurement:
-    """On as many lines as are looked at."""
-    lines = _looked(measurement)
-    return replace(measurement, frequency_hz=measurement.frequency_hz[lines], values=measurement.values[lines])
-
-
-def _looked(measurement: Measurement) -> Integers:
-    size = measurement.frequency_hz.size
-    found: Integers = np.unique(np.linspace(0, size - 1, min(size, LINES)).round().astype(np.int64))
-    return found
-
-
 def _source(inputs: Inputs, folder: Path) -> FrfSource | None:
     """The reduced model of the cache, else a coarse one that is built here where that is cheap; None where it is not."""
     decision = cache.look_up(folder, cache.key_parts(inputs))
@@ -185,12 +152,12 @@ def _looked_at(
 
     Beside the model, and the reference job if given.
     """
-    measurement = measurements[name]
-    lines, few = _looked(measurement), _few(measurement)
+    measurement, reference = measurements[name], str(inputs.campaign.update.reference)
+    lines, few = looked_at(measurement), few_lines(measurement)
     s = 2j * np.pi * few.frequency_hz
     parameters, _ = parameterise(inputs, source, s)
-    states, loosened = _states(source, parameters, s)
-    beside = _beside(measurement, tight, lines, states[0])
+    states, loosened = states_of(source, parameters, s)
+    beside = beside_model(measurement, tight, lines, states[0])
     states = np.concatenate([states, *beside])
     fitted = _fitted(inputs, source, s, few.values, states, tight.values[lines] if beside and tight is not None else None)
     states = states if fitted is None else np.concatenate([states, fitted[None]])
@@ -206,27 +173,26 @@ def _looked_at(
     if beside and name in taken_as_tight(inputs):
         # What the model lacks in the reference job it lacks in another tight one, too.
         own = few.values * np.where(beside[0][0] != 0, states[0] / np.where(beside[0][0] != 0, beside[0][0], 1.0), np.nan)
-        if loose := not_tight(inputs, name, own, states, loosened, parameters):
+        fits = {job: float(np.median(apart(values, states[0]))) for job, values in ((reference, beside[0][0]), (name, few.values))}
+        if loose := not_tight(inputs, fits, own, states, loosened, parameters):
             return {("freed",): loose}
     again = partial(_fit, inputs, source, s, tight=tight.values[lines]) if fitted is not None and tight is not None else None
     if hammers := hammers_text(inputs, few.values, states, name, again) or unmoved_text(inputs, few.values, states[0]):
         return {("hammers",): hammers}
     if fitted is not None and (strike := strike_text(inputs, few.values, fitted, name)):
         return {("strike",): strike}
-    near = [*_nearest(few, states), *(state[0] for state in beside), *([] if fitted is None else [fitted])]
+    near = [*nearest_states(few, states), *(state[0] for state in beside), *([] if fitted is None else [fitted])]
     told = _channels(inputs, few, states, near, name)
     if not told and (how := sideways(few.values, states)):
         return {("sideways", how): sideways_text(inputs, how, name)}
     if not told and name == inputs.campaign.update.reference:
         told |= other_tables(inputs, source, few.values, s, states[0], parameters) or _unlike(
-            inputs, few.values, s, states, loosened, parameters, partial(_tighter, inputs, source, measurements, name)
+            inputs, few.values, s, states, loosened, parameters, partial(tighter_text, inputs, source, measurements, name)
         )
         if ("unlike",) in told and (text := stretched_text(measurement, few.frequency_hz, states[0])):
             told = {("stretched",): text}
-    reference = name == inputs.campaign.update.reference
-    told = _placed(
-        Seen(inputs=inputs, s=s, measured=few.values, parameters=parameters, reference=reference, known=source.known), states, told
-    )
+    leads = name == reference
+    told = _placed(Seen(inputs=inputs, s=s, measured=few.values, parameters=parameters, reference=leads, known=source.known), states, told)
     if not told and beside:
         told |= _beside_tight(inputs, few.values, beside[0][0], name)
         if not told and fitted is not None:
@@ -236,7 +202,7 @@ def _looked_at(
 
 def _channels(inputs: Inputs, few: Measurement, states: Complexes, near: list[Complexes], name: str) -> dict[tuple[object, ...], str]:
     """Channels in each other's place, and factors and phases of the others; beside (S, F, R) states and the nearest of them."""
-    exchanges = exchanged(inputs, few.values, _nearest(few, states, NEAREST))
+    exchanges = exchanged(inputs, few.values, nearest_states(few, states, NEAREST))
     offsets = factors_of(inputs, few, near)
     involved = {i for cycle in exchanges for i in cycle}
     offsets = tuple(replace(o, named=o.named and trusted(o, offsets)) for o in offsets if o.response not in involved)
@@ -301,63 +267,29 @@ def _placed(seen: Seen, states: Complexes, told: dict[tuple[object, ...], str]) 
     # Bolts may be in another state than those that are looked at: the model is as near as that where it is right.
     # A reference job that is neither near nor far is looked at, too: nothing is loose there that could be the reason.
     if ("unlike",) in told or (not told and float(every.min()) > (LEAST_DIFFERENCE if seen.reference else UNLIKE)):
-        if text := hammer_text(seen, _values(seen.parameters)[0], most=LEAST_DIFFERENCE):
+        if text := hammer_text(seen, values_of(seen.parameters)[0], most=LEAST_DIFFERENCE):
             return {("hammer",): text}
         dynamic = seen.parameters.dynamic(seen.parameters.initial, seen.s)
         if seen.reference and (text := held_text(seen.inputs, seen.s, seen.measured, dynamic, float(every[0]))):
             return {("held",): text}
     if not seen.reference:
         return told
+    told = _stated(seen, states[0], told)
     return {key: text + (sensor_text(seen, int(str(key[1]))) if key[0] == "alone" else "") for key, text in told.items()}
 
 
-def _beside(measurement: Measurement, tight: Measurement | None, lines: Integers, model: Complexes) -> list[Complexes]:
-    """(1, F, R) measured tight state, where it has the same lines: nearer than the model, by the model discrepancy.
-
-    A response that was not measured there is the model's, ``model`` (F, R).
-    """
-    axis = measurement.frequency_hz
-    if tight is None or axis.shape != tight.frequency_hz.shape or not np.allclose(axis, tight.frequency_hz, rtol=1e-6):
-        return []
-    values = tight.values[lines]
-    held = (np.isfinite(values) & (values != 0)).sum(axis=0) >= 2 * LEAST_LINES
-    return [np.where(held, values, model)[None]]
-
-
-def _states(source: FrfSource, parameters: Parameterisation, s: Complexes) -> tuple[Complexes, list[Integers]]:
-    """(S, F, R) FRFs at the start values, and with values of stiffnesses at their lower bounds, and which."""
-    states, loosened = _values(parameters)
-    key = b"states" + s.tobytes()
-    if key not in source.known:
-        source.known[key] = source.model(s, parameters).nearby(parameters.initial)(np.array(states))
-    found: Complexes = source.known[key]
-    return found, loosened
-
-
-def _values(parameters: Parameterisation) -> tuple[list[Floats], list[Integers]]:
-    """The start values, and with values of stiffnesses at their lower bounds: one, neighbours, all; and which."""
-    start = parameters.initial
-    states, loosened = [start], [np.zeros(0, dtype=np.int64)]
-    for group, where, _ in parameters.placed:
-        width = 1
-        while group.kind == "stiffness" and width < 2 * group.count:
-            for first in range(0, max(group.count - width // 2, 1), max(width // 2, 1)):
-                loose = start.copy()
-                at = np.arange(where.start + first, min(where.start + first + width, where.stop))
-                loose[at] = group.bounds[at - where.start, 0]
-                states.append(loose)
-                loosened.append(at)
-            width *= 2
-    return states[:MOST_STATES], loosened[:MOST_STATES]
-
-
-def _nearest(measurement: Measurement, states: Complexes, most: int = 1) -> list[Complexes]:
-    """The start values, and the states that come nearest but for a factor, times a power of the frequency or not; so many of each."""
-    omega = 20.0 * np.log10(2.0 * np.pi * measurement.frequency_hz)[:, None]
-    level = levels(measurement.values) - levels(states)
-    orders = [np.median(spread(level - b * omega, 1), axis=1).argsort() for b in (0, *POWERS)]
-    nearest = {int(k) for order in orders for k in order[:most]}
-    return [states[k] for k in sorted({0, *nearest})]
+def _stated(seen: Seen, model: Complexes, told: dict[tuple[object, ...], str]) -> dict[tuple[object, ...], str]:
+    """What is told of the reference job, and sensors with coordinates exchanged, whose FRFs are not told otherwise then."""
+    if not {kind for kind, *_ in told} <= {"unlike", "alone"}:
+        return told
+    found, left = coordinates_texts(seen, model, unlike=("unlike",) in told)
+    elsewhere = {i for responses in found for i in responses}
+    kept = {
+        key: text
+        for key, text in told.items()
+        if key[1:] not in {(i,) for i in elsewhere} and not (found and key == ("unlike",) and float(np.median(left)) <= UNLIKE)
+    }
+    return {("coordinates", *responses): text for responses, text in found.items()} | kept
 
 
 def _unlike(

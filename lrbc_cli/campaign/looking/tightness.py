@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Integers
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart
+from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.identification.unknowns import parameterise
+from lrbc_cli.campaign.looking.states import few_lines, states_of
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.model.terms import Parameterisation
 
 #: From so much on, in the median over the responses used, the tight state is no model's with small errors [dB].
 UNLIKE = 6.0
+
+#: Of two tight jobs that differ by more than that, the one is tight whose distance from the tight model is below this share of the other's:
+#: two that are as tight as stated differ by less, and lie about as far from it.
+NEARER = 0.65
 
 
 def taken_as_tight(inputs: Inputs) -> set[str]:
@@ -19,11 +29,47 @@ def taken_as_tight(inputs: Inputs) -> set[str]:
     return {*campaign.update.baselines, *([campaign.calibration.job] if campaign.calibration is not None else [])}
 
 
-def not_tight(inputs: Inputs, name: str, own: Complexes, states: Complexes, loosened: list[Integers], parameters: Parameterisation) -> str:
+def tighter_text(inputs: Inputs, source: FrfSource, measurements: Mapping[str, Measurement], reference: str) -> str:
+    """Which other jobs are those of the model with all bolts tight, where the reference job is not, in a clause."""
+    few = {name: few_lines(found) for name, found in measurements.items()}
+    far: dict[str, float] = {}
+    for name, found in few.items():
+        s = 2j * np.pi * found.frequency_hz
+        far[name] = float(np.median(apart(found.values, states_of(source, parameterise(inputs, source, s)[0], s)[0][0])))
+
+    def share(name: str) -> float:
+        values, other = few[name].values, few[reference].values
+        known = name in taken_as_tight(inputs) and values.shape == other.shape
+        return NEARER if known and float(np.median(apart(values, other))) > UNLIKE else CLEARLY
+
+    near = {name: own for name, own in far.items() if name != reference and own < min(UNLIKE, share(name) * far[reference])}
+    if not near:
+        return ""
+    named = ", ".join(f"{name} ({own:.1f} dB)" for name, own in near.items())
+    return (
+        f"{named} {'fits' if len(near) == 1 else 'fit'} the tight model far better than {reference} ({far[reference]:.1f} dB): was a bolt "
+        f"loose there, or are files exchanged? Correct jobs.{reference}.frf, or name a tight job under update.reference; else "
+    )
+
+
+def not_tight(
+    inputs: Inputs, fits: Mapping[str, float], own: Complexes, states: Complexes, loosened: list[Integers], parameters: Parameterisation
+) -> str:
     """What to say of a job that is taken as tight and lies far from the reference job, by the keys that take it so; empty where it is near.
 
     Tight states put together anew lie nearer to each other than models and measurements do, whatever it is that is another there.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    fits : mapping
+        How far the reference job and the job lie from the tight model [dB], in this order.
+    own : (F, R) complex array
+    states : (S, F, R) complex array
+    loosened : list of int arrays
+    parameters : Parameterisation
     """
+    (reference, stated), (name, found) = fits.items()
     before = float(np.median(apart(own, states[0])))
     freed = looser(inputs, own, states, loosened, parameters, before) if before > LEAST_DIFFERENCE else ""
     if not freed and before <= UNLIKE:
@@ -34,8 +80,14 @@ def not_tight(inputs: Inputs, name: str, own: Complexes, states: Complexes, loos
     if campaign.calibration is not None and campaign.calibration.job == name:
         fixes.append("name a tight job under calibration.job")
     fix = " and ".join(fixes)
+    if before > UNLIKE and found < NEARER * stated:
+        return (
+            f"it is taken as tight, but lies {before:.1f} dB from {reference}, and nearer to the tight model ({found:.1f} dB) than that "
+            f"({stated:.1f} dB): was a bolt loose in {reference}? Correct jobs.{reference}.frf, or name a tight job under "
+            f"update.reference; else {fix}"
+        )
     return (
-        f"it is taken as tight, but lies {before:.1f} dB from {campaign.update.reference}{freed or ': was all tight there?'} "
+        f"it is taken as tight, but lies {before:.1f} dB from {reference}{freed or ': was all tight there?'} "
         f"{fix[:1].upper()}{fix[1:]}, or measure it again"
     )
 

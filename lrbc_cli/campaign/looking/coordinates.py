@@ -1,0 +1,119 @@
+"""Sensors stated with two coordinates exchanged, or with the sign of one turned, by all FRFs of each at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, levels, spread
+from lrbc_cli.campaign.looking.moved import LINES, Seen
+from lrbc_cli.campaign.looking.rescaled import MOST_WORK
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reduced.memory import reduction_cost
+from lrbc_cli.errors import LrbcError
+from lrbc_cli.model.dofs import DofTable
+from lrbc_cli.model.selection import nearest, spacing
+from lrbc_cli.reduction.problem.full import full_ports
+
+_AXES = "xyz"
+
+#: Share of the misfit that may be left where all FRFs of a sensor, two at least, come nearer: with right places none of these mistakes left
+#: less than all of it, while errors of the model alone leave 0.6 of that of a sensor that is elsewhere.
+MOSTLY = 0.75
+
+#: A sensor is looked at from so many times the median of all responses on.
+FARTHER = 1.25
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Other:
+    """Another place of a sensor: responses at one DOF, the DOF that may be meant, and how the stated coordinates become its."""
+
+    responses: tuple[int, ...]
+    dof: int
+    how: str
+
+
+def coordinates_texts(seen: Seen, model: Complexes, *, unlike: bool) -> tuple[dict[tuple[int, ...], str], Floats]:
+    """What to say of sensors that come nearer with coordinates exchanged, by the responses of each, and the misfits then, (R,) [dB].
+
+    Parameters
+    ----------
+    seen : Seen
+    model : (F, R) complex array
+        At the stated places, on the lines of ``seen``.
+    unlike : bool
+        Whether most responses are far from the model: then all sensors may be elsewhere.
+    """
+    inputs, dofs = seen.inputs, seen.inputs.dofs
+    left = spread(levels(seen.measured) - levels(model), 0)
+    if dofs is None or reduction_cost(inputs)[0].line * LINES > MOST_WORK:
+        return {}, left
+    few = seen.few()
+    before = spread(levels(few.measured) - levels(model[np.isin(seen.s, few.s)]), 0)
+    least = LEAST_DIFFERENCE if unlike else max(LEAST_DIFFERENCE, FARTHER * float(np.median(before)))
+    others = [other for other in _others(inputs, dofs) if before[list(other.responses)].mean() > least]
+    told: dict[tuple[int, ...], str] = {}
+    with suppress(LrbcError):
+        each = sorted(zip(others, _misfits(few, others), strict=True), key=lambda pair: float(pair[1].mean()))
+        for other, after in each:
+            own = list(other.responses)
+            share = MOSTLY if len(own) > 1 else CLEARLY
+            if other.responses in told or after.mean() > share * before[own].mean() or np.any(after >= before[own]):
+                continue
+            left[own] = after
+            told[other.responses] = _text(inputs, dofs, other, float(before[own].mean()), float(after.mean()))
+    return told, left
+
+
+def _misfits(seen: Seen, others: Sequence[_Other]) -> list[Floats]:
+    """By place, how far levels of its responses are from the model there, constants taken out [dB]."""
+    if not others:
+        return []
+    responses = np.array([i for other in others for i in other.responses])
+    at = np.array([other.dof for other in others for _ in other.responses])
+    model = seen.inputs.model
+    L = sp.csc_array((np.ones(at.size), (np.arange(at.size), at)), (at.size, model.size))
+    moved = replace(model, L=L, output_power=model.output_power[responses], extras={})
+    ports = full_ports(moved, seen.inputs.input_of[responses], seen.s, seen.inputs.campaign.reduction.band)
+    computed = ports.evaluate(seen.parameters.dynamic(seen.parameters.initial, seen.s))
+    found = spread(levels(seen.measured[:, responses]) - levels(computed), 0)
+    return np.split(found, np.cumsum([len(other.responses) for other in others])[:-1])
+
+
+def _text(inputs: Inputs, dofs: DofTable, other: _Other, before: float, after: float) -> str:
+    names = [inputs.responses[i].name for i in other.responses]
+    xyz = ", ".join(f"{value:.6g}" for value in dofs.xyz[other.dof] / inputs.campaign.unit_system.length)
+    return (
+        f"{', '.join(names)}: sensor stated with {other.how}, it seems: levels of measured and computed FRFs are {after:.1f} dB apart at "
+        f"node {dofs.node[other.dof]}, constants taken out, {before:.1f} dB at the stated place: if the sensor was there, correct "
+        f"{' and '.join(f'responses.{name}' for name in names)}: near: [{xyz}]"
+    )
+
+
+def _others(inputs: Inputs, dofs: DofTable) -> Iterator[_Other]:
+    """Places at which the mesh has a node with the stated coordinates exchanged or turned."""
+    L = inputs.model.L.tocsr()
+    sensors: dict[int, list[int]] = {}
+    for i in range(L.shape[0]):
+        row = L[[i]].tocoo()
+        # Of a distributed or a weighted one there is no place to exchange.
+        if row.nnz == 1 and not inputs.model.is_acoustic[int(row.col[0])]:
+            sensors.setdefault(int(row.col[0]), []).append(i)
+    for own, responses in sensors.items():
+        place = dofs.xyz[own]
+        ways: list[tuple[str, Floats]] = []
+        for a, b in ((0, 1), (0, 2), (1, 2)):
+            order = [b if k == a else a if k == b else k for k in range(3)]
+            ways.append((f"{_AXES[a]} and {_AXES[b]} exchanged", place[order]))
+        for a in range(3):
+            ways.append((f"the sign of {_AXES[a]} reversed", place * np.where(np.arange(3) == a, -1.0, 1.0)))
+        for how, other in ways:
+            found = nearest(dofs, other.tolist(), str(dofs.component[own]))
+            if found is not None and found[0] != own and found[1] <= 0.5 * spacing(dofs, found[0]):
+                yield _Other(responses=tuple(responses), dof=found[0], how=how)

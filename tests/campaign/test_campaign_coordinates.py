@@ -1,0 +1,70 @@
+"""A sensor that is stated with its coordinates exchanged, by all its FRFs at once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from samples import reduced_cache, sample
+
+from lrbc_cli.campaign.identification.unknowns import parameterise
+from lrbc_cli.campaign.looking.coordinates import coordinates_texts
+from lrbc_cli.campaign.looking.moved import Seen
+from lrbc_cli.campaign.reduced.stage import FrfSource, obtain_reduction
+from lrbc_cli.model.selection import nearest
+from lrbc_cli.reduction.problem.full import full_ports
+
+S = 2j * np.pi * np.arange(40.0, 500.0, 6.0)
+
+
+@cache
+def frame() -> tuple[Any, Any, np.ndarray, np.ndarray]:
+    """The frame sample, and FRFs of all sensors: as stated, and with x and y of acc1 exchanged."""
+    inputs = sample("frame")
+    source = FrfSource(inputs=inputs, stage=obtain_reduction(inputs, reduced_cache("frame")), kind="port")
+    parameters = parameterise(inputs, source, S)[0]
+    model, place = inputs.model, inputs.dofs.xyz[inputs.model.L.tocsr()[[0]].indices[0]]
+    L = model.L.tolil()
+    L[0, :] = 0.0
+    L[0, nearest(inputs.dofs, place[[1, 0, 2]], "UZ")[0]] = 1.0
+    dynamic = parameters.dynamic(parameters.initial, S)
+    stated, other = (
+        full_ports(replace(model, L=sp.csc_array(rows), extras={}), inputs.input_of, S, (40.0, 500.0)).evaluate(dynamic)
+        for rows in (model.L, L)
+    )
+    return inputs, parameters, stated, other
+
+
+def told(measured: np.ndarray, error_db: float, *, twice: bool = False) -> dict[tuple[int, ...], str]:
+    inputs, parameters, stated, _ = frame()
+    off = 10.0 ** (np.random.default_rng(7).normal(0.0, error_db, measured.shape) / 20.0)
+    measured = measured * off
+    if twice:
+        # acc1 measured under another blow.
+        model = inputs.model
+        L, order = sp.vstack([model.L, model.L.tocsr()[[0]]]).tocsc(), [*range(measured.shape[1]), 0]
+        inputs = replace(inputs, model=replace(model, L=L, output_power=model.output_power[order], extras={}))
+        object.__setattr__(inputs, "responses", tuple(inputs.responses[i] for i in order))
+        measured, stated = measured[:, order], stated[:, order]
+    seen = Seen(inputs=inputs, s=S, measured=measured, parameters=parameters, reference=True, known={})
+    return coordinates_texts(seen, stated, unlike=False)[0]
+
+
+def test_all_frfs_of_a_sensor_tell_what_one_does_not() -> None:
+    other = frame()[3]
+    assert told(other, 8.0) == {}
+    (responses, text), *_ = told(other, 8.0, twice=True).items()
+    assert responses == (0, 4)
+    assert "sensor stated with x and y exchanged" in text
+    assert "near: [0.28, 0.32, 0]" in text
+
+
+def test_one_frf_is_enough_where_little_is_left() -> None:
+    assert list(told(frame()[3], 1.0)) == [(0,)]
+
+
+def test_nothing_is_said_where_places_are_right() -> None:
+    assert told(frame()[2], 8.0) == {}
