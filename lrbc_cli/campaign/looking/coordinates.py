@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from lrbc_cli.arrays import Complexes, Floats
-from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, levels, spread
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, levels, spread
 from lrbc_cli.campaign.looking.moved import LINES, Seen
 from lrbc_cli.campaign.looking.rescaled import MOST_WORK
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -63,8 +63,8 @@ def coordinates_texts(seen: Seen, model: Complexes, *, unlike: bool) -> tuple[di
         each = sorted(zip(others, _misfits(few, others), strict=True), key=lambda pair: float(pair[1].mean()))
         for other, after in each:
             own = list(other.responses)
-            share = MOSTLY if len(own) > 1 else CLEARLY
-            if other.responses in told or after.mean() > share * before[own].mean() or np.any(after >= before[own]):
+            most = min(MOST_LEFT, (MOSTLY if len(own) > 1 else CLEARLY) * float(before[own].mean()))
+            if other.responses in told or after.mean() > most or np.any(after >= before[own]):
                 continue
             left[own] = after
             told[other.responses] = _text(inputs, dofs, other, float(before[own].mean()), float(after.mean()))
