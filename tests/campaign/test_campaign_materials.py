@@ -31,7 +31,7 @@ from lrbc_cli.model.units import parse_system
         ),
         ("SI", "mass", 1e-3, "density in g/cm³ or t/m³ where SI wants kg/m³, 7850 for steel; or masses in t where it wants kg"),
         ("SI", "stiffness", 1e-6, "modulus in MPa where SI wants Pa, 2.1e+11 for steel"),
-        ("mm-N-t", "stiffness", 1e3, "springs in N/m where `units: mm-N-t` wants N/mm, and a modulus in MPa, 2.1e+05 for steel"),
+        ("mm-N-t", "stiffness", 1e3, "springs in N/m where `units: mm-N-t` wants N/mm; it wants the modulus in MPa, 2.1e+05 for steel"),
         ("in-lbf-s", "stiffness", 6894.7573, "modulus in Pa where `units: in-lbf-s` wants psi, 3.046e+07 for steel"),
         ("mm-kg-ms", "stiffness", 1e9, "modulus in Pa where `units: mm-kg-ms` wants GPa, 210 for steel"),
     ],

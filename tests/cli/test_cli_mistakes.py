@@ -591,7 +591,7 @@ MISTAKES = [
         "model.mass: {file: data/model/other.mtx, scale: 1e+12}",
     ),
     Mistake("modulus in MPa in SI", "frame", matrix_times("stiffness.mtx", 1e-6), 3, "far below the band", "modulus in MPa where"),
-    Mistake("mass a thousand times too large", "frame", matrix_times("mass.mtx.gz", 1e3), 0, "1000 times too large", "kg for t"),
+    Mistake("mass a thousand times too large", "frame", matrix_times("mass.mtx.gz", 1e3), 0, "1000 times too large", "masses in g"),
     Mistake(
         "weight density", "frame", matrix_times("mass.mtx.gz", 9.80665), 0, "9.807 times too large (a weight density", "scale: 0.101972}"
     ),

@@ -59,7 +59,7 @@ def material_cause(unit: UnitSystem, matrix: str, factor: float) -> str | None:
         return f"{what}: {stated} wants {wanted}, {steel}"
     other = f"{whole} in {second} where {'it' if first else stated} wants {_name(pieces, piece) or f'{piece:.4g} {next(iter(pieces))}'}"
     if first is None:
-        return f"{other}, and a {what} in {wanted}, {steel}"
+        return f"{other}; it wants the {what} in {wanted}, {steel}"
     return f"{what} in {first} where {stated} wants {wanted}, {steel}" + (f"; or {other}" if second else "")
 
 
