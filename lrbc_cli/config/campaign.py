@@ -102,11 +102,6 @@ class Campaign(Strict):
 
     _document: Document = PrivateAttr()
 
-    def model_post_init(self, context: Any) -> None:
-        """Tell the model what its files are in."""
-        super().model_post_init(context)
-        self.model._unit_system = self.unit_system
-
     @property
     def unit_system(self) -> UnitSystem:
         """Of the model's files and all coordinates."""

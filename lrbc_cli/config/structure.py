@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, ConfigDict, Discriminator, Field, PrivateAttr, Tag, model_validator
+from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from lrbc_cli.config.fields import (
     Auto,
@@ -29,7 +29,6 @@ from lrbc_cli.config.fields import (
     check_unique,
     problem,
 )
-from lrbc_cli.model.units import SI, UnitSystem
 
 NodeNumber = Annotated[int, Field(ge=0)]
 RecordName = Annotated[str, Field(min_length=1)]
@@ -153,13 +152,6 @@ class ModelConfig(Strict):
         "nodes suffice; or {map:, nodes:}. Absent: every DOF is structural, and DOFs are selected by number, vector or file only.",
     )
     format: MatrixFormat | None = Field(default=None, description="Format of all matrix files; absent: each recognised by its content.")
-
-    _unit_system: UnitSystem = PrivateAttr(default=SI)
-
-    @property
-    def unit_system(self) -> UnitSystem:
-        """Of its files, as the campaign states it."""
-        return self._unit_system
 
 
 class PointConfig(Strict):

@@ -41,8 +41,8 @@ def test_what_each_system_of_units_wants(units: str, matrix: str, factor: float,
 
 
 def test_the_units_are_those_of_the_campaign(frame: Folder) -> None:
-    model = frame.inputs().campaign.model
-    assert model.unit_system.text == "SI"
-    assert "where SI wants kg/m³, 7850 for steel; or masses in t where it wants kg)" in mistake_text(model, "mass", 1e-3, frame.path)
-    assert "a weight density" in mistake_text(model, "mass", 9.80665, frame.path)
-    assert material_cause(model.unit_system, "damping", 10.0) is None
+    campaign = frame.inputs().campaign
+    assert campaign.unit_system.text == "SI"
+    assert "where SI wants kg/m³, 7850 for steel; or masses in t where it wants kg)" in mistake_text(campaign, "mass", 1e-3)
+    assert "a weight density" in mistake_text(campaign, "mass", 9.80665)
+    assert material_cause(campaign.unit_system, "damping", 10.0) is None

@@ -137,11 +137,11 @@ def beyond_of(model: FrfModel, fit: Fit, changes: ChangeSamples | None, *, steps
         return None
     shapes, theta, plain = fit.knowledge.shapes, fit.solution.theta, fit.plain
     low, found = model.parameters.bounds[:, 0], np.zeros(changes.bolts.size)
-    first = {int(column): b for b, column in reversed(list(enumerate(shapes.bolts)))}
+    joints = set(shapes.bolts[shapes.joint].tolist())
     for k, column in enumerate(changes.bolts.tolist()):
         mean = float(changes.mean[k])
         own = shapes.T[:, column] > 0.0
-        if not shapes.joint[first[column]] or changes.inclusion[k] < 0.5 or mean >= 0.0 or not own.any():
+        if column not in joints or changes.inclusion[k] < 0.5 or mean >= 0.0 or not own.any():
             continue
         tight = theta[own] - float(np.mean((theta - plain.prior)[own]))
         ways = np.linspace(0.0, float((low[own] - tight).min()), steps[model.ports is None])

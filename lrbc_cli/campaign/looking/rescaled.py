@@ -83,7 +83,7 @@ def rescaled_text(inputs: Inputs, s: Complexes, measured: Complexes, computed: C
         near = [each for each in found if each[1] == "mass" and each[3] == gravity]
         if matrix == "mass" and near and abs(np.log10(factor / gravity)) < 0.01:
             left, matrix, size, factor = near[0]
-    text = mistake_text(inputs.campaign.model, matrix, size, inputs.campaign.path.parent)
+    text = mistake_text(inputs.campaign, matrix, size)
     return f"{text}; measured and computed FRFs are {left:.1f} dB apart then, constants taken out, {before:.1f} dB as it is"
 
 
@@ -121,7 +121,7 @@ def overdamped_text(inputs: Inputs, s: Complexes, measured: Complexes, computed:
     if not found or min(found)[0] > min(MOST_LEFT, most):
         return None
     left, factor = min(found)
-    text = mistake_text(inputs.campaign.model, "damping", 1.0 / factor, inputs.campaign.path.parent)
+    text = mistake_text(inputs.campaign, "damping", 1.0 / factor)
     return f"{text}; levels of measured and computed FRFs are {left:.1f} dB apart then, constants taken out"
 
 

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.campaign.reading.doubts.materials import material_cause
 from lrbc_cli.config import Campaign
-from lrbc_cli.config.structure import DofSource, ModelConfig, ProportionalDamping
+from lrbc_cli.config.structure import DofSource, ProportionalDamping
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import listing
 from lrbc_cli.model.dofs import DofTable
@@ -299,23 +299,22 @@ def _likely(speed: float, density: float, _: float) -> list[str]:
     return fit
 
 
-def mistake_text(model: ModelConfig, matrix: str, factor: float, folder: Path) -> str:
+def mistake_text(campaign: Campaign, matrix: str, factor: float) -> str:
     """A matrix that is too large by a factor, in words, and what to write.
 
     Parameters
     ----------
-    model : ModelConfig
+    campaign : Campaign
     matrix : str
         ``stiffness``, ``mass`` or ``damping``.
     factor : float
-    folder : Path
-        Of the campaign file: paths are relative to it.
     """
+    model, folder = campaign.model, campaign.path.parent
     reference = {"stiffness": model.stiffness, "mass": model.mass, "damping": model.damping}[matrix]
     size = f"{factor:.4g} times too large" if factor > 1.0 else f"{1.0 / factor:.4g} times too small"
     if reference is None or isinstance(reference, ProportionalDamping):
         return f"the {matrix} of the model is {size}: correct alpha, beta and loss_factor of model.{matrix}"
-    cause = material_cause(model.unit_system, matrix, factor)
+    cause = material_cause(campaign.unit_system, matrix, factor)
     if matrix == "mass" and factor in GRAVITIES:
         cause = "a weight density, force per volume, where the units want mass per volume"
     given = reference.scale if isinstance(reference.scale, float) else 1.0
@@ -360,7 +359,7 @@ def likely_mistake(campaign: Campaign, dofs: DofTable, speed: float, density: fl
         # Where none are stated, the units of all are the likelier slip.
         handicap = ALIKE if stated == SI else 0.0
         for matrix, change in (("mass", (factor**0.5, 1.0 / factor)), ("stiffness", (factor**-0.5, 1.0))):
-            text = mistake_text(campaign.model, matrix, factor, campaign.path.parent)
+            text = mistake_text(campaign, matrix, factor)
             add(text, speed * change[0], density * change[1], size, handicap=handicap)
     if not found:
         return None

@@ -23,7 +23,7 @@ class EchoRule:
     sizes : tuple of float
         Second blows over the first that are tried. A choice: smaller ones change little.
     periods : float
-        Least number of periods in the band. A choice: fewer are slopes that bolts have, too; of a pipe that lost a clamp, 1.6 of them.
+        Least number of periods in the band. A choice: fewer are slopes that bolts have, too.
     lines : float
         Least number of lines a period. A choice.
     steps : int
@@ -34,7 +34,7 @@ class EchoRule:
 
     left: float = 0.75
     sizes: tuple[float, ...] = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
-    periods: float = 2.5
+    periods: float = 1.5
     lines: float = 4.0
     steps: int = 8
     closely: int = 5
