@@ -28,6 +28,7 @@ from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.factors import with_factors
 from lrbc_cli.reduction.outcome import HeldOut
 from lrbc_cli.reduction.steps.certify import lines_between, measured_errors
+from lrbc_cli.reduction.threads import single_threaded
 from lrbc_cli.results.model import CalibrationRecord
 from lrbc_cli.results.store import versions, write_sealed
 from lrbc_cli.results.tables import write_csv
@@ -184,7 +185,8 @@ def calibrate(
     now = inputs
     while True:
         progress(f"calibration from {settings.job}: fitting the factors, round {len(rounds) + 1}")
-        fit = _lifted(inputs, fit_factors(problem, theta, max_iterations=inputs.campaign.update.max_iterations))
+        with single_threaded():
+            fit = _lifted(inputs, fit_factors(problem, theta, max_iterations=inputs.campaign.update.max_iterations))
         watch.lap("fit")
         problem, gains = fit.problem, _gains(inputs, fit)
         plain = problem.frf(s, everything).frf(fit.solution.theta)

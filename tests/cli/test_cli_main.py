@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -214,3 +215,20 @@ def test_a_closed_pipe_is_no_defect() -> None:
     assert process.wait(60) == 141
     assert process.stderr.read() == b""
     process.stderr.close()
+
+
+@pytest.mark.parametrize(("asked", "threads"), [(None, 1), ("2", 2)])
+def test_blas_has_one_thread_unless_asked(asked: str | None, threads: int) -> None:
+    """Threads of BLAS wait for each other on matrices of a hundred rows, on a busy machine several times as long as they work."""
+    code = (
+        "from lrbc_cli.cli.main import main; main(['schema'], standalone_mode=False);"
+        "import numpy, threadpoolctl;"
+        "print('threads', {found['num_threads'] for found in threadpoolctl.threadpool_info() if found['internal_api'] == 'openblas'})"
+    )
+    environment = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    environment |= {} if asked is None else {"OPENBLAS_NUM_THREADS": asked}
+    found = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    told = found.stdout.splitlines()[-1]
+    if told == "threads set()" or (os.cpu_count() or 1) < threads:
+        pytest.skip("NumPy without OpenBLAS, or too few cores")
+    assert told == f"threads {{{threads}}}"
