@@ -18,7 +18,7 @@ from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
 from lrbc_cli.campaign.looking.axes import other_lines
 from lrbc_cli.campaign.looking.first_look import FirstLook, first_look
-from lrbc_cli.campaign.looking.nested import exchanged_files
+from lrbc_cli.campaign.looking.nested import exchanged_files, mistitled
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import loss_factor, undamped_text
 from lrbc_cli.campaign.reduced import cache
@@ -27,7 +27,7 @@ from lrbc_cli.config.settings import EveryLine
 from lrbc_cli.errors import LrbcError, NumericalError
 from lrbc_cli.model.coupling import asymmetry, coupling_of
 from lrbc_cli.reduction.solve import pardiso
-from lrbc_cli.updating.statistics.lines import few_digits, few_resonances, interpolated, missed, phaseless, too_wide
+from lrbc_cli.updating.statistics.lines import few_digits, few_resonances, interpolated, missed, normalised, phaseless, too_wide
 
 TRANSLATIONS = ("UX", "UY", "UZ")
 
@@ -201,7 +201,8 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         first = held.setdefault(tuple(measurement.hashes.values()), name)
         if first != name:
             out.warnings.append(
-                f"job {name}: the measurement of {first} once more; was another file meant? Write its own file under jobs.{name}.frf"
+                f"job {name}: the measurement of {first} once more: another file was meant, or a copy stands for a repeat that was not "
+                f"measured? Write its own file under jobs.{name}.frf"
             )
         elif copied := earlier.copied(measurement, names):
             out.warnings.append(f"job {name}: {copied} Write its own file under jobs.{name}.frf")
@@ -228,9 +229,13 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         )
     out.warnings += other_lines(inputs.campaign.update.reference, readable)
     out.warnings = _once(out.warnings)
-    out.warnings += [*_phaseless(inputs, readable), *_other_chains(inputs, readable)]
-    out.warnings += [text] if (text := exchanged_files(inputs, readable)) else []
-    look = _looks(inputs, folder, readable)
+    out.warnings += _phaseless(inputs, readable)
+    usable = {name: found for name, found in readable.items() if not normalised(found.values)}
+    look = _looks(inputs, folder, usable)
+    compared = {name: found for name, found in usable.items() if name not in look.doubted}
+    out.warnings += _other_chains(inputs, compared)
+    exchanges = mistitled(inputs, readable) or [text for text in (exchanged_files(inputs, compared),) if text]
+    out.warnings += exchanges
     if look.rescaled and inputs.units_doubt in out.warnings:
         out.warnings.remove(inputs.units_doubt)
     out.warnings += look.warnings
@@ -246,7 +251,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
 def _looks(inputs: Inputs, folder: Path, readable: dict[str, Measurement]) -> FirstLook:
     """What measurements beside the model show; over a piece of the file without resonances errors of the model look like gains."""
     if inputs.places_doubt:
-        return FirstLook(note="measured and computed FRFs are compared once the places of hammer and sensors are corrected")
+        return FirstLook(note="measured and computed FRFs are compared once the places that are warned of are corrected")
     tight = readable.get(inputs.campaign.update.reference or "")
     if (
         tight is not None
@@ -267,6 +272,11 @@ def _poor(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[str]:
         yield (
             f"{inputs.campaign.jobs[name].first.name}: numbers with too few digits, by which levels err: {which}; expected: five digits of "
             "each number, also of small ones. Export it again in exponential format (1.2345e-03)"
+        )
+    if top := normalised(measurement.values):
+        yield (
+            f"{inputs.campaign.jobs[name].first.name}: every record has its largest magnitude at {top:.6g}: normalised, each to its own "
+            "peak, so that levels between sensors are lost; export the FRFs as response over force, without normalisation"
         )
     yield from _single(inputs, name, measurement)
 

@@ -65,9 +65,12 @@ class FrfSet:
         What the reader assumed or repaired, for ``lrbc check``.
     warnings : tuple of str
         What may be wrong with the file, for every command.
+    titles : tuple of str
+        What whoever wrote it said of the measurement, each line once.
     """
 
     source: str
     records: tuple[FrfRecord, ...]
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    titles: tuple[str, ...] = ()

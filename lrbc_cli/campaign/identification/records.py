@@ -50,6 +50,8 @@ class Measurement:
         Measurements of which ``values`` is the mean.
     left_out : (int, int)
         Lines below and above the band.
+    titles : tuple of str
+        What its files say of it, see ``FrfSet``.
     """
 
     frequency_hz: Floats = field(repr=False)
@@ -62,6 +64,7 @@ class Measurement:
     sigma_db: Floats | None = field(default=None, repr=False)
     files: int = 1
     left_out: tuple[int, int] = (0, 0)
+    titles: tuple[str, ...] = ()
 
     @property
     def lines(self) -> str:
@@ -220,6 +223,7 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
         records=tuple(f"{r.name}: {describe(record, len(job.measurements[0]) > 1)}" for r, record in pairs),
         hashes=hashes,
         left_out=(low, high),
+        titles=frf.titles,
     )
 
 
@@ -250,11 +254,8 @@ def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
         Where a file is unusable, or two are the same.
     """
     files = job.measurements[0]
-    records: list[FrfRecord] = []
-    told: dict[str, list[str]] = {}
-    named: list[str] = []
-    warnings: list[str] = []
-    hashes: dict[str, str] = {}
+    records, told, hashes = list[FrfRecord](), dict[str, list[str]](), dict[str, str]()
+    named, warnings, titles = list[str](), list[str](), list[str]()
     for file in files:
         digest = file_hash(file)
         twin = next((other for other, known in hashes.items() if known == digest), None)
@@ -274,6 +275,7 @@ def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
             named.append(file.stem)
             found = replace(found, records=(replace(only, name=file.stem),))
         records += found.records
+        titles += found.titles
         for note in found.notes:
             told.setdefault(note, []).append(file.name)
         warnings += [f"{file.name}: {warning}" for warning in found.warnings]
@@ -281,7 +283,7 @@ def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
     notes = [note if len(of) == len(files) else f"{', '.join(of)}: {note}" for note, of in told.items()]
     if named:
         notes.append(f"no name in the file, called by the file: {', '.join(named)}")
-    return FrfSet(str(job.first), tuple(records), tuple(notes), tuple(warnings)), hashes
+    return FrfSet(str(job.first), tuple(records), tuple(notes), tuple(warnings), tuple(titles)), hashes
 
 
 def _coherences(job: JobConfig, hashes: dict[str, str]) -> dict[CoherenceKey, tuple[Floats, Floats]]:
@@ -361,12 +363,12 @@ def _why_short(axis: Floats, every: Floats, band: tuple[float, float]) -> str:
         if factor != 1.0 and _covers(every * factor, band):
             return f"are the frequencies in {unit}? Then say it: format: {{frequency_unit: {unit}}} of the job"
     circular = (low / (2.0 * np.pi), high / (2.0 * np.pi))
-    if _covers(every, circular):
-        return (
-            f"is the band in rad/s? It is stated in Hz: reduction.band: [{circular[0]:.3g}, {circular[1]:.3g}]; or is the file incomplete?"
-        )
     measured = f"[{max(low, axis[0]):g}, {min(high, axis[-1]):g}]"
-    return f"is the file complete? Else end the band where it was measured: reduction.band: {measured}"
+    text = f"is the file complete? Else end the band where it was measured: reduction.band: {measured}"
+    # Lines that begin where the band does in Hz are in the unit of the band.
+    if _covers(every, circular) and every.min() ** 2 < low * circular[0]:
+        text += f"; or is the band in rad/s? It is stated in Hz: reduction.band: [{circular[0]:.3g}, {circular[1]:.3g}]"
+    return text
 
 
 def _covers(lines: Floats, band: tuple[float, float]) -> bool:

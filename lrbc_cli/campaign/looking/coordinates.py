@@ -1,4 +1,4 @@
-"""Sensors stated with two coordinates exchanged, or with the sign of one turned, by all FRFs of each at once."""
+"""Sensors stated with two coordinates exchanged, the sign of one turned, or another direction, by all FRFs of each at once."""
 
 from __future__ import annotations
 
@@ -32,11 +32,12 @@ FARTHER = 1.25
 
 @dataclass(frozen=True, kw_only=True)
 class _Other:
-    """Another place of a sensor: responses at one DOF, the DOF that may be meant, and how the stated coordinates become its."""
+    """Another DOF of a sensor: its responses, the DOF that may be meant, how the stated one becomes it; and whether it is at the node."""
 
     responses: tuple[int, ...]
     dof: int
     how: str
+    turned: bool = False
 
 
 def coordinates_texts(seen: Seen, model: Complexes, *, unlike: bool) -> tuple[dict[tuple[int, ...], str], Floats]:
@@ -56,14 +57,15 @@ def coordinates_texts(seen: Seen, model: Complexes, *, unlike: bool) -> tuple[di
         return {}, left
     few = seen.few()
     before = spread(levels(few.measured) - levels(model[np.isin(seen.s, few.s)]), 0)
-    least = LEAST_DIFFERENCE if unlike else max(LEAST_DIFFERENCE, FARTHER * float(np.median(before)))
+    typical = FARTHER * float(np.median(before))
+    least = LEAST_DIFFERENCE if unlike else max(LEAST_DIFFERENCE, typical)
     others = [other for other in _others(inputs, dofs) if before[list(other.responses)].mean() > least]
     told: dict[tuple[int, ...], str] = {}
     with suppress(LrbcError):
         each = sorted(zip(others, _misfits(few, others), strict=True), key=lambda pair: float(pair[1].mean()))
         for other, after in each:
             own = list(other.responses)
-            most = min(MOST_LEFT, (MOSTLY if len(own) > 1 else CLEARLY) * float(before[own].mean()))
+            most = min(max(MOST_LEFT, typical), (MOSTLY if len(own) > 1 and not other.turned else CLEARLY) * float(before[own].mean()))
             if other.responses in told or after.mean() > most or np.any(after >= before[own]):
                 continue
             left[own] = after
@@ -88,16 +90,22 @@ def _misfits(seen: Seen, others: Sequence[_Other]) -> list[Floats]:
 
 def _text(inputs: Inputs, dofs: DofTable, other: _Other, before: float, after: float) -> str:
     names = [inputs.responses[i].name for i in other.responses]
+    keys, component = " and ".join(f"responses.{name}" for name in names), dofs.component[other.dof]
+    if other.turned:
+        return (
+            f"{', '.join(names)}: sensor stated along {other.how} measures along {component}, it seems: levels of measured and computed "
+            f"FRFs are {after:.1f} dB apart then, constants taken out, {before:.1f} dB as stated: correct {keys}: component: {component}"
+        )
     xyz = ", ".join(f"{value:.6g}" for value in dofs.xyz[other.dof] / inputs.campaign.unit_system.length)
     return (
         f"{', '.join(names)}: sensor stated with {other.how}, it seems: levels of measured and computed FRFs are {after:.1f} dB apart at "
         f"node {dofs.node[other.dof]}, constants taken out, {before:.1f} dB at the stated place: if the sensor was there, correct "
-        f"{' and '.join(f'responses.{name}' for name in names)}: near: [{xyz}]"
+        f"{keys}: near: [{xyz}]"
     )
 
 
 def _others(inputs: Inputs, dofs: DofTable) -> Iterator[_Other]:
-    """Places at which the mesh has a node with the stated coordinates exchanged or turned."""
+    """Places at which the mesh has a node with the stated coordinates exchanged or turned, and the other directions at the stated node."""
     L = inputs.model.L.tocsr()
     sensors: dict[int, list[int]] = {}
     for i in range(L.shape[0]):
@@ -106,7 +114,10 @@ def _others(inputs: Inputs, dofs: DofTable) -> Iterator[_Other]:
         if row.nnz == 1 and not inputs.model.is_acoustic[int(row.col[0])]:
             sensors.setdefault(int(row.col[0]), []).append(i)
     for own, responses in sensors.items():
-        place = dofs.xyz[own]
+        place, at_node = dofs.xyz[own], np.flatnonzero((dofs.node == dofs.node[own]) & np.char.startswith(dofs.component.astype(str), "U"))
+        if own in at_node:
+            stated = str(dofs.component[own])
+            yield from (_Other(responses=tuple(responses), dof=int(dof), how=stated, turned=True) for dof in at_node if dof != own)
         ways: list[tuple[str, Floats]] = []
         for a, b in ((0, 1), (0, 2), (1, 2)):
             order = [b if k == a else a if k == b else k for k in range(3)]

@@ -54,6 +54,9 @@ MOST_WORK = 2e11
 #: Tolerance of that model.
 COARSE = 3e-2
 
+#: Findings that are about how numbers are read, or about single responses.
+_OF_NUMBERS = ("read", "units", "level", "alone", "stretched", "foreign")
+
 #: So many of the nearest states are compared with all sensors in each other's place.
 NEAREST = 4
 
@@ -69,11 +72,14 @@ class FirstLook:
         Why nothing was compared; empty where it was.
     rescaled : bool
         Whether the measurements name a matrix that is off by a factor: surer than what the mesh lets guess.
+    doubted : frozenset of str
+        Jobs whose numbers or single responses are not those of the reference job: what they are beside it says nothing else.
     """
 
     warnings: tuple[str, ...] = ()
     note: str = ""
     rescaled: bool = False
+    doubted: frozenset[str] = frozenset()
 
 
 @dataclass
@@ -119,7 +125,13 @@ def first_look(inputs: Inputs, folder: Path, measurements: Mapping[str, Measurem
             # What is wrong with the reference job, too, does not show beside it.
             tight = measurements.get(reference or "") if not told.get(reference or "") and name != reference else None
             told[name] = _looked_at(inputs, source, {job: measurements[job] for job in order}, name, tight)
-        return FirstLook(tuple(_told(_pooled(told, reference))), rescaled=("rescaled",) in told.get(reference or "", {}))
+        pooled = _pooled(told, reference)
+        own = {name: {kind for kind in found if kind[0] in _OF_NUMBERS} for name, found in pooled.items()}
+        return FirstLook(
+            tuple(_told(pooled)),
+            rescaled=("rescaled",) in told.get(reference or "", {}),
+            doubted=frozenset(name for name, kinds in own.items() if kinds != own.get(reference or "", set())),
+        )
     except LrbcError as error:
         return FirstLook(note=f"measured and computed FRFs were not compared: {error.problem}")
 
@@ -315,7 +327,8 @@ def _unlike(
         if text is not None:
             return {("rescaled",): text}
     if float(np.median(own)) > UNLIKE:
-        causes = (
+        causes = "the springs whose places are warned of may be the reason; else " if inputs.springs_doubt else ""
+        causes += (
             "check the mass sum (units of the model), damping, start values, places and directions of hammer and sensors (lrbc check "
             f"--picture); errors of some per cent are what `lrbc calibrate` is for{softness_text(measured, model)}"
         )

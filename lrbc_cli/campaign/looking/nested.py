@@ -1,7 +1,11 @@
-"""Jobs whose removed bolts contain each other: the more is removed, the further a measurement lies from that of the tight state."""
+"""Jobs with each other's files: by what the files say of themselves, and by removed bolts that contain each other.
+
+The more is removed, the further a measurement lies from that of the tight state.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from itertools import combinations, pairwise
 
@@ -45,6 +49,37 @@ def exchanged_files(inputs: Inputs, measurements: Mapping[str, Measurement]) -> 
         f"{far[other]:.1f} dB: with their files exchanged, the more bolts are removed the further all jobs lie from it. Are jobs.{one}.frf "
         f"and jobs.{other}.frf in each other's place?"
     )
+
+
+def mistitled(inputs: Inputs, measurements: Mapping[str, Measurement]) -> list[str]:
+    """Jobs whose file is titled as that of another job, whose own is not: a title that nobody changes stands in both.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    measurements : mapping
+        By job.
+    """
+
+    def named(title: str) -> set[str]:
+        return {name for name in measurements if re.search(rf"(?<![\w.-]){re.escape(name)}(?![\w-])", title, re.IGNORECASE)}
+
+    titled = {name: [(title, named(title)) for title in found.titles] for name, found in measurements.items()}
+    every = {name: set[str]().union(*(names for _, names in titles)) for name, titles in titled.items()}
+    told, jobs = list[str](), inputs.campaign.jobs
+    for name, others in every.items():
+        other = next(iter(others), "")
+        if len(others) != 1 or other == name or other in every[other]:
+            continue
+        if name in every[other] and f"jobs.{other}.frf and" in " ".join(told):
+            continue
+        title = next(title for title, names in titled[name] if names)
+        own, its = jobs[name].first.name, jobs[other].first.name
+        told.append(
+            f"job {name}: {own} is titled {title!r}, and {its}, the file of {other}, is not: are jobs.{name}.frf and jobs.{other}.frf in "
+            "each other's place?"
+        )
+    return told
 
 
 def _nested(removed: Mapping[str, frozenset[str]]) -> list[str]:

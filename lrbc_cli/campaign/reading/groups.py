@@ -269,7 +269,7 @@ class GroupReader(ModelReader):
                 f"{file.name}: the nodes of {count} spring{'s' if count > 1 else ''} lie up to {1e3 * gap:.3g} mm aside of its axis: it "
                 "holds them also where both turn as one rigid piece; join nodes on the axis, or export rigid arms to it"
             )
-        astray = None if self.bolts is None else beside_their_springs(self.bolts, places, table.bolt, self.unit.length)
+        astray = None if self.bolts is None or self.disordered else beside_their_springs(self.bolts, places, table.bolt, self.unit.length)
         if astray:
             self.beside.setdefault(astray, []).append(file.name)
         grounded = {node is None for node in table.node_b}

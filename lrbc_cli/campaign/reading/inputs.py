@@ -103,7 +103,9 @@ class Inputs:
     units_doubt : str or None
         That of the warnings which only the mesh lets guess.
     places_doubt : bool
-        Whether the places of hammer and sensors seem to be given from another origin.
+        Whether the places of hammer and sensors seem to be given from another origin, or the DOF table is that of another numbering.
+    springs_doubt : bool
+        Whether springs lie nearer to other bolts than to their own.
     hashes : dict
         SHA-256 of every file that was read, by its absolute path.
     recipe : Recipe
@@ -132,6 +134,7 @@ class Inputs:
     recipe: Recipe = field(repr=False)
     units_doubt: str | None = None
     places_doubt: bool = False
+    springs_doubt: bool = False
     shifts: NDArray[np.int64] | None = None
     calibration: CalibrationUse | None = None
     read_with: str = ""
@@ -333,7 +336,8 @@ def read_as_exported(campaign: Campaign) -> Inputs:
         hashes=reader.hashes,
         recipe=recipe_of(campaign, model),
         units_doubt=reader.units_doubt,
-        places_doubt=reader.moved,
+        places_doubt=reader.moved or reader.disordered,
+        springs_doubt=bool(reader.beside),
         shifts=reader.shifts,
     )
 

@@ -174,13 +174,19 @@ def _dof(table: BushingTable, dofs: DofTable, k: int, column: str, node: int, na
             found=f"node {node}",
             hint="leave node_b empty where a spring goes to ground" if column == "node_b" and node <= 0 else numbers_text(dofs.node),
         )
+    hint = "a DOF that the export eliminated carries no spring: export it, or remove the line"
+    if name.startswith("ROT") and not any(str(label).startswith("ROT") for label in np.unique(dofs.component)):
+        hint = (
+            "no node of the table has a rotation: of shells, plates and beams the labels are wrong then (w, rx, ry of a plate in X and Y "
+            "are UZ, ROTX, ROTY): correct them; solid elements have none: remove the line"
+        )
     raise DataError(
         f"node {node} has no DOF {name}",
         file=table.path,
         place=f"{line}, column 'component'",
         expected=f"one of {', '.join(here)}",
         found=own if name == own else f"{own}, which acts along {name} there",
-        hint="a DOF that the export eliminated carries no spring: export it, or remove the line",
+        hint=hint,
     )
 
 

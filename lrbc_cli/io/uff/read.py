@@ -107,7 +107,10 @@ def read_uff(path: Path, layout: TextLayout | None = None) -> FrfSet:
             notes.leave_out(FUNCTION_TYPES.get(function.function_type, f"function type {function.function_type}"), function.record)
     if not records:
         raise _no_frf(path, functions, notes)
-    return FrfSet(str(path), tuple(_attach(records, coherences, notes)), notes.lines())
+    # The fifth ID line is a name.
+    said = dict.fromkeys(line.strip() for function in functions for line in function.id_lines[:4])
+    titles = tuple(line for line in said if line not in ("", "NONE"))
+    return FrfSet(str(path), tuple(_attach(records, coherences, notes)), notes.lines(), titles=titles)
 
 
 def _unnamed_frf(function: UffFunction, notes: Notes) -> bool:

@@ -67,15 +67,15 @@ class Known:
         What the FRFs then are in, in place of SI; None where it is no unit.
     of_model : bool
         Whether the mistake is the model's.
-    of_force : bool
-        Whether it is a unit of the force alone, which all responses share.
+    of_all : bool
+        Whether all responses of a quantity to one excitation share it: a unit of the force, a convention of the analyser, the model's.
     """
 
     db: float
     cause: str
     unit: str | None = None
     of_model: bool = False
-    of_force: bool = False
+    of_all: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,17 +145,17 @@ def known_factors(quantity: str) -> tuple[Known, ...]:
     for (name, size), (force, per) in product(responses, forces[:2]):
         found.append(Known(_db(per / size), f"FRFs in {name}/{force}", f"{name}/{force}"))
     own = {"pressure": "Pa", "displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}[quantity]
-    found += [Known(_db(per), f"FRFs per {force}", f"{own}/{force}", of_force=True) for force, per in forces[1:]]
+    found += [Known(_db(per), f"FRFs per {force}", f"{own}/{force}", of_all=True) for force, per in forces[1:]]
     if quantity == "pressure":
         found.append(Known(_db(1.0 / 2e-5), "levels in dB re 20 uPa/N read as dB re 1 Pa/N"))
     model = "a model in MPa" if quantity == "pressure" else "a model in mm"
-    found.append(Known(120.0 if quantity == "pressure" else -60.0, f"{model} (exported in N, mm, t)", own, of_model=True))
+    found.append(Known(120.0 if quantity == "pressure" else -60.0, f"{model} (exported in N, mm, t)", own, of_model=True, of_all=True))
     for factor, cause in (
         (np.sqrt(2.0), "rms and peak values mixed"),
         (2.0, "one-sided and two-sided spectra, or peak and peak-to-peak values, mixed"),
         (2.0 * np.pi, "Hz and rad/s mixed"),
     ):
-        found += [Known(_db(factor), cause), Known(-_db(factor), cause)]
+        found += [Known(_db(factor), cause, of_all=True), Known(-_db(factor), cause, of_all=True)]
     return tuple(found)
 
 

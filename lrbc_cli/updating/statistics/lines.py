@@ -319,6 +319,22 @@ def line_noise(measured: Complexes, *, least: int = 20) -> float:
     return float(np.median(np.nanmedian(share[:, enough], axis=0))) / float(of_one)
 
 
+def normalised(measured: Complexes, *, least: int = 3, same: float = 1e-3) -> float:
+    """Largest magnitude of every response, where it is the same of all; 0 where it is not, or of too few responses to be no chance.
+
+    Parameters
+    ----------
+    measured : (F, R) complex array
+    least : int
+        Responses.
+    same : float
+        Share by which the largest magnitudes may differ: what four digits leave.
+    """
+    tops = np.nanmax(np.abs(measured[:, np.isfinite(measured).any(axis=0)]), axis=0, initial=0.0)
+    alike = tops.size >= least and np.ptp(tops) <= same * tops.max()
+    return float(np.median(tops)) if alike else 0.0
+
+
 def phaseless(measured: Complexes, rule: Resolution = RESOLUTION) -> list[int]:
     """Responses with peaks whose values are all above zero: magnitudes, whose phases are lost.
 

@@ -30,6 +30,9 @@ LARGE_MISFIT = 1.0
 #: anything.
 LEAST_BAND = 0.8
 
+#: A factor that is so many times half of its interval is none of the errors of a model, which move it along the band.
+EVIDENT_HALVES = 6.0
+
 #: Misfits are shown to two decimals: less is no difference [dB].
 SHOWN = 0.01
 
@@ -61,7 +64,9 @@ def trusted(offset: Offset, offsets: Sequence[Offset]) -> bool:
     Then its interval is narrow and little is left; a power of the frequency comes alone, or most responses share it.
     """
     alike = sum(other.named and other.power == offset.power for other in offsets)
-    firm = [other for other in offsets if other.named and other.half <= MOST_REACH and other.after <= MOST_LEFT]
+    # One that stands far out of its interval, and is all that is wrong in any state, needs no narrow one.
+    reach = {o.response: abs(o.db) / EVIDENT_HALVES if abs(o.db) - o.before <= o.half else 0.0 for o in offsets}
+    firm = [o for o in offsets if o.named and o.half <= max(MOST_REACH, reach[o.response]) and o.after <= MOST_LEFT]
     shared = sum(other.power == offset.power and abs(other.db - offset.db) <= MOST_REACH for other in firm)
     # What most of the others say for themselves needs less to be believed.
     if offset not in firm and 2 * shared <= len(offsets):
@@ -82,9 +87,12 @@ def _factors(inputs: Inputs, responses: Sequence[int], factor: float) -> str:
     return "{" + ", ".join(f"{inputs.responses[i].name}: {factor:.6g}" for i in responses) + "}"
 
 
-def _factor_text(inputs: Inputs, common: Common, count: int, job: str) -> tuple[str, str]:
-    """One factor: what was found, and the likely cause with the key that allows for it."""
-    offset, names = common.offset, _names(inputs, common.responses, count)
+def _factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: str) -> tuple[str, str]:
+    """One factor of some of the responses that were compared: what was found, and the likely cause with the key that allows for it."""
+    offset, count, names = common.offset, len(compared), _names(inputs, common.responses, len(compared))
+    kinds = [(response.quantity, response.input) for response in inputs.responses]
+    shared = {kinds[i] for i in common.responses}.isdisjoint(kinds[i] for i in compared if i not in common.responses)
+    recognised = [known for known in offset.known if shared or not known.of_all]
     b, quantity = offset.power, inputs.responses[offset.response].quantity
     frequency = "" if not b else f" times {'' if b > 0 else '1/'}(2 pi f){'²' if abs(b) == 2 else ''}"
     size = f"{offset.db:+.2f} dB" if not b or abs(offset.db) >= offset.half + 0.5 else "a factor"
@@ -92,8 +100,8 @@ def _factor_text(inputs: Inputs, common: Common, count: int, job: str) -> tuple[
     text += f"{offset.after:.1f} dB without it"
     # Parts of the band that differ by more are seldom one factor.
     likely = "likely" if offset.half <= MOST_REACH else "perhaps"
-    causes = [known.cause for known in offset.known if known.cause]
-    unit = next((known.unit for known in offset.known if known.unit), None)
+    causes = [known.cause for known in recognised if known.cause]
+    unit = next((known.unit for known in recognised if known.unit), None)
     other = moved(quantity, b)
     if b and other is not None:
         cause = f"{likely} {other}, not {quantity}{' and ' + causes[0] if causes else ''}: "
@@ -104,17 +112,16 @@ def _factor_text(inputs: Inputs, common: Common, count: int, job: str) -> tuple[
     if b:
         return text, f"{likely} a derivative or an integral with respect to time, of the input perhaps: convert the FRF file"
     own = f"jobs.{job}.scale: {_factors(inputs, common.responses, 10.0 ** (-offset.db / 20.0))}"
-    # A sensitivity that lost or won a digit, of some sensors: a unit of the force is that of all.
+    # A sensitivity that lost or won a digit, of some sensors.
     tenfold = float(np.copysign(20.0, offset.db))
     if len(common.responses) < count and abs(offset.db - tenfold) <= min(
-        [LEAST_REACH, *(abs(offset.db - k.db) for k in offset.known if k.cause)]
+        [LEAST_REACH, *(abs(offset.db - k.db) for k in recognised if k.cause)]
     ):
         own = f"jobs.{job}.scale: {_factors(inputs, common.responses, 10.0 ** (-tenfold / 20.0))}"
-        others = [known.cause for known in offset.known if known.cause and not known.of_force]
-        return text, f"{likely} {' or '.join(['a sensitivity or a range ten times off', *others])}: {own}"
+        return text, f"{likely} {' or '.join(['a sensitivity or a range ten times off', *causes])}: {own}"
     if not causes:
         return text, f"{likely} a sensitivity, a gain or a unit that is not known here: check it, then {own}"
-    known = next(known for known in offset.known if known.cause)
+    known = next(known for known in recognised if known.cause)
     own = f"jobs.{job}.scale: {_factors(inputs, common.responses, 10.0 ** (-known.db / 20.0))}"
     cause = f"{likely} {' or '.join(causes)}: "
     if known.of_model:
@@ -127,7 +134,8 @@ def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> dict[tu
     """What the factors and the phases say, a line each, by kind and responses: other jobs may have the same; nothing where all is well."""
     firm = {offset.response for offset in offsets if offset.named and trusted(offset, offsets)}
     found: dict[tuple[object, ...], str] = {
-        ("units", *common.responses): "not in the model's units, it seems: " + "; ".join(_factor_text(inputs, common, len(offsets), job))
+        ("units", *common.responses): "not in the model's units, it seems: "
+        + "; ".join(_factor_text(inputs, common, [o.response for o in offsets], job))
         for common in grouped(offsets, _quantities(inputs))
         # What leaves most of the misfit wherever it is seen is no unit and no gain.
         if firm.intersection(common.responses)
@@ -382,7 +390,7 @@ def refuse_units(inputs: Inputs, measurement: Measurement, model: Complexes, job
     offsets = factors_of(inputs, measurement, (model,))
     if not misses_unit(offsets):
         return
-    texts = [_factor_text(inputs, common, len(offsets), job) for common in grouped(offsets, _quantities(inputs))]
+    texts = [_factor_text(inputs, common, [o.response for o in offsets], job) for common in grouped(offsets, _quantities(inputs))]
     raise DataError(
         "measurement and model are in different units, it seems",
         file=inputs.campaign.jobs[job].first,

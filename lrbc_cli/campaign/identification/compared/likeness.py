@@ -71,16 +71,19 @@ def off_level(inputs: Inputs, measured: Complexes, tight: Complexes, reference: 
     change = np.zeros(held.size)
     change[held] = np.nanmedian(levels(measured[:, held]) - levels(tight[:, held]), axis=0)
     change[held] -= np.median(change[held])
-    return {
-        i: (
-            f"{inputs.responses[i].name} lies {abs(change[i]):.0f} dB {'below' if change[i] < 0 else 'above'} its level in {reference}, "
-            "the other responses do not: was the sensor or its cable off, or another range or sensitivity set? Measure it again, or leave "
-            f"it out of {job}"
+    off, told = np.abs(change) > OTHER_LEVEL_DB, dict[int, str]()
+    for i in np.flatnonzero(off).tolist():
+        others = [k for k in _same_sensor(inputs, i) if held[k]]
+        # A sensor that is off is off wherever the hammer hits, and is told once.
+        if not all(off[k] for k in others) or any(k < i for k in others):
+            continue
+        names = " and ".join(inputs.responses[k].name for k in (i, *others))
+        told[i] = (
+            f"{names} {'lie' if others else 'lies'} {abs(change[i]):.0f} dB {'below' if change[i] < 0 else 'above'} "
+            f"{'their' if others else 'its'} level in {reference}, the other responses do not: was the sensor or its cable off, or another "
+            f"range or sensitivity set? Measure it again, or leave it out of {job}"
         )
-        for i in np.flatnonzero(np.abs(change) > OTHER_LEVEL_DB).tolist()
-        # A sensor that is off is off wherever the hammer hits.
-        if not any(held[k] and abs(change[k]) <= OTHER_LEVEL_DB for k in _same_sensor(inputs, i))
-    }
+    return told
 
 
 def _same_sensor(inputs: Inputs, response: int) -> list[int]:
@@ -171,12 +174,16 @@ def exchanged(inputs: Inputs, measured: Complexes, states: Sequence[Complexes] |
     from scipy.optimize import linear_sum_assignment
 
     orders = [linear_sum_assignment(each)[1] for each in table]
-    order = min(zip(orders, table, strict=True), key=lambda pair: float(pair[1][np.arange(count), pair[0]].sum()))[0]
+    order, nearest = min(zip(orders, table, strict=True), key=lambda pair: float(pair[1][np.arange(count), pair[0]].sum()))
     found = []
     for cycle in _cycles(order.tolist()):
         at, to = list(cycle), [int(order[i]) for i in cycle]
         stated, changed = float(table[:, at, at].sum(axis=1).min()), float(table[:, at, to].sum(axis=1).min())
-        if stated > len(at) * limits.exchanged_db and changed < limits.exchanged_share * stated:
+        # What the model lacks stays, wherever a sensor is: as much as of the others. Beyond that hardly anything may be left.
+        others = np.delete(np.diag(nearest), at)
+        lacking = len(at) * float(np.median(others)) if others.size else 0.0
+        ways = ((0.0, limits.exchanged_share), (lacking, limits.exchanged_share**2))
+        if any(stated - own > len(at) * limits.exchanged_db and changed - own < share * (stated - own) for own, share in ways):
             found.append(cycle)
     return found
 
