@@ -185,8 +185,7 @@ def calibrate(
     now = inputs
     while True:
         progress(f"calibration from {settings.job}: fitting the factors, round {len(rounds) + 1}")
-        with single_threaded():
-            fit = _lifted(inputs, fit_factors(problem, theta, max_iterations=inputs.campaign.update.max_iterations))
+        fit = _fitted(inputs, problem, theta)
         watch.lap("fit")
         problem, gains = fit.problem, _gains(inputs, fit)
         plain = problem.frf(s, everything).frf(fit.solution.theta)
@@ -228,6 +227,13 @@ def calibrate(
 def _gains(inputs: Inputs, fit: FactorFit) -> Gains | None:
     """The gains at the end of a fit; None where its cost allows for none."""
     return None if fit.problem.gains is None else gains_of(inputs, *fit.gains(), shared=False)
+
+
+def _fitted(inputs: Inputs, problem: FactorProblem, theta: Floats | None) -> FactorFit:
+    """The fit from a place, with gains of the responses where the measurement has some."""
+    # Threads of BLAS wait for each other on matrices of a hundred rows.
+    with single_threaded():
+        return _lifted(inputs, fit_factors(problem, theta, max_iterations=inputs.campaign.update.max_iterations))
 
 
 def _lifted(inputs: Inputs, fit: FactorFit) -> FactorFit:

@@ -229,23 +229,28 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         )
     out.warnings += other_lines(inputs.campaign.update.reference, readable)
     out.warnings = _once(out.warnings)
-    out.warnings += _phaseless(inputs, readable)
-    usable = {name: found for name, found in readable.items() if not normalised(found.values)}
-    look = _looks(inputs, folder, usable)
-    compared = {name: found for name, found in usable.items() if name not in look.doubted}
-    out.warnings += _other_chains(inputs, compared)
-    exchanges = mistitled(inputs, readable) or [text for text in (exchanged_files(inputs, compared),) if text]
-    out.warnings += exchanges
-    if look.rescaled and inputs.units_doubt in out.warnings:
-        out.warnings.remove(inputs.units_doubt)
-    out.warnings += look.warnings
-    lines += [look.note] if look.note else []
+    note = _compared(inputs, folder, readable, out)
+    lines += [note] if note else []
     try:
         out.jobs = [p for p in plan(inputs, parts, choose_jobs(inputs.campaign, ())) if p.name in readable]
     except OSError:
         out.jobs = []
     lines += [f"{p.name}: {p.verb} ({p.reason})" for p in out.jobs]
     return lines
+
+
+def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], out: Findings) -> str:
+    """Warn of what measurements show beside each other and beside the model; why they were not compared, empty where they were."""
+    out.warnings += _phaseless(inputs, readable)
+    usable = {name: found for name, found in readable.items() if not normalised(found.values)}
+    look = _looks(inputs, folder, usable)
+    compared = {name: found for name, found in usable.items() if name not in look.doubted}
+    out.warnings += _other_chains(inputs, compared)
+    out.warnings += mistitled(inputs, readable) or [text for text in (exchanged_files(inputs, compared),) if text]
+    if look.rescaled and inputs.units_doubt in out.warnings:
+        out.warnings.remove(inputs.units_doubt)
+    out.warnings += look.warnings
+    return look.note
 
 
 def _looks(inputs: Inputs, folder: Path, readable: dict[str, Measurement]) -> FirstLook:

@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from samples import reduced_cache, sample
 
+from lrbc_cli.campaign.identification.compared.likeness import exchanged
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.looking.coordinates import coordinates_texts
 from lrbc_cli.campaign.looking.moved import Seen
@@ -64,6 +65,15 @@ def test_all_frfs_of_a_sensor_tell_what_one_does_not() -> None:
 
 def test_one_frf_is_enough_where_little_is_left() -> None:
     assert list(told(frame()[3], 1.0)) == [(0,)]
+
+
+def test_sensors_in_each_others_place_beside_a_model_that_lacks_something() -> None:
+    """All levels are as far off as a calibration mends: of the two sensors hardly more is left than of the others."""
+    inputs, _, stated, _ = frame()
+    rough = np.random.default_rng(3).normal(0.0, 9.0, stated.shape)
+    measured = stated * 10.0 ** (rough / 20.0)
+    assert exchanged(inputs, measured, [stated]) == []
+    assert exchanged(inputs, measured[:, [1, 0, 2, 3]], [stated]) == [(0, 1)]
 
 
 def test_nothing_is_said_where_places_are_right() -> None:

@@ -76,6 +76,14 @@ def test_nodes_and_components_that_do_not_exist(tmp_path: Path, row: str, proble
         bushing_vectors(read_bushings(file), table)
 
 
+def test_a_table_without_rotations_may_have_wrong_labels(tmp_path: Path) -> None:
+    table = replace(TABLE, node=np.array([7, 7, 7]), component=np.array(["UX", "UY", "UZ"]), xyz=np.zeros((3, 3)))
+    file = tmp_path / "b.csv"
+    file.write_text("bolt,node_a,node_b,component,stiffness\nB1,7,,ROTX,1\n")
+    with pytest.raises(DataError, match="of a plate in X and Y are UZ, ROTX, ROTY"):
+        bushing_vectors(read_bushings(file), table)
+
+
 def test_a_turned_axis_needs_the_components_that_it_acts_along(tmp_path: Path) -> None:
     table = replace(TABLE, node=np.array([7, 7]), component=np.array(["UX", "UZ"]), xyz=np.zeros((2, 3)))
     file = tmp_path / "b.csv"

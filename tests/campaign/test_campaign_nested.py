@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from samples import sample
 
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.looking.first_look import _pooled, _told
-from lrbc_cli.campaign.looking.nested import _exchange, _nested, exchanged_files
+from lrbc_cli.campaign.looking.nested import _exchange, _nested, exchanged_files, mistitled
 
 
 @pytest.mark.parametrize(
@@ -45,6 +47,30 @@ def test_files_of_two_jobs_of_the_frame() -> None:
     assert told.startswith("loose-2 (2 bolts removed) lies")
     assert told.endswith("Are jobs.loose-2.frf and jobs.loose-all.frf in each other's place?")
     assert exchanged_files(inputs, {name: measured[name] for name in ("loose-2", "loose-all")}) is None
+
+
+@pytest.mark.parametrize(
+    ("titles", "expected"),
+    [
+        (
+            {"tight": "Frame loose-2", "loose-2": "Frame tight"},
+            ["tight.csv is titled 'Frame loose-2', and loose-2.csv, the file of loose-2"],
+        ),
+        ({"tight": "Frame LOOSE-2, run 3", "loose-2": ""}, ["tight.csv is titled 'Frame LOOSE-2, run 3', and"]),
+        ({"tight": "Frame tight", "loose-2": "Frame loose-2"}, []),
+        # A title that nobody changed, one that is not a job's name, one that says both.
+        ({"tight": "Frame tight", "loose-2": "Frame tight", "loose-all": "Frame tight"}, []),
+        ({"tight": "Frame loose-2b", "loose-2": "Frame tight-2"}, []),
+        ({"tight": "loose-2, put back tight", "loose-2": "loose-2"}, []),
+        ({"loose-2": "all tight but loose-2", "tight": ""}, []),
+    ],
+)
+def test_what_files_say_of_themselves(titles: dict[str, str], expected: list[str]) -> None:
+    inputs = sample("frame")
+    measured = {name: read_measurement(inputs, job, name) for name, job in inputs.campaign.jobs.items()}
+    told = mistitled(inputs, {name: replace(own, titles=(titles.get(name, ""),)) for name, own in measured.items()})
+    assert len(told) == len(expected)
+    assert all(part in text for part, text in zip(expected, told, strict=True))
 
 
 def test_a_sensor_that_is_reversed_is_told_once() -> None:

@@ -243,6 +243,11 @@ def test_directions_carry_signs(tmp_path, response, reference, sign):
 COHERENCE = {"kind": 6, "numerator": (0, 0, 0, "", ""), "denominator": (0, 0, 0, "", ""), "ordinate": 2}
 
 
+def test_what_a_file_says_of_itself(tmp_path):
+    content = function(response=("a", 7, 3)) + function(response=("b", 8, 3))
+    assert read(tmp_path, content.replace("made up\nNONE", "Cover state-4\n5 hits")).titles == ("Cover state-4", "5 hits")
+
+
 def test_coherence_belongs_to_the_same_dofs(tmp_path):
     content = (
         function(response=("a", 7, 3)) + function(response=("b", 8, 3)) + function((0.5, 0.6, 0.7), response=("b", 8, -3), **COHERENCE)

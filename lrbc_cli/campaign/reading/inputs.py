@@ -102,10 +102,8 @@ class Inputs:
     warnings : tuple of str
     units_doubt : str or None
         That of the warnings which only the mesh lets guess.
-    places_doubt : bool
-        Whether the places of hammer and sensors seem to be given from another origin, or the DOF table is that of another numbering.
-    springs_doubt : bool
-        Whether springs lie nearer to other bolts than to their own.
+    places_doubt, springs_doubt : bool
+        Whether hammer and sensors seem to be given from another origin or in another numbering; springs, nearer to others' bolts.
     hashes : dict
         SHA-256 of every file that was read, by its absolute path.
     recipe : Recipe
@@ -314,11 +312,10 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     bolts, groups = reader.owned(found)
     groups, along, no_lines = by_edges(campaign, groups, bolts)
     reader.notes += along
-    reader.warn(*no_lines, *left_behind(K, campaign))
     lossy = partial(with_loss, campaign, acoustic)
     extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M}, lossy)
     model = FeModel(K=lossy(K), C=C, M=M, B=B, L=L, output_power=output_power, is_acoustic=acoustic, terms=terms, extras=extras)
-    reader.warn(*doubts(model), *reader.slips(model, responses, groups, bolts))
+    reader.warn(*no_lines, *left_behind(K, campaign), *doubts(model), *reader.slips(model, responses, groups, bolts))
     check_drift(campaign, bool(acoustic.any()))
     require_reach(model, [r.name for r in responses], list(campaign.excitation), [r.input for r in responses])
     require_frequencies(model, campaign, reader.dofs)
