@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from lrbc_cli.config.calibration import FACTOR_NAMES, FIELDS
 from lrbc_cli.config.campaign import Campaign
@@ -91,7 +91,7 @@ def _check_names(campaign: Campaign) -> None:
     for index, name in enumerate(update.responses or ()):
         _known(campaign, name, campaign.responses, "response", "update", "responses", index)
     for job, config in campaign.jobs.items():
-        for section, names in (("records", config.records), ("scale", config.scale)):
+        for section, names in (("records", config.records), ("scale", config.scale if isinstance(config.scale, Mapping) else ())):
             for name in names:
                 _known(campaign, name, campaign.responses, "response", "jobs", job, section, name)
 

@@ -306,6 +306,14 @@ def files_of(value: Path | MeasuredFile | tuple[Path | MeasuredFile, ...] | None
     return tuple(entry.file if isinstance(entry, MeasuredFile) else entry for entry in entries_of(value))
 
 
+def _scale_form(value: object) -> str:
+    return "form:names" if isinstance(value, Mapping) else "form:number"
+
+
+#: Factors on measured FRFs: one for all, or by response.
+Scale = Annotated[Annotated[float, Tag("form:number")] | Annotated[NameMap[float], Tag("form:names")], Discriminator(_scale_form)]
+
+
 class JobConfig(Strict):
     """One measurement to identify."""
 
@@ -324,8 +332,10 @@ class JobConfig(Strict):
         validate_default=True,
         description="What the files call a response, by response: a name, a number, {node:, direction:}, {file:} or {file:, number:}.",
     )
-    scale: NameMap[float] = Field(
-        default={}, validate_default=True, description="Factor on the measured FRF, by response, for instance of a recalibrated sensor."
+    scale: Scale = Field(
+        default={},
+        validate_default=True,
+        description="Factor on the measured FRFs: one number for all responses, or by response, for instance of a recalibrated sensor.",
     )
     coherence: Files | None = Field(
         default=None, description="File with the coherence of these FRFs, or a list of files; absent: from the FRF files, if they have it."
@@ -391,7 +401,12 @@ class JobConfig(Strict):
 
     @model_validator(mode="after")
     def _nonzero(self) -> JobConfig:
-        for name, factor in self.scale.items():
+        for name, factor in self.scale.items() if isinstance(self.scale, Mapping) else [(None, self.scale)]:
             if factor == 0:
-                raise problem("a factor of zero", "scale", name, expected="a number other than 0")
+                keys = ("scale",) if name is None else ("scale", name)
+                raise problem("a factor of zero", *keys, expected="a number other than 0")
         return self
+
+    def factor(self, response: str) -> float:
+        """On the measured FRF of a response."""
+        return self.scale.get(response, 1.0) if isinstance(self.scale, Mapping) else self.scale

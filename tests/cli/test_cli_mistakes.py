@@ -1456,6 +1456,14 @@ MISTAKES = [
         "a sensitivity or a range ten times off: jobs.loose-2.scale: {acc1: 0.1}",
     ),
     Mistake(
+        "peak values, and a factor that the job has already",
+        "frame",
+        config(("  tight: {frf: ", "  tight: {scale: 1.5, frf: ")),
+        0,
+        "likely rms and peak values mixed",
+        "jobs.tight.scale: 1.06066",
+    ),
+    Mistake(
         "direction of one sensor",
         "plate",
         config(("acc3: {near: [193.333, 60, 4], component: UZ", "acc3: {near: [193.333, 60, 4], component: UX")),

@@ -248,6 +248,9 @@ CASES = [
     (swap("responses: [mic01, acc1]", "responses: []"), "update.responses", ["at least 1"]),
     (swap("records: {mic01:", "records: {mic10:"), "jobs.bolts-04.records.mic10", ["no response"]),
     (swap("scale: {mic01:", "scale: {mic10:"), "jobs.bolts-04.scale.mic10", ["no response"]),
+    (swap("scale: {mic01: 1.02}", "scale: {mic01: x}"), "jobs.bolts-04.scale.mic01", ["expected: a number"]),
+    (swap("scale: {mic01: 1.02}", "scale: 0"), "jobs.bolts-04.scale", ["a factor of zero"]),
+    (swap("scale: {mic01: 1.02}", "scale: [1, 2]"), "jobs.bolts-04.scale", ["one number for all responses, or by response"]),
     (swap("component: pres", "component: pres, excitation: hamer"), "responses.mic01.excitation", ["did you mean 'hammer'?"]),
     (swap("excitation:\n", "excitation:\n  second: {dof: 3}\n"), "responses.mic01", ["which excitation", "second, hammer"]),
     (swap("  dofs: dofs.csv\n", ""), "excitation.hammer.near", ["DOF table", "model.dofs"]),
@@ -360,3 +363,11 @@ def test_damaged_files_are_refused(write, junk: bytes, start: int, length: int) 
 def test_any_override_is_accepted_or_refused(write, key: str, value: str) -> None:  # type: ignore[no-untyped-def]
     error = refusal(write(VALID), f"{key}={value}")
     assert error is None or error.place
+
+
+@pytest.mark.parametrize(("written", "factors"), [("{mic01: 1.02}", (1.02, 1.0)), ("2.5", (2.5, 2.5))])
+def test_factors_on_measured_frfs(tmp_path: Path, written: str, factors: tuple[float, float]) -> None:
+    path = tmp_path / "campaign.yaml"
+    path.write_text(swap("scale: {mic01: 1.02}", f"scale: {written}"), encoding="utf-8")
+    job = load_campaign(path).jobs["bolts-04"]
+    assert (job.factor("mic01"), job.factor("acc1")) == factors

@@ -198,7 +198,7 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
         if record is None:
             continue
         at, found = _indices(record.frequency_hz, axis)
-        values[found, i] = record.values[at[found]] * job.scale.get(inputs.responses[i].name, 1.0)
+        values[found, i] = record.values[at[found]] * job.factor(inputs.responses[i].name)
         own = [(record.frequency_hz, record.coherence)] if record.coherence is not None else []
         own += [coherences[key] for key in _keys_of(inputs.responses[i], record) if key in coherences][:1]
         for lines, table in own:

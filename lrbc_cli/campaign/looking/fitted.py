@@ -121,7 +121,8 @@ def strike_text(inputs: Inputs, measured: Complexes, expected: Complexes, job: s
         if gap < apart_db:
             continue
         change = float(np.median(above[own]) - np.median(above[others]))
-        scale = ", ".join(f"{inputs.responses[i].name}: {10.0 ** (-change / 20.0):.3g}" for i in np.flatnonzero(own))
+        names, stated = [inputs.responses[i].name for i in np.flatnonzero(own)], inputs.campaign.jobs[job].factor
+        scale = ", ".join(f"{response}: {10.0 ** (-change / 20.0) * stated(response):.3g}" for response in names)
         return (
             f"all FRFs of {name} lie {abs(change):.1f} dB {'above' if change > 0 else 'below'} what those of the other excitations let "
             f"expect: was the hammer overloaded there, or another range, tip or sensitivity set? Measure {name} again, or correct it by "

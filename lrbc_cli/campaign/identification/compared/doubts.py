@@ -83,8 +83,13 @@ def _names(inputs: Inputs, responses: Sequence[int], of: int) -> str:
     return f"all responses ({names})" if len(responses) == of and of > 1 else names
 
 
-def _factors(inputs: Inputs, responses: Sequence[int], factor: float) -> str:
-    return "{" + ", ".join(f"{inputs.responses[i].name}: {factor:.6g}" for i in responses) + "}"
+def _factors(inputs: Inputs, job: str, responses: Sequence[int], factor: float) -> str:
+    """What ``jobs.JOB.scale`` has to be where the FRFs that it gives are to be multiplied by a factor."""
+    stated = inputs.campaign.jobs[job].factor
+    found = {name: f"{factor * stated(name):.6g}" for name in (inputs.responses[i].name for i in responses)}
+    if len(responses) == len(inputs.responses) > 1 == len(set(found.values())):
+        return next(iter(found.values()))
+    return "{" + ", ".join(f"{name}: {value}" for name, value in found.items()) + "}"
 
 
 def _factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: str) -> tuple[str, str]:
@@ -111,18 +116,18 @@ def _factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: s
         return text, cause + keys + (f", and jobs.{job}.format.unit: {unit}" if unit else "")
     if b:
         return text, f"{likely} a derivative or an integral with respect to time, of the input perhaps: convert the FRF file"
-    own = f"jobs.{job}.scale: {_factors(inputs, common.responses, 10.0 ** (-offset.db / 20.0))}"
+    own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-offset.db / 20.0))}"
     # A sensitivity that lost or won a digit, of some sensors.
     tenfold = float(np.copysign(20.0, offset.db))
     if len(common.responses) < count and abs(offset.db - tenfold) <= min(
         [LEAST_REACH, *(abs(offset.db - k.db) for k in recognised if k.cause)]
     ):
-        own = f"jobs.{job}.scale: {_factors(inputs, common.responses, 10.0 ** (-tenfold / 20.0))}"
+        own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-tenfold / 20.0))}"
         return text, f"{likely} {' or '.join(['a sensitivity or a range ten times off', *causes])}: {own}"
     if not causes:
         return text, f"{likely} a sensitivity, a gain or a unit that is not known here: check it, then {own}"
     known = next(known for known in recognised if known.cause)
-    own = f"jobs.{job}.scale: {_factors(inputs, common.responses, 10.0 ** (-known.db / 20.0))}"
+    own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-known.db / 20.0))}"
     cause = f"{likely} {' or '.join(causes)}: "
     if known.of_model:
         scales = (f"responses.{inputs.responses[i].name}.scale: {10.0 ** (known.db / 20.0):.6g}" for i in common.responses)
@@ -147,7 +152,7 @@ def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> dict[tu
         what = "hammer or of all sensors" if len(turned) == len(offsets) else "sensor"
         found["reversed", *turned] = (
             f"reversed sign, it seems: {_names(inputs, turned, len(offsets))}: measured phases are 180 degrees from the model's; "
-            f"likely the direction of the {what}: jobs.{job}.scale: {_factors(inputs, turned, -1.0)}{tail}"
+            f"likely the direction of the {what}: jobs.{job}.scale: {_factors(inputs, job, turned, -1.0)}{tail}"
         )
     late = [o for o in offsets if o.delay]
     if late:
@@ -346,9 +351,9 @@ def gain_size(gain: float, std: float) -> str:
 
 def _scales(inputs: Inputs, job: str, gains: Gains) -> str:
     """What to write as ``scale`` of a job so that it has no gains."""
-    own, factors = inputs.campaign.jobs[job].scale, gains.factors(inputs)
+    own, factors = inputs.campaign.jobs[job], gains.factors(inputs)
     both = zip(inputs.responses, factors.tolist(), strict=True)
-    return ", ".join(f"{response.name}: {own.get(response.name, 1.0) / factor:.4g}" for response, factor in both)
+    return ", ".join(f"{response.name}: {own.factor(response.name) / factor:.4g}" for response, factor in both)
 
 
 def gain_text(inputs: Inputs, job: str, gains: Gains) -> str:
