@@ -59,7 +59,9 @@ def _check_names(campaign: Campaign) -> None:
     if campaign.watch is not None and campaign.watch.like is not None:
         _known(campaign, campaign.watch.like, campaign.jobs, "job", "watch", "like")
     if update.reference is not None:
-        _known(campaign, update.reference, campaign.jobs, "job", "update", "reference")
+        again = campaign.calibration is not None and campaign.calibration.job == update.reference
+        also = " (calibration.job names it, too)" if again else ""
+        _known(campaign, update.reference, campaign.jobs, "job", "update", "reference", also=also)
     elif update.approach == "bolts" and campaign.jobs:
         raise campaign.error(
             "changes at bolts against nothing",
@@ -156,14 +158,14 @@ def _check_excitations(campaign: Campaign) -> None:
             )
 
 
-def _known(campaign: Campaign, name: str, names: Iterable[str], kind: str, *keys: str | int) -> None:
+def _known(campaign: Campaign, name: str, names: Iterable[str], kind: str, *keys: str | int, also: str = "") -> None:
     names = list(names)
     if name not in names:
         raise campaign.error(
             f"no {kind} has the name '{name}'",
             *keys,
             expected=f"one of {', '.join(names)}" if names else f"a {kind} of this file",
-            hint=suggestion(name, names),
+            hint=f"{suggestion(name, names) or 'name one of them'}{also}" if also else suggestion(name, names),
         )
 
 

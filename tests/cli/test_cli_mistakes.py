@@ -1472,6 +1472,14 @@ MISTAKES = [
         "correct responses.acc3: component: UZ",
     ),
     Mistake(
+        "reference job renamed in its list only",
+        "frame",
+        config(("  tight: {frf: ", "  tight-1: {frf: ")),
+        2,
+        "update.reference: no job has the name 'tight'",
+        "did you mean 'tight-1'? (calibration.job names it, too)",
+    ),
+    Mistake(
         "band of one resonance",
         "frame",
         config(("band: [30.0, 500.0]", "band: [205.0, 250.0]")),
