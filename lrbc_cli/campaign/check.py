@@ -17,8 +17,8 @@ from lrbc_cli.campaign.identification.records import Measurement, read_measureme
 from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
 from lrbc_cli.campaign.looking.axes import other_lines
+from lrbc_cli.campaign.looking.exchanges import exchanged_files, mistitled
 from lrbc_cli.campaign.looking.first_look import FirstLook, first_look
-from lrbc_cli.campaign.looking.nested import exchanged_files, mistitled
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import loss_factor, undamped_text
 from lrbc_cli.campaign.reduced import cache
@@ -201,8 +201,8 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         first = held.setdefault(tuple(measurement.hashes.values()), name)
         if first != name:
             out.warnings.append(
-                f"job {name}: the measurement of {first} once more: another file was meant, or a copy stands for a repeat that was not "
-                f"measured? Write its own file under jobs.{name}.frf"
+                f"job {name}: the measurement of {first} once more; was another file meant? A repeat has to be measured anew. Write its "
+                f"own file under jobs.{name}.frf"
             )
         elif copied := earlier.copied(measurement, names):
             out.warnings.append(f"job {name}: {copied} Write its own file under jobs.{name}.frf")

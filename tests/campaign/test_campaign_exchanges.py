@@ -8,8 +8,8 @@ import pytest
 from samples import sample
 
 from lrbc_cli.campaign.identification.records import read_measurement
+from lrbc_cli.campaign.looking.exchanges import _exchange, _nested, exchanged_files, mistitled
 from lrbc_cli.campaign.looking.first_look import _pooled, _told
-from lrbc_cli.campaign.looking.nested import _exchange, _nested, exchanged_files, mistitled
 
 
 @pytest.mark.parametrize(
@@ -56,6 +56,7 @@ def test_files_of_two_jobs_of_the_frame() -> None:
             {"tight": "Frame loose-2", "loose-2": "Frame tight"},
             ["tight.csv is titled 'Frame loose-2', and loose-2.csv, the file of loose-2"],
         ),
+        ({"tight": "from loose-2.uff", "loose-2": ""}, ["tight.csv is titled 'from loose-2.uff', and"]),
         ({"tight": "Frame LOOSE-2, run 3", "loose-2": ""}, ["tight.csv is titled 'Frame LOOSE-2, run 3', and"]),
         ({"tight": "Frame tight", "loose-2": "Frame loose-2"}, []),
         # A title that nobody changed, one that is not a job's name, one that says both.
