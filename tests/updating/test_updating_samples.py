@@ -94,10 +94,19 @@ class TestRecovery:
     @pytest.mark.slow
     @pytest.mark.parametrize("part", [(0.6, 0.85), (0.1, 0.9), (0.3, 0.5)])
     def test_bfgs_of_the_paper(self, part):
-        """With the weight of the campaign file, and a stop rule that does not fire on the plateau of the clamped start."""
+        """With the weight of the campaign file, and a stop rule that does not fire on the plateau of the clamped start.
+
+        A descent ends in one of several minima: 2 of 76 from about the clamped start were others, and the order of summation
+        of a processor decides which. Every end is a minimum, and the lowest of three is the one of the truth.
+        """
         misfit, parameters, truth = problem("soundbox", part, eta=10.0)
-        solution = bfgs(misfit, parameters.initial, parameters.bounds, tolerance=1e-6)
-        assert solution.status in ("converged", "stopped")
+        rng = np.random.default_rng(1)
+        starts = [parameters.initial, *(parameters.initial + 0.01 * rng.normal(size=(2, parameters.size)))]
+        solutions = [bfgs(misfit, start, parameters.bounds, tolerance=1e-6) for start in starts]
+        for solution in solutions:
+            assert solution.status in ("converged", "stopped")
+            assert np.linalg.norm(misfit(solution.theta).gradient) < 0.01  # of log10 a decade
+        solution = min(solutions, key=lambda found: found.evaluation.cost)
         assert solution.evaluation.misfit_db < 0.15
         loose = np.log10(parameters.scales(truth)) < parameters.initial[0] - 1.0
         found = np.log10(parameters.scales(solution.theta))
