@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -56,7 +56,9 @@ class Findings:
     predicted: dict[str, Any] | None = None
 
 
-def check(inputs: Inputs, folder: Path, detailed: bool = False, pictured: bool = False) -> Findings:
+def check(
+    inputs: Inputs, folder: Path, detailed: bool = False, pictured: bool = False, progress: Callable[[str], None] = lambda _: None
+) -> Findings:
     """Examine the inputs of a campaign; changes nothing.
 
     Parameters
@@ -68,6 +70,8 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False, pictured: bool =
         Say for every job which record is which response.
     pictured : bool
         The structure is drawn, so that nobody has to be told how.
+    progress : callable
+        Takes a line of text at each step.
 
     Returns
     -------
@@ -91,7 +95,7 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False, pictured: bool =
         out.sections["calibration"] = [use.text, *(f"{name} = {value:.6g}" for name, value in use.factors.items())]
     out.sections["method"] = inputs.method.choices
     out.warnings += [*inputs.method.warnings, *_unvalidated(inputs)]
-    out.sections["jobs"] = _jobs(inputs, folder, parts, out, detailed)
+    out.sections["jobs"] = _jobs(inputs, folder, parts, out, detailed, progress)
     out.sections["more"] = [
         *([] if pictured else ["lrbc check --picture draws the structure with bolts, sensors and updated terms"]),
         "lrbc plan tells from the model alone which bolts these responses can see, and ranks them",
@@ -182,7 +186,7 @@ def _rounded(seconds: float) -> str:
     return f"{seconds:.0f}" if seconds >= 9.5 else f"{seconds:.1g}"
 
 
-def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, detailed: bool) -> list[str]:
+def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, detailed: bool, progress: Callable[[str], None]) -> list[str]:
     if not inputs.campaign.jobs:
         return ["none"]
     lines = []
@@ -191,6 +195,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
     chosen_lines, sparse = inputs.campaign.update.lines, list[str]()
     earlier, names = Earlier(inputs.statistics.validation), [response.name for response in inputs.responses]
     for name, job in inputs.campaign.jobs.items():
+        progress(f"reading the measurement of {name}")
         try:
             measurement = read_measurement(inputs, job, name)
             selected = select_lines(inputs, measurement, name)
@@ -229,7 +234,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         )
     out.warnings += other_lines(inputs.campaign.update.reference, readable)
     out.warnings = _once(out.warnings)
-    note = _compared(inputs, folder, readable, out)
+    note = _compared(inputs, folder, readable, out, progress)
     lines += [note] if note else []
     try:
         out.jobs = [p for p in plan(inputs, parts, choose_jobs(inputs.campaign, ())) if p.name in readable]
@@ -239,11 +244,11 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
     return lines
 
 
-def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], out: Findings) -> str:
+def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], out: Findings, progress: Callable[[str], None]) -> str:
     """Warn of what measurements show beside each other and beside the model; why they were not compared, empty where they were."""
     out.warnings += _phaseless(inputs, readable)
     usable = {name: found for name, found in readable.items() if not normalised(found.values)}
-    look = _looks(inputs, folder, usable)
+    look = _looks(inputs, folder, usable, progress)
     compared = {name: found for name, found in usable.items() if name not in look.doubted}
     out.warnings += _other_chains(inputs, compared)
     out.warnings += mistitled(inputs, readable) or [text for text in (exchanged_files(inputs, compared),) if text]
@@ -253,7 +258,7 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     return look.note
 
 
-def _looks(inputs: Inputs, folder: Path, readable: dict[str, Measurement]) -> FirstLook:
+def _looks(inputs: Inputs, folder: Path, readable: dict[str, Measurement], progress: Callable[[str], None]) -> FirstLook:
     """What measurements beside the model show; over a piece of the file without resonances errors of the model look like gains."""
     if inputs.places_doubt:
         return FirstLook(note="measured and computed FRFs are compared once the places that are warned of are corrected")
@@ -264,7 +269,7 @@ def _looks(inputs: Inputs, folder: Path, readable: dict[str, Measurement]) -> Fi
         and few_resonances(tight.frequency_hz, tight.values[:, inputs.used]) is not None
     ):
         return FirstLook(note="measured and computed FRFs are compared where the band holds more resonances")
-    return first_look(inputs, folder, readable)
+    return first_look(inputs, folder, readable, progress)
 
 
 def _poor(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[str]:

@@ -10,7 +10,7 @@ from lrbc_cli.campaign.check import check as examine
 from lrbc_cli.campaign.files import unusable_files
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.structure import structure_of
-from lrbc_cli.cli.common import cache_folder, load, say_json
+from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
 from lrbc_cli.cli.terminal import complain, say
 from lrbc_cli.config import Campaign, load_unfilled
@@ -36,7 +36,7 @@ def check(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json:
     except LrbcError as error:
         return _without_model(campaign, error, as_json)
     drawn = _draw(inputs, tell=not as_json) if picture else []
-    findings = examine(inputs, cache_folder(cache), detailed=as_json or verbosity.level >= 1, pictured=picture)
+    findings = examine(inputs, cache_folder(cache), detailed=as_json or verbosity.level >= 1, pictured=picture, progress=progress())
     if as_json:
         say_json(findings.tree | ({"picture": drawn} if picture else {}))
     else:

@@ -590,3 +590,16 @@ def test_alpha_and_beta_exchanged(box: Folder) -> None:
     told = " ".join(box.run("check").stdout.split())
     assert "model.damping.structure: with alpha: 2e-05 and beta: 200 nothing in the band oscillates" in told
     assert "exchanged, it seems: write alpha: 200, beta: 2e-05" in told
+
+
+def test_progress(tmp_path):
+    """Each job is told as it is read and compared: a campaign of many keeps nobody waiting without a word."""
+    folder = frame(tmp_path)
+    jobs = load(folder.config).jobs
+    result = folder.run("check", "-v")
+    told = [line for line in result.stderr.splitlines() if line.startswith(("reading the measurement of", "comparing"))]
+    assert told == [
+        *(f"reading the measurement of {name}" for name in jobs),
+        *(f"comparing {name} with the model, job {k} of {len(jobs)}" for k, name in enumerate(jobs, 1)),
+    ]
+    assert not folder.run("check").stderr

@@ -91,7 +91,9 @@ class _Looking(FrfSource):
         return self.stage.reduction.model.ports(s)
 
 
-def first_look(inputs: Inputs, folder: Path, measurements: Mapping[str, Measurement]) -> FirstLook:
+def first_look(
+    inputs: Inputs, folder: Path, measurements: Mapping[str, Measurement], progress: Callable[[str], None] = lambda _: None
+) -> FirstLook:
     """Warnings of what is the same at all lines between measurement and model, and a note where they were not compared.
 
     Parameters
@@ -101,11 +103,13 @@ def first_look(inputs: Inputs, folder: Path, measurements: Mapping[str, Measurem
         Of the cache; nothing is written to it.
     measurements : mapping
         By job, the reference job wherever it stands.
+    progress : callable
+        Takes a line of text at each step.
     """
     try:
         if misread(inputs.campaign, inputs.model, inputs.groups, inputs.dofs):
             return FirstLook(note="measured and computed FRFs are compared once what is warned of model and parameters is corrected")
-        source = _source(inputs, folder)
+        source = _source(inputs, folder, progress)
         if source is None:
             return FirstLook(
                 note="measured and computed FRFs are compared once `lrbc reduce` has been run: units, signs, exchanged sensors"
@@ -124,6 +128,7 @@ def first_look(inputs: Inputs, folder: Path, measurements: Mapping[str, Measurem
                 break
             # What is wrong with the reference job, too, does not show beside it.
             tight = measurements.get(reference or "") if not told.get(reference or "") and name != reference else None
+            progress(f"comparing {name} with the model, job {len(told) + 1} of {len(order)}")
             told[name] = _looked_at(inputs, source, {job: measurements[job] for job in order}, name, tight)
         pooled = _pooled(told, reference)
         own = {name: {kind for kind in found if kind[0] in _OF_NUMBERS} for name, found in pooled.items()}
@@ -136,14 +141,17 @@ def first_look(inputs: Inputs, folder: Path, measurements: Mapping[str, Measurem
         return FirstLook(note=f"measured and computed FRFs were not compared: {error.problem}")
 
 
-def _source(inputs: Inputs, folder: Path) -> FrfSource | None:
+def _source(inputs: Inputs, folder: Path, progress: Callable[[str], None]) -> FrfSource | None:
     """The reduced model of the cache, else a coarse one that is built here where that is cheap; None where it is not."""
     decision = cache.look_up(folder, cache.key_parts(inputs))
     if not decision.hit and reduction_cost(inputs)[0].work > MOST_WORK:
         return None
     options = replace(options_of(inputs), tolerance=max(COARSE, inputs.campaign.reduction.tolerance), held_out=1)
     backend = inputs.campaign.reduction.backend
-    found = cache.load(decision, inputs) if decision.hit else reduce_model(inputs.model, inputs.input_of, options, backend=backend)
+    if decision.hit:
+        found = cache.load(decision, inputs)
+    else:
+        found = reduce_model(inputs.model, inputs.input_of, options, backend=backend, progress=progress)
     return _Looking(inputs=inputs, stage=ReductionStage(found, decision, 0.0), kind="port")
 
 

@@ -13,7 +13,7 @@ from itertools import product
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
-from lrbc_cli.updating.robust import scatter
+from lrbc_cli.updating.robust import medians, scatter
 
 #: Parts of the band whose medians are compared, the lines each needs, and Student's t of that many medians, two-sided 95 %.
 PARTS, LEAST_LINES, STUDENT = 8, 5, 2.365
@@ -172,11 +172,11 @@ def _recognised(value: float, half: float, table: Sequence[Known]) -> tuple[Know
 def _parts(values: Floats) -> tuple[float, float]:
     """Median, and half of its 95 % interval by the medians of parts of the band, which model errors move apart."""
     count = min(PARTS, values.size // LEAST_LINES)
-    centre = float(np.median(values))
+    centre = float(medians(values)[0])
     if count < 2:
         return centre, np.inf
-    medians = np.array([np.median(part) for part in np.array_split(values, count)])
-    return centre, STUDENT * MEDIAN_SPREAD * scatter(medians) / float(np.sqrt(count))
+    parts = np.concatenate([medians(part) for part in np.array_split(values, count)])
+    return centre, STUDENT * MEDIAN_SPREAD * scatter(parts) / float(np.sqrt(count))
 
 
 def _scores(measured: Complexes, model: Complexes, power: int) -> dict[tuple[bool, bool], float]:

@@ -10,6 +10,7 @@ import numpy as np
 from lrbc_cli.arrays import Bools, Complexes, Floats
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.comparison.scale import ALIKE, LEAST_ALIKE, LEAST_LINES, POWERS, moved
+from lrbc_cli.updating.robust import medians
 
 #: Another reading counts where levels differ by less than this share of what they do as stated, and by this much then [dB].
 CLEARLY, LEAST_DIFFERENCE = 0.5, 3.0
@@ -39,7 +40,7 @@ def spread(difference: Floats, axis: int, least: int = LEAST_LINES) -> Floats:
     """Mean distance from the median along an axis; zero where fewer lines than the least can be compared."""
     enough = np.isfinite(difference).sum(axis=axis, keepdims=True) >= least
     known = np.where(enough, difference, 0.0)
-    found: Floats = np.nanmean(np.abs(known - np.nanmedian(known, axis=axis, keepdims=True)), axis=axis)
+    found: Floats = np.nanmean(np.abs(known - medians(known, axis)), axis=axis)
     return found
 
 

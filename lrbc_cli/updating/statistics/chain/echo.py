@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.updating.robust import medians
 from lrbc_cli.updating.statistics.chain.damping import beside_damping, damping_pattern
 from lrbc_cli.updating.statistics.decibels import decibel
 
@@ -104,4 +105,4 @@ def second_blow(frequency_hz: Floats, own: Complexes, tight: Complexes, referenc
 
 def _apart(values: Floats) -> Floats:
     """Mean absolute distance of levels from their median, along the lines [dB]."""
-    return np.asarray(np.abs(values - np.median(values, axis=-1, keepdims=True)).mean(axis=-1))
+    return np.asarray(np.abs(values - medians(values)).mean(axis=-1))
