@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from lrbc_cli.campaign.identification.compared.likeness import by_sensors, exchanged_text
 from lrbc_cli.campaign.looking.moved import hammers_text, unmoved_text
 
 
@@ -33,6 +34,24 @@ def test_nothing_is_said_where_they_are_right_or_where_it_explains_nothing() -> 
     inputs, states = two_hammers()
     assert hammers_text(inputs, 1.1 * states[0], states, "tight") == ""
     assert hammers_text(inputs, np.roll(states[0], 50, axis=0), states, "tight") == ""
+
+
+def test_cables_exchanged_are_one_finding_whatever_was_hit() -> None:
+    inputs, _ = two_hammers()
+    inputs.campaign = SimpleNamespace(update=SimpleNamespace(reference="tight"))
+    one, other = by_sensors(inputs, [(0, 1), (2, 3), (4, 5)])
+    assert one == ((0, 1), (4, 5))
+    assert other == ((2, 3),)
+    text = exchanged_text(inputs, one, "loose")
+    assert text.startswith("a1-h1 and a2-h1; a1-h2 and a2-h2 in each other's place, it seems: each fits the model's FRF of the other: ")
+    assert "jobs.loose.records: {a2-h1: a1-h1, a1-h1: a2-h1, a2-h2: a1-h2, a1-h2: a2-h2}, or, where all jobs have it so, exchange" in text
+    assert text.endswith("the places of responses.a1-h1 and responses.a2-h1; responses.a1-h2 and responses.a2-h2")
+    # Three of them the other way round is another exchange.
+    assert len(by_sensors(inputs, [(0, 1, 2), (4, 6, 5)])) == 2
+    (three,) = by_sensors(inputs, [(0, 1, 2), (4, 5, 6)])
+    assert "a1-h1 fits the model's a2-h1, a2-h1 fits the model's a3-h1, a3-h1 fits the model's a1-h1; a1-h2 fits" in exchanged_text(
+        inputs, three, "tight"
+    )
 
 
 def test_a_hammer_that_was_not_moved() -> None:

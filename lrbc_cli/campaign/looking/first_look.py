@@ -15,6 +15,7 @@ from lrbc_cli.campaign.identification.compared.likeness import (
     CLEARLY,
     LEAST_DIFFERENCE,
     apart,
+    by_sensors,
     exchanged,
     exchanged_text,
     off_level,
@@ -231,7 +232,7 @@ def _channels(inputs: Inputs, few: Measurement, states: Complexes, near: list[Co
         opposite = turned(few.values, states)
         offsets = tuple(replace(o, reversed=o.response in opposite) for o in offsets)
     told = offset_texts(inputs, offsets, name)
-    return told | {("exchanged", cycle): exchanged_text(inputs, cycle, name) for cycle in exchanges}
+    return told | {("exchanged", *cycles): exchanged_text(inputs, cycles, name) for cycles in by_sensors(inputs, exchanges)}
 
 
 def _fitted(

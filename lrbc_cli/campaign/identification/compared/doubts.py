@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
-from lrbc_cli.campaign.identification.compared.likeness import MOST_LEFT, exchanged, exchanged_text, off_level, outlying
+from lrbc_cli.campaign.identification.compared.likeness import MOST_LEFT, by_sensors, exchanged, exchanged_text, off_level, outlying
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.gains import Gains
 from lrbc_cli.campaign.identification.records import Measurement
@@ -323,7 +323,7 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     involved = {i for cycle in exchanges for i in cycle}
     offsets = factors_of(inputs, result.measurement, states)
     offsets = tuple(offset for offset in offsets if offset.response not in involved)
-    swapped = "; ".join(exchanged_text(inputs, cycle, result.name) for cycle in exchanges)
+    swapped = "; ".join(exchanged_text(inputs, cycles, result.name) for cycles in by_sensors(inputs, exchanges))
     compared = f"{compared_text(inputs, result)}; {largest_text(inputs, offsets)}"
     if reference is not None and reference.explained:
         wide = too_wide((result.measurement.frequency_hz, result.measurement.values[:, inputs.used]), rule=inputs.statistics.resolution)

@@ -200,23 +200,35 @@ def _cycles(order: Sequence[int]) -> Iterator[tuple[int, ...]]:
         yield tuple(cycle)
 
 
-def exchanged_text(inputs: Inputs, cycle: Sequence[int], job: str) -> str:
-    """What was found, and what to write: measured under the first name is the sensor that the model has as the second."""
-    names = [inputs.responses[i].name for i in cycle]
-    following = [*names[1:], names[0]]
-    # The record that holds a response is the one that was measured in its place.
-    records = ", ".join(f"{to}: {name}" for name, to in zip(names, following, strict=True))
-    said = f"{', '.join(names[:-1])} and {names[-1]}"
-    fits = (
-        "each fits the model's FRF of the other"
-        if len(names) == 2
-        else ", ".join(f"{name} fits the model's {to}" for name, to in zip(names, following, strict=True))
-    )
-    places = f"exchange the places of {' and '.join(f'responses.{name}' for name in names)}"
-    own = f"jobs.{job}.records: {{{records}}}"
+def by_sensors(inputs: Inputs, cycles: Sequence[tuple[int, ...]]) -> list[tuple[tuple[int, ...], ...]]:
+    """Cycles of responses that are the same cycle of sensors, hit by another hammer each, beside each other: one exchange of cables."""
+    found: dict[tuple[object, ...], list[tuple[int, ...]]] = {}
+    for cycle in cycles:
+        own = [inputs.responses[i] for i in cycle]
+        sensors = [(response.node, response.direction) for response in own if response.node is not None]
+        first = sensors.index(min(sensors)) if len(sensors) == len(own) else 0
+        key = (*sensors[first:], *sensors[:first]) if len(sensors) == len(own) else cycle
+        found.setdefault(key, []).append((*cycle[first:], *cycle[:first]))
+    return [tuple(several) for several in found.values()]
+
+
+def exchanged_text(inputs: Inputs, cycles: Sequence[Sequence[int]], job: str) -> str:
+    """What was found of sensors, and what to write: measured under the first name is the one that the model has as the second."""
+    records, said, places, fits = list[str](), list[str](), list[str](), list[str]()
+    for cycle in cycles:
+        names = [inputs.responses[i].name for i in cycle]
+        following = [*names[1:], names[0]]
+        # The record that holds a response is the one that was measured in its place.
+        records += [f"{to}: {name}" for name, to in zip(names, following, strict=True)]
+        said.append(f"{', '.join(names[:-1])} and {names[-1]}")
+        places.append(" and ".join(f"responses.{name}" for name in names))
+        fits.append(", ".join(f"{name} fits the model's {to}" for name, to in zip(names, following, strict=True)))
+    each = "each fits the model's FRF of the other" if len(cycles[0]) == 2 else "; ".join(fits)
+    exchange = f"exchange the places of {'; '.join(places)}"
+    own = f"jobs.{job}.records: {{{', '.join(records)}}}"
     # Of one job alone the cables are wrong, of the reference job rather the campaign file.
-    fix = f"{places}, or {own}" if job == inputs.campaign.update.reference else f"{own}, or, where all jobs have it so, {places}"
-    return f"{said} in each other's place, it seems: {fits}: {fix}"
+    fix = f"{exchange}, or {own}" if job == inputs.campaign.update.reference else f"{own}, or, where all jobs have it so, {exchange}"
+    return f"{'; '.join(said)} in each other's place, it seems: {each}: {fix}"
 
 
 @dataclass(frozen=True)
