@@ -189,7 +189,10 @@ def _usage_error(error: click.ClickException) -> str:
         text = re.sub(said, clear, text)
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else _command(sys.argv[1:])
-    return ConfigError(text[:1].lower() + text[1:].rstrip("."), place=command, hint=f"'{command} --help' shows the usage").message
+    hint = f"'{command} --help' shows the usage"
+    if "extra argument" in text and context is not None and any("--job" in option.opts for option in context.command.params):
+        hint = f"one campaign file at a time; a job is named by --job NAME; {hint}"
+    return ConfigError(text[:1].lower() + text[1:].rstrip("."), place=command, hint=hint).message
 
 
 def _defect(error: BaseException) -> str:

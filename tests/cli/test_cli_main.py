@@ -140,6 +140,7 @@ def test_verbosity(run, args: list[str], levels: list[str]) -> None:  # type: ig
         (["plan", "c.yaml", "--draws", "x"], ["lrbc plan: invalid value for '--draws': 'x' is no whole number"]),
         (["update", "c.yaml", "--workers", "0"], ["lrbc update: invalid value for '--workers': 0 must be at least 1"]),
         (["rehearse", "c.yaml", "--noise", "1e9"], ["'--noise': 1000000000.0 must be from 0.0 to 1000.0"]),
+        (["update", "c.yaml", "tight"], ["lrbc update: got unexpected extra argument (tight)", "a job is named by --job NAME"]),
         (["schema", "more"], ["lrbc schema: got unexpected extra argument"]),
     ],
 )
