@@ -77,6 +77,15 @@ def test_what_the_campaign_says_comes_first(box: Folder) -> None:
     assert "record 1: mic1, node 103 direction 0, over node 8 direction 3, pressure" in str(error.found)
 
 
+def test_the_one_record_that_is_left_is_offered(box: Folder) -> None:
+    """Where several responses have none, which is whose is not known."""
+
+    rewrite(box, lambda r: replace(r, name="ch 2", response_node=0) if r.name == "mic2" else r, "tight.uff")
+    assert "if it is ch 2, write responses.mic2.record: ch 2; else say" in str(refused(box, job="tight").hint)
+    rewrite(box, lambda r: replace(r, name="ch 3", response_node=0) if r.name == "mic3" else r, "tight.uff")
+    assert str(refused(box, job="tight").hint).startswith("say which one in responses.mic2.record or in the job's records")
+
+
 @pytest.mark.parametrize("direction", [1, 2, 5])
 def test_another_direction_is_another_record(box: Folder, direction: int) -> None:
     rewrite(box, lambda r: replace(anonymous(r), response_direction=direction if r.name == "acc1" else 0), "tight.uff")

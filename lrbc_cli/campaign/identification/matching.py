@@ -240,10 +240,21 @@ def _require_used(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRe
         expected=_wanted_text(wanted) if wanted is not None else f"a record named {response.name}" + _place_text(response),
         found=listed(frf),
         # What was odd about the files may be why.
-        hint="; ".join(
-            [*frf.warnings, f"say which one in responses.{response.name}.record or in the job's records, by name, number, node or file"]
-        ),
+        hint="; ".join([*frf.warnings, _which(response, unmatched(records, frf) if wanted is None and not others else [])]),
     )
+
+
+def unmatched(records: Sequence[FrfRecord | None], frf: FrfSet) -> list[str]:
+    """Names of the records that are none of those of the responses."""
+    return [record.name for record in frf.records if record.name and not any(record is other for other in records)]
+
+
+def _which(response: Response, spare: Sequence[str]) -> str:
+    """How to say which record a response is, and which it may be where one is left."""
+    key, how = f"responses.{response.name}.record", "by name, number, node or file"
+    if len(spare) != 1:
+        return f"say which one in {key} or in the job's records, {how}"
+    return f"if it is {spare[0]}, write {key}: {spare[0]}; else say which one there or in the job's records, {how}"
 
 
 def called(job: JobConfig) -> str:

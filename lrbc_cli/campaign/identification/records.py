@@ -11,7 +11,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, apart
-from lrbc_cli.campaign.identification.matching import called, describe, matched, misplaced, reciprocal, require_signals
+from lrbc_cli.campaign.identification.matching import called, describe, matched, misplaced, reciprocal, require_signals, unmatched
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.config.settings import JobConfig, files_of
 from lrbc_cli.errors import DataError
@@ -181,7 +181,7 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     coherences = _coherences(job, hashes)
     records = matched(inputs, job, name, frf)
     notes = list(frf.notes)
-    warnings = [*frf.warnings, *_missing(inputs, job, name, records, frf), *misplaced(inputs, job, records)]
+    warnings = [*frf.warnings, *_missing(inputs, job, records, frf), *misplaced(inputs, job, records)]
     pairs = [(r, record) for r, record in zip(inputs.responses, records, strict=True) if record is not None]
     if unstated := [r.name for r, record in pairs if record.quantity is None]:
         notes.append(f"quantities not stated in the file, taken as in the campaign: {', '.join(unstated)}")
@@ -301,9 +301,9 @@ def _coherences(job: JobConfig, hashes: dict[str, str]) -> dict[CoherenceKey, tu
     return found
 
 
-def _missing(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRecord | None], frf: FrfSet) -> list[str]:
+def _missing(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None], frf: FrfSet) -> list[str]:
     """Warnings of responses that the files do not hold, with what may be theirs."""
-    spare = [record.name for record in frf.records if record.name and not any(record is other for other in records)]
+    spare = unmatched(records, frf)
     lacking = [i for i, record in enumerate(records) if record is None]
     used = [inputs.responses[i].name for i in lacking if i in inputs.used]
     found = [
@@ -314,7 +314,8 @@ def _missing(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRecord 
             f"{called(job)}: no record of {', '.join(used)}: identified from the other {inputs.used.size - len(used)} responses, "
             "and no all-clear rests on this job; "
             + (
-                f"if it is {' or '.join(spare[:4])}, say jobs.{name}.records: {{{used[0]}: {spare[0]}}}"
+                f"if it is {' or '.join(spare[:4])}, say responses.{used[0]}.record: {spare[0]}, or, for one job alone, "
+                f"records: {{{used[0]}: {spare[0]}}} in that job"
                 if spare
                 else f"measure {', '.join(used)} again where one is wanted"
             )
