@@ -100,8 +100,14 @@ def check(
         *([] if pictured else ["lrbc check --picture draws the structure with bolts, sensors and updated terms"]),
         "lrbc plan tells from the model alone which bolts these responses can see, and ranks them",
     ]
-    model = inputs.model
-    out.tree = {
+    out.tree = _tree(inputs, out, decision)
+    return out
+
+
+def _tree(inputs: Inputs, out: Findings, decision: cache.CacheDecision) -> dict[str, Any]:
+    """The same for programs."""
+    use, model = inputs.calibration, inputs.model
+    return {
         "campaign": inputs.campaign.name,
         "dofs": model.size,
         "acoustic_dofs": int(model.is_acoustic.sum()),
@@ -118,7 +124,6 @@ def check(
         "warnings": out.warnings,
         "text": out.sections,
     }
-    return out
 
 
 def _model(inputs: Inputs) -> list[str]:
@@ -343,8 +348,13 @@ def _other_chains(inputs: Inputs, readable: dict[str, Measurement]) -> list[str]
 
 
 def _unvalidated(inputs: Inputs) -> list[str]:
-    """A warning where every response enters the cost, so that nothing tests what comes out."""
-    update = inputs.campaign.update
+    """A warning where every response enters the cost, so that nothing tests what comes out, or where hardly one does."""
+    update, used = inputs.campaign.update, inputs.used.size
+    if update.reference is not None and update.responses is not None and 0 < 2 * used < inputs.validation.size:
+        return [
+            f"update.responses: {used} of {len(inputs.responses)} responses {'is' if used == 1 else 'are'} used, {inputs.validation.size} "
+            "are left to validate: it lists those that are used; were those to be left out meant? List the others"
+        ]
     if update.reference is None or inputs.validation.size or len(inputs.responses) < 2:
         return []
     names = [response.name for response in inputs.responses]

@@ -65,7 +65,9 @@ def coordinates_texts(seen: Seen, model: Complexes, *, unlike: bool) -> tuple[di
         each = sorted(zip(others, _misfits(few, others), strict=True), key=lambda pair: float(pair[1].mean()))
         for other, after in each:
             own = list(other.responses)
-            most = min(max(MOST_LEFT, typical), (MOSTLY if len(own) > 1 and not other.turned else CLEARLY) * float(before[own].mean()))
+            # Where the model is far from most responses, it has to come near at the other place.
+            limit = MOST_LEFT if unlike else max(MOST_LEFT, typical)
+            most = min(limit, (MOSTLY if len(own) > 1 and not other.turned else CLEARLY) * float(before[own].mean()))
             if other.responses in told or after.mean() > most or np.any(after >= before[own]):
                 continue
             left[own] = after

@@ -48,9 +48,9 @@ from lrbc_cli.reduction.reduced.ports import PortFrf
 #: Down to here no loosened bolts have to be found that explain a measurement [dB].
 NEAR = 2.0
 
-#: Predicted operations up to which a reduced model is built for this where none is in the cache: some seconds, and counted, not timed, so
-#: that what `check` finds does not depend on what else the machine does.
-MOST_WORK = 2e11
+#: Predicted operations up to which a reduced model is built for this where none is in the cache: ten seconds or less, and counted, not
+#: timed, so that what `check` finds does not depend on what else the machine does. 20 000 DOFs of a plate with a cavity take 5e11.
+MOST_WORK = 6e11
 
 #: Tolerance of that model.
 COARSE = 3e-2
@@ -124,8 +124,8 @@ def first_look(
             return FirstLook(tuple(lacking))
         told: dict[str, dict[tuple[object, ...], str]] = {}
         for name in order:
-            # With another damping than it has, the model is none to compare with.
-            if ("damping",) in told.get(reference or "", {}):
+            # With another damping than it has, the model is none to compare with; with another hammer point, no FRF.
+            if {("damping",), ("hammers",)} & told.get(reference or "", {}).keys():
                 break
             # What is wrong with the reference job, too, does not show beside it.
             tight = measurements.get(reference or "") if not told.get(reference or "") and name != reference else None
@@ -298,11 +298,12 @@ def _placed(seen: Seen, states: Complexes, told: dict[tuple[object, ...], str]) 
         Of the model, at the start values first.
     told : dict
     """
-    every = np.median(apart(seen.measured, states), axis=1)
+    away = apart(seen.measured, states)
+    every = np.median(away, axis=1)
     # Bolts may be in another state than those that are looked at: the model is as near as that where it is right.
     # A reference job that is neither near nor far is looked at, too: nothing is loose there that could be the reason.
     if ("unlike",) in told or (not told and float(every.min()) > (LEAST_DIFFERENCE if seen.reference else UNLIKE)):
-        if text := hammer_text(seen, values_of(seen.parameters)[0], most=LEAST_DIFFERENCE):
+        if text := hammer_text(seen, values_of(seen.parameters)[0], most=LEAST_DIFFERENCE, stated=away):
             return {("hammer",): text}
         dynamic = seen.parameters.dynamic(seen.parameters.initial, seen.s)
         if seen.reference and (text := held_text(seen.inputs, seen.s, seen.measured, dynamic, float(every[0]))):
@@ -352,8 +353,8 @@ def _unlike(
     if float(np.median(own)) > UNLIKE:
         causes = "the springs whose places are warned of may be the reason; else " if inputs.springs_doubt else ""
         causes += (
-            "check the mass sum (units of the model), damping, start values, places and directions of hammer and sensors (lrbc check "
-            f"--picture); errors of some per cent are what `lrbc calibrate` is for{softness_text(measured, model)}"
+            "check the mass sum (units of the model), the material of each part, damping, start values, places and directions of hammer "
+            f"and sensors (lrbc check --picture); errors of some per cent are what `lrbc calibrate` is for{softness_text(measured, model)}"
         )
         if free := looser(inputs, measured, states, loosened, parameters, typical):
             causes = f"it is the reference job{free} Name a tight job under update.reference, or measure it again; else {causes}"

@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.campaign.identification.compared import likeness
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart, levels, spread
 from lrbc_cli.campaign.looking.rescaled import MOST_LEFT, MOST_WORK
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -58,7 +59,7 @@ class Seen:
         return replace(self, s=self.s[at], measured=self.measured[at])
 
 
-def hammer_text(seen: Seen, states: Sequence[Floats], *, most: float) -> str | None:
+def hammer_text(seen: Seen, states: Sequence[Floats], *, most: float, stated: Floats | None = None) -> str | None:
     """Where the hammer hit, it seems, and what to do; None where no other place explains the measurement.
 
     By reciprocity: forces at the sensors, and what they do at all places where the hammer may have been.
@@ -70,15 +71,22 @@ def hammer_text(seen: Seen, states: Sequence[Floats], *, most: float) -> str | N
         Values of the parameters that may be: the nearest state counts.
     most : float
         How far levels may be apart from the nearest state as stated before anything is looked for [dB].
+    stated : (S, R) float array or None
+        How far levels are apart as stated, in states that may be [dB]: what other hammer points leave may be left.
     """
     if seen.inputs.dofs is None or not _reciprocal(seen.inputs) or _work(seen.inputs, LINES) > MOST_WORK:
         return None
-    found = (_hammer_text(seen.few(), states, at, most) for at in range(len(seen.inputs.excitations)))
+
+    def left(at: int) -> float:
+        others = np.flatnonzero(seen.inputs.input_of != at)
+        return MOST_LEFT if stated is None or not others.size else max(MOST_LEFT, float(np.median(stated[:, others], axis=1).min()))
+
+    found = (_hammer_text(seen.few(), states, at, most, left(at)) for at in range(len(seen.inputs.excitations)))
     return next((text for text in found if text), None)
 
 
-def _hammer_text(seen: Seen, states: Sequence[Floats], at: int, most: float) -> str | None:
-    """The same of one excitation, by the responses that belong to it."""
+def _hammer_text(seen: Seen, states: Sequence[Floats], at: int, most: float, most_left: float) -> str | None:
+    """The same of one excitation, by the responses that belong to it; so much may be left."""
     inputs, dofs, load = seen.inputs, seen.inputs.dofs, seen.inputs.model.B[:, [at]].tocoo()
     responses = np.flatnonzero((inputs.input_of == at) & np.isfinite(levels(seen.measured)).all(axis=0))
     # Constants taken out, one response may look like anything, and a distributed load has no place.
@@ -99,7 +107,9 @@ def _hammer_text(seen: Seen, states: Sequence[Floats], at: int, most: float) -> 
             off = np.abs(difference - np.median(difference, axis=0)).mean(axis=0)
             left = np.fmin(left, np.median(off, axis=1))
     before, best = float(left[places == own][0]), int(np.argmin(left))
-    if before <= most or left[best] > min(MOST_LEFT, CLEARLY * before):
+    # Of three directions at its own node one fits by chance less often than of a thousand places.
+    limit = likeness.MOST_LEFT if dofs.node[places[best]] == dofs.node[own] else most_left
+    if before <= most or left[best] > min(limit, CLEARLY * before):
         return None
     name = inputs.excitations[at]
     where, how = _place_text(inputs, dofs, int(places[best]), own)
@@ -140,7 +150,10 @@ def hammers_text(
                 turned[:, own] = measured[:, other]
                 again = fitted(turned)
                 changed = np.inf if again is None else float(np.median(apart(turned[:, own], again[:, own])))
-            if stated > LEAST_DIFFERENCE and changed < min(MOST_LEFT, CLEARLY * stated):
+            rest = np.setdiff1d(np.arange(measured.shape[1]), own)
+            # What the model lacks in the FRFs of other hammer points it lacks in these, too.
+            lacking = float(np.median(apart(measured[:, rest], states[:, :, rest]), axis=1).min()) if rest.size else 0.0
+            if stated > LEAST_DIFFERENCE and changed < min(max(MOST_LEFT, lacking), CLEARLY * stated):
                 first, second = inputs.excitations[two], inputs.excitations[one]
                 return (
                     f"{first} and {second} in each other's place, it seems: FRFs of either are the model's of the other: exchange the "

@@ -16,6 +16,9 @@ from lrbc_cli.model.terms import Parameterisation
 #: Decades by which the springs are tried beside the model. Beyond what materials differ by, and in steps that leave little.
 _SOFTER = np.linspace(-1.5, 1.5, 31)
 
+#: A factor of a unit leaves less than this share of what factors between the units leave, and nearly as little as any.
+_NEARER, _ALIKE = 0.7, 1.2
+
 #: Least levels by which FRFs differ where the whole model is of another material, and how far springs may say another one [dB].
 _LEAST_LEVEL, _OFF_LEVEL = 4.0, 2.0
 
@@ -41,11 +44,14 @@ def other_tables(
     powers = np.array([-2, -1, 1, 2, *POWERS])
     for where, files, names in _tables(inputs, parameters):
         left, _ = _moved(source, measured, s, parameters, where, powers)
-        best, second = left.argsort()[:2]
-        if powers[best] in POWERS and left[best] < min(MOST_LEFT, CLEARLY * before, CLEARLY * left[second]):
-            times, unit = f"{10.0 ** powers[best]:g}", inputs.campaign.unit_system.text
+        unit = np.isin(powers, POWERS)
+        # As good as free, or clamped, are all those beyond: the nearest factor that does is meant.
+        close = np.flatnonzero(unit & (left <= _ALIKE * left.min()))
+        best = int(close[np.argmin(np.abs(powers[close]))]) if close.size else int(left.argmin())
+        if unit[best] and left[best] < min(MOST_LEFT, CLEARLY * before, _NEARER * left[~unit].min()):
+            times, stated = f"{10.0 ** powers[best]:g}", inputs.campaign.unit_system.text
             found = f"{left[best]:.1f} dB apart with all stiffnesses of {files} times {times}, {before:.1f} dB as it is"
-            fix = f"in another unit than `units: {unit}` says, it seems: multiply the stiffnesses there by {times}"
+            fix = f"in another unit than `units: {stated}` says, it seems: multiply the stiffnesses there by {times}"
             if np.abs(parameters.initial[where] + powers[best]).max() < 1.0:
                 keys = ", ".join(f"parameters.{name}.initial: 0" for name in names)
                 fix = f"what the table says is right, the start value is not: write {keys}"

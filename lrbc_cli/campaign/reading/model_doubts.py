@@ -12,11 +12,12 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign.reading.dof_source import MANY
+from lrbc_cli.campaign.reading.doubts.materials import massless_part
 from lrbc_cli.campaign.reading.doubts.names import sorted_names
 from lrbc_cli.campaign.reading.doubts.numbering import numbering_doubts
 from lrbc_cli.campaign.reading.doubts.rigid import require_single_diagonal
 from lrbc_cli.campaign.reading.doubts.settings import setting_slips, start_slips
-from lrbc_cli.campaign.reading.doubts.springs import held_springs
+from lrbc_cli.campaign.reading.doubts.springs import half_grounded, held_springs
 from lrbc_cli.campaign.reading.groups import TermGroup
 from lrbc_cli.config import Campaign, ModelConfig
 from lrbc_cli.config.explain import suggestion
@@ -238,6 +239,8 @@ def slips(
     yield from _one_place(model, responses, astray)
     yield from _terms_twice(model, groups)
     yield from held_springs(campaign, model, groups, dofs)
+    yield from half_grounded(model, groups, dofs)
+    yield from massless_part(model, dofs)
     yield from _out_of_reach(groups, bolts)
     yield from sorted_names(bolts)
 
@@ -255,7 +258,7 @@ def _damping(campaign: Campaign, model: FeModel) -> Iterator[str]:
         if share is not None:
             yield (
                 f"model.damping: the matrix is {share:.4g} times the stiffness, structural damping, it seems: as viscous damping it lets "
-                "nothing in the band oscillate; write model.damping: {structure: {loss_factor: "
+                "hardly anything in the band oscillate; write model.damping: {structure: {loss_factor: "
                 f"{share:.4g}}}}}, or give the stiffness as a complex matrix, without this one"
             )
         return
@@ -311,7 +314,7 @@ def _largest_ratio(alpha: float, beta: float, band_hz: tuple[float, float]) -> f
 
 
 def structural_share(model: FeModel, band_hz: tuple[float, float], *, same: float = 1e-3, most: float = 0.9) -> float | None:
-    """Loss factor that a damping matrix is, being that share of the stiffness and more than critical from the lower end of the band on.
+    """Loss factor that a damping matrix is, being that share of the stiffness and more than critical from the middle of the band on.
 
     Parameters
     ----------
@@ -331,7 +334,7 @@ def structural_share(model: FeModel, band_hz: tuple[float, float], *, same: floa
     if np.mean(np.abs(shares - share) <= same * share) < most or not 0.0 < share < LARGE_LOSS:
         return None
     # Of a mode at omega the damping ratio is share * omega / 2.
-    return share if share * np.pi * band_hz[0] > 1.0 else None
+    return share if share * np.pi * float(np.sqrt(band_hz[0] * band_hz[1])) > 1.0 else None
 
 
 def _one_place(model: FeModel, responses: Sequence[tuple[str, int]], astray: Collection[str]) -> Iterator[str]:

@@ -117,13 +117,14 @@ def _factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: s
     if b:
         return text, f"{likely} a derivative or an integral with respect to time, of the input perhaps: convert the FRF file"
     own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-offset.db / 20.0))}"
-    # A sensitivity that lost or won a digit, of some sensors.
+    # A sensitivity that lost or won a digit, of some sensors; a unit of theirs may be as near.
     tenfold = float(np.copysign(20.0, offset.db))
-    if len(common.responses) < count and abs(offset.db - tenfold) <= min(
-        [LEAST_REACH, *(abs(offset.db - k.db) for k in recognised if k.cause)]
-    ):
-        own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-tenfold / 20.0))}"
-        return text, f"{likely} {' or '.join(['a sensitivity or a range ten times off', *causes])}: {own}"
+    if len(common.responses) < count and abs(offset.db - tenfold) <= min(max(offset.half, LEAST_REACH), MOST_REACH):
+        options = [(abs(offset.db - tenfold), tenfold, "a sensitivity or a range ten times off")]
+        options += [(abs(offset.db - known.db), known.db, known.cause) for known in recognised if known.cause]
+        options.sort(key=lambda option: option[0])
+        own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-options[0][1] / 20.0))}"
+        return text, f"{likely} {' or '.join(cause for *_, cause in options)}: {own}"
     if not causes:
         return text, f"{likely} a sensitivity, a gain or a unit that is not known here: check it, then {own}"
     known = next(known for known in recognised if known.cause)

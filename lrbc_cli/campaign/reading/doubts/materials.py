@@ -1,11 +1,14 @@
-"""Which number of a material was written in which unit, where a matrix is too large or too small by a factor."""
+"""Numbers of materials: which was written in which unit, where a matrix is off by a factor, and one that was left out."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from lrbc_cli.io.common import listing
+from lrbc_cli.model.dofs import COMPONENTS, DofTable
+from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.units import UnitSystem
 
 #: Units in which densities, masses, moduli and stiffnesses are written [kg/m³, kg, Pa, N/m].
@@ -65,3 +68,17 @@ def material_cause(unit: UnitSystem, matrix: str, factor: float) -> str | None:
 
 def _name(known: Mapping[str, float], size: float) -> str | None:
     return next((name for name, own in known.items() if np.isclose(size, own, rtol=1e-3, atol=0.0)), None)
+
+
+def massless_part(model: FeModel, dofs: DofTable | None, *, least: float = 0.1) -> Iterator[str]:
+    """That a share of the nodes has no mass in any direction: single ones carry constraints, a tenth of all and more is a part."""
+    if dofs is None:
+        return
+    moves = np.isin(dofs.component, COMPONENTS[:3])
+    nodes = np.unique(dofs.node[moves])
+    bare = np.setdiff1d(nodes, dofs.node[moves & (abs(model.M).sum(axis=0) > 0.0)])
+    if bare.size and bare.size >= least * nodes.size:
+        yield (
+            f"model.mass: {bare.size} of {nodes.size} nodes have no mass in any direction ({listing([str(node) for node in bare], 4)}): "
+            "was the density of a part forgotten? Give it in the FE model, and export the mass matrix again"
+        )

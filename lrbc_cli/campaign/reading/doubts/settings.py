@@ -19,7 +19,18 @@ def setting_slips(campaign: Campaign) -> Iterator[str]:
         yield f"{lenient}: leave loose_change out, or write -0.5 for a third of the stiffness left"
     yield from _narrow_prior(campaign.update)
     yield from _ranges(campaign)
+    yield from _coarse(campaign)
     yield from _wide_nuisances(campaign.update)
+
+
+def _coarse(campaign: Campaign, *, most: float = 0.05) -> Iterator[str]:
+    """A tolerance that lets FRFs of the reduced model err by more than half a decibel."""
+    tolerance = campaign.reduction.tolerance
+    if tolerance > most:
+        yield (
+            f"reduction.tolerance: {tolerance:g} lets FRFs of the reduced model err by {20.0 * np.log10(1.0 + tolerance):.1f} dB, as "
+            "much as loosened bolts change them: write 1.0e-3, which costs a few factorisations more, once"
+        )
 
 
 def _tight_states(campaign: Campaign) -> Iterator[str]:

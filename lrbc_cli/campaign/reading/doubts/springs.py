@@ -40,6 +40,32 @@ def held_springs(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup]
             yield f"parameters {group.name}: the baseline {group.config.baseline:g} is more than the stiffness matrix holds there"
 
 
+def half_grounded(model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | None) -> Iterator[str]:
+    """Tables whose springs all go to ground, where springs of another table join the same nodes of the same bolts to others."""
+    if dofs is None:
+        return
+    alone: dict[str, dict[tuple[int, int], str]] = {}
+    joined: dict[tuple[int, int], tuple[str, int]] = {}
+    for group in groups:
+        if group.bolt is None or group.config.select.bushings is None:
+            continue
+        left = model.terms.left[:, group.terms].tocsc()
+        for k, bolt in enumerate(group.bolt[group.parameter].tolist()):
+            nodes = np.unique(dofs.node[left.indices[left.indptr[k] : left.indptr[k + 1]]]).tolist()
+            if len(nodes) == 1:
+                alone.setdefault(group.name, {})[bolt, nodes[0]] = group.config.select.bushings.name
+            for one, other in (nodes, nodes[::-1]) if len(nodes) == 2 else ():
+                joined[bolt, one] = group.name, other
+    for name, places in alone.items():
+        found = [(place, joined[place]) for place in places if place in joined]
+        if len(found) == len(places):
+            (_, node), (other, partner) = found[0]
+            yield (
+                f"parameters.{name}: the springs of {next(iter(places.values()))} go to ground, those of {other} join the same nodes "
+                f"to others (node {node} to {partner}): was node_b left empty? Fill it in; where they hold the part to ground, leave it"
+            )
+
+
 def lacking_springs(model: FeModel, group: TermGroup, dofs: DofTable | None, bolts: PointTable | None) -> str | None:
     """Where the springs of a table are that the matrix does not hold as the table says, in words; None where that cannot be told.
 
