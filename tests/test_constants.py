@@ -60,6 +60,7 @@ ALLOWED = {
             "ANY_LEVEL_DB",
             "_SOFTER",
             "_NEARER",
+            "_AS_MUCH",
             "_ALIKE",
             "_LEAST_LEVEL",
             "_OFF_LEVEL",

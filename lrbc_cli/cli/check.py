@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import click
@@ -48,9 +49,21 @@ def check(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json:
             say("warnings")
             for line in findings.warnings:
                 say(f"  {line}")
-    for unusable in findings.errors.values():
-        complain(unusable.message)
+    for message in _once(findings.errors.values()):
+        complain(message)
     return max((unusable.exit_code for unusable in findings.errors.values()), default=0)
+
+
+def _once(errors: Iterable[LrbcError]) -> list[str]:
+    """Messages, each once; what is the same of other files stands below the first of them."""
+    told: dict[tuple[str, ...], list[LrbcError]] = {}
+    for error in errors:
+        told.setdefault((error.problem, *(str(part) for part in (error.expected, error.found, error.hint))), []).append(error)
+    return [
+        first.message
+        + (f"\n  the same: {', '.join(Path(error.file).name if error.file else str(error.place) for error in others)}" if others else "")
+        for first, *others in told.values()
+    ]
 
 
 def _draw(inputs: Inputs, *, tell: bool) -> list[Path]:

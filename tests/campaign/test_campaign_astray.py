@@ -33,6 +33,23 @@ def test_two_that_are_exchanged_are_no_direction() -> None:
     assert told(RING, list(range(12))) == "None"
 
 
+def test_a_square_about_another_origin() -> None:
+    """No bolt is nearer to the springs of another one than half as far as to its own."""
+    corners = np.array([[0.0, 0.0, 0.0], [1.2, 0.0, 0.0], [1.2, 0.8, 0.0], [0.0, 0.8, 0.0]])
+    names = ("F1", "F2", "F3", "F4")
+
+    def beside(shift: np.ndarray) -> str:
+        return str(beside_their_springs(PointTable(names, corners + shift), corners, names, 1.0))
+
+    assert beside(np.array([-0.6, -0.4, 0.0])) == (
+        "all bolts lie 0.721 from their springs, by the same vector; the places are from another origin, it seems: add (0.6, 0.4, 0) to "
+        "all of them"
+    )
+    # Heads above the sheet; and each off by itself.
+    assert beside(np.array([0.0, 0.0, 0.02])) == "None"
+    assert beside(0.5 * np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [1.0, -1.0, 0.0]])) == "None"
+
+
 @pytest.mark.parametrize(
     ("order", "backwards"), [([3, 2, 1, 0], True), ([1, 0, 3, 2], True), ([0, 3, 2, 1], False), ([1, 2, 3, 0], False), ([2, 1, 0], False)]
 )

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
 import pytest
+import scipy.sparse as sp
 from campaigns import Folder
 
-from lrbc_cli.campaign.reading.doubts.materials import material_cause
+from lrbc_cli.campaign.reading.doubts.materials import massless_part, material_cause
 from lrbc_cli.campaign.reading.places import mistake_text
 from lrbc_cli.model.units import parse_system
 
@@ -46,3 +51,17 @@ def test_the_units_are_those_of_the_campaign(frame: Folder) -> None:
     assert "where SI wants kg/m³, 7850 for steel; or masses in t where it wants kg)" in mistake_text(campaign, "mass", 1e-3)
     assert "a weight density" in mistake_text(campaign, "mass", 9.80665)
     assert material_cause(campaign.unit_system, "damping", 10.0) is None
+
+
+@pytest.mark.parametrize(("bare", "told"), [(0, ""), (1, ""), (2, "2 of 20 nodes have no mass in any direction (0, 1)"), (20, "20 of 20")])
+def test_a_part_without_a_density(bare: int, told: str) -> None:
+    """One node of twenty carries a constraint; rotations, and directions of their own, need no mass."""
+    node = np.repeat(np.arange(20), 3)
+    component = np.tile(np.array(["UX", "UZ", "ROTX"]), 20)
+    mass = np.where(component == "UZ", 1.0, 0.0)
+    mass[node < bare] = 0.0
+    dofs: Any = SimpleNamespace(node=node, component=component)
+    model: Any = SimpleNamespace(M=sp.diags_array(mass).tocsc())
+    (text,) = list(massless_part(model, dofs)) or [""]
+    assert told in text
+    assert bool(text) is bool(told)

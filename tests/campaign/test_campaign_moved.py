@@ -36,6 +36,25 @@ def test_nothing_is_said_where_they_are_right_or_where_it_explains_nothing() -> 
     assert hammers_text(inputs, np.roll(states[0], 50, axis=0), states, "tight") == ""
 
 
+def test_what_other_hammers_leave_may_be_left_of_exchanged_ones() -> None:
+    """A model that is not calibrated leaves 5 dB of every FRF."""
+    rng = np.random.default_rng(5)
+    responses = [
+        SimpleNamespace(name=f"a{node}-h{at + 1}", node=node, direction=3, quantity="acceleration", input=at)
+        for at in (0, 1, 2)
+        for node in (1, 2, 3, 4)
+    ]
+    inputs: Any = SimpleNamespace(responses=responses, excitations=("h1", "h2", "h3"))
+    states = 10.0 ** rng.normal(0.0, 1.0, (1, 400, 12)) + 0j
+    errs = 10.0 ** (rng.normal(0.0, 5.0, (400, 12)) * np.sqrt(np.pi / 2.0) / 20.0)
+    measured = states[0][:, [8, 9, 10, 11, 4, 5, 6, 7, 0, 1, 2, 3]] * errs
+    assert hammers_text(inputs, measured, states, "tight").startswith("h1 and h3 in each other's place")
+    assert hammers_text(inputs, states[0] * errs, states, "tight") == ""
+    # Right FRFs of the third say that the model does not leave so much.
+    measured[:, 4:8] = states[0][:, 4:8]
+    assert hammers_text(inputs, measured, states, "tight") == ""
+
+
 def test_cables_exchanged_are_one_finding_whatever_was_hit() -> None:
     inputs, _ = two_hammers()
     inputs.campaign = SimpleNamespace(update=SimpleNamespace(reference="tight"))

@@ -56,3 +56,16 @@ def test_of_two_jobs_far_apart_the_one_nearer_to_the_tight_model_is_tight() -> N
     fits = {"tight": 4.0, "tight-2": 3.9}
     text = tightness.not_tight(fixes, fits, own, states, [np.zeros(0, dtype=np.int64)], parameters)
     assert "was all tight there? Take it out of update.baselines" in text
+
+
+def test_a_baseline_near_the_reference_job_is_weighed_by_the_tight_model_too() -> None:
+    """A loosened reference job need not lie 6 dB from a tight one."""
+    states, own = np.ones((1, 400, 3), dtype=complex), job(4.2, 3).values
+    parameters: Any = SimpleNamespace(placed=())
+
+    def text(**fits: float) -> str:
+        found = {"tight": fits["tight"], "tight-2": fits["other"]}
+        return tightness.not_tight(campaign("tight-2"), found, own, states, [np.zeros(0, dtype=np.int64)], parameters)
+
+    assert "nearer to the tight model (2.1 dB) than that (4.3 dB): was a bolt loose in tight?" in text(tight=4.3, other=2.1)
+    assert text(tight=2.6, other=2.1) == ""

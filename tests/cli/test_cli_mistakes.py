@@ -449,10 +449,13 @@ def four_digits(folder: Folder) -> None:
     scipy.io.mmwrite(folder.data / "model/stiffness.mtx", stiffness, symmetry="symmetric", precision=4)
 
 
-def structural(folder: Folder) -> None:
-    stiffness = scipy.io.mmread(folder.data / "model/stiffness.mtx", spmatrix=False)
-    scipy.io.mmwrite(folder.data / "model/damping.mtx", 0.02 * stiffness, symmetry="symmetric")
-    folder.replace("data/model/damping.mtx.gz", "data/model/damping.mtx")
+def structural(share: float) -> Damage:
+    def damage(folder: Folder) -> None:
+        stiffness = scipy.io.mmread(folder.data / "model/stiffness.mtx", spmatrix=False)
+        scipy.io.mmwrite(folder.data / "model/damping.mtx", share * stiffness, symmetry="symmetric")
+        folder.replace("data/model/damping.mtx.gz", "data/model/damping.mtx")
+
+    return damage
 
 
 def inverse(file: str) -> str:
@@ -1289,10 +1292,42 @@ MISTAKES = [
     Mistake(
         "structural damping for a viscous one",
         "frame",
-        structural,
+        structural(0.02),
         0,
         "model.damping: the matrix is 0.02 times the stiffness, structural damping, it seems",
         "write model.damping: {structure: {loss_factor: 0.02}}",
+    ),
+    Mistake(
+        "structural damping below critical at the lower end of the band",
+        "frame",
+        structural(0.01),
+        0,
+        "model.damping: the matrix is 0.01 times the stiffness, structural damping, it seems",
+        "write model.damping: {structure: {loss_factor: 0.01}}",
+    ),
+    Mistake(
+        "a tolerance to save time",
+        "frame",
+        config(("tolerance: 1.0e-3", "tolerance: 0.5")),
+        0,
+        "reduction.tolerance: 0.5 lets FRFs of the reduced model err by 3.5 dB",
+        "write 1.0e-3",
+    ),
+    Mistake(
+        "the responses to be left out listed as those used",
+        "frame",
+        config(("responses: [acc1, acc2, acc3]", "responses: [acc4]")),
+        0,
+        "update.responses: 1 of 4 responses is used, 3 are left to validate",
+        "were those to be left out meant? List the others",
+    ),
+    Mistake(
+        "band in kHz",
+        "frame",
+        config(("band: [30.0, 500.0]", "band: [0.03, 0.5]")),
+        3,
+        "the same: loose-2.csv, loose-all.csv",
+        "is reduction.band in kHz? Write it in Hz: [30, 500]",
     ),
     Mistake(
         "a repeat of another state",

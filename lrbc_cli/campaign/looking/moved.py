@@ -26,6 +26,9 @@ from lrbc_cli.reduction.reduced.ports import PortFrf
 #: Lines that are compared, and places times responses that are tried.
 LINES, MOST_PLACES = 24, 1000
 
+#: So much more than of the FRFs of other hammer points may be left of those of one that is put right.
+_AS_MUCH = 1.5
+
 #: Reciprocity holds where the asymmetry is below this share.
 _SYMMETRIC = 1e-6
 
@@ -79,7 +82,9 @@ def hammer_text(seen: Seen, states: Sequence[Floats], *, most: float, stated: Fl
 
     def left(at: int) -> float:
         others = np.flatnonzero(seen.inputs.input_of != at)
-        return MOST_LEFT if stated is None or not others.size else max(MOST_LEFT, float(np.median(stated[:, others], axis=1).min()))
+        return (
+            MOST_LEFT if stated is None or not others.size else max(MOST_LEFT, _AS_MUCH * float(np.median(stated[:, others], axis=1).min()))
+        )
 
     found = (_hammer_text(seen.few(), states, at, most, left(at)) for at in range(len(seen.inputs.excitations)))
     return next((text for text in found if text), None)
@@ -153,7 +158,7 @@ def hammers_text(
             rest = np.setdiff1d(np.arange(measured.shape[1]), own)
             # What the model lacks in the FRFs of other hammer points it lacks in these, too.
             lacking = float(np.median(apart(measured[:, rest], states[:, :, rest]), axis=1).min()) if rest.size else 0.0
-            if stated > LEAST_DIFFERENCE and changed < min(max(MOST_LEFT, lacking), CLEARLY * stated):
+            if stated > LEAST_DIFFERENCE and changed < min(max(MOST_LEFT, _AS_MUCH * lacking), CLEARLY * stated):
                 first, second = inputs.excitations[two], inputs.excitations[one]
                 return (
                     f"{first} and {second} in each other's place, it seems: FRFs of either are the model's of the other: exchange the "

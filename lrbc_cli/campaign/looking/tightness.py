@@ -72,7 +72,8 @@ def not_tight(
     (reference, stated), (name, found) = fits.items()
     before = float(np.median(apart(own, states[0])))
     freed = looser(inputs, own, states, loosened, parameters, before) if before > LEAST_DIFFERENCE else ""
-    if not freed and before <= UNLIKE:
+    nearer = before > LEAST_DIFFERENCE and found < NEARER * stated
+    if not freed and not nearer and before <= UNLIKE:
         return ""
     campaign, fixes = inputs.campaign, list[str]()
     if name in campaign.update.baselines:
@@ -80,7 +81,7 @@ def not_tight(
     if campaign.calibration is not None and campaign.calibration.job == name:
         fixes.append("name a tight job under calibration.job")
     fix = " and ".join(fixes)
-    if before > UNLIKE and found < NEARER * stated:
+    if nearer and (not freed or before > UNLIKE):
         return (
             f"it is taken as tight, but lies {before:.1f} dB from {reference}, and nearer to the tight model ({found:.1f} dB) than that "
             f"({stated:.1f} dB): was a bolt loose in {reference}? Correct jobs.{reference}.frf, or name a tight job under "

@@ -46,38 +46,47 @@ def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str
         return found
 
     lost = np.flatnonzero(astray(xyz, CLEARLY_NEARER))
-    if not lost.size:
-        return None
     middles = np.array([springs[mask].mean(axis=0) for mask in own])
     # Places are written to a nanometre at most; more digits are rounding.
     shift = np.median(middles - xyz, axis=0).round(9)
     added = ", ".join(f"{value / unit:.6g}" for value in shift + 0.0)
+    # One shift that puts every bolt nearer to its springs than the shift is long.
+    length = float(np.linalg.norm(shift))
+    moved = np.linalg.norm(middles - xyz - shift, axis=1).max() < CLEARLY_NEARER * length
+    origin = f"from another origin, it seems: add ({added}) to all of them"
+    if not lost.size:
+        # Of bolts in a regular pattern the springs of others are no nearer then.
+        far = moved and length > CLEARLY_NEARER * float(cKDTree(middles).query(middles, 2)[0][:, 1].min())
+        return f"all bolts lie {length / unit:.3g} from their springs, by the same vector; the places are {origin}" if far else None
     ways = {
         "metres, it seems: multiply them by 1000": xyz / MILLIMETRES,
         "millimetres, it seems: divide them by 1000": xyz * MILLIMETRES,
         **{f"with {axes} exchanged, it seems: exchange these columns": xyz[:, order] for axes, order in EXCHANGES.items()},
     }
-    # One shift that puts every bolt nearer to its springs than the shift is long; names that change places among themselves.
-    moved = np.linalg.norm(middles - xyz - shift, axis=1).max() < CLEARLY_NEARER * np.linalg.norm(shift)
-    ways |= {f"from another origin, it seems: add ({added}) to all of them": xyz + shift} if moved else {}
+    # Or names that change places among themselves.
+    ways |= {origin: xyz + shift} if moved else {}
     nearest_to = [names.index(owner[int(np.argmin(np.linalg.norm(springs - point, axis=1)))]) for point in xyz]
     if sorted(nearest_to) == list(range(len(names))):
-        backwards = reversed_order(nearest_to)
-        turned = ", ".join(f"{names[k]} at the springs of {names[nearest_to[k]]}" for k in lost[: _MOST if backwards else 8])
-        way = f"those of others ({turned}): exchange the names there, or in the table of the springs"
-        if backwards:
-            first, last = ", ".join(names[k] for k in nearest_to[:4]), names[nearest_to[-1]]
-            way = (
-                f"those of others ({turned}{' ...' if lost.size > _MOST else ''}): one of the files numbers them the other way round, it "
-                f"seems; in the bolts file write the names in the order {first} ... {last}, or correct those in the table of the springs"
-            )
-        ways[way] = xyz[np.argsort(nearest_to)]
+        ways[_exchange_text(names, nearest_to, lost.tolist())] = xyz[np.argsort(nearest_to)]
     fix = next(
         (way for way, points in ways.items() if not astray(points, 1.0).any()), "wrong there, or the nodes of the springs are: correct them"
     )
     which = ", ".join(names[k] for k in lost[:8]) + (" ..." if lost.size > 8 else "")
     lie, its = ("lies", "its") if lost.size == 1 else ("lie", "their")
     return f"{which} {lie} nearer to the springs of other bolts than to {its} own; the places are {fix}"
+
+
+def _exchange_text(names: Sequence[str], nearest_to: Sequence[int], lost: Sequence[int]) -> str:
+    """That places are those of other bolts, by the bolt whose springs are nearest to each, and which names to change."""
+    backwards = reversed_order(nearest_to)
+    turned = ", ".join(f"{names[k]} at the springs of {names[nearest_to[k]]}" for k in lost[: _MOST if backwards else 8])
+    if not backwards:
+        return f"those of others ({turned}): exchange the names there, or in the table of the springs"
+    first, last = ", ".join(names[k] for k in nearest_to[:4]), names[nearest_to[-1]]
+    return (
+        f"those of others ({turned}{' ...' if len(lost) > _MOST else ''}): one of the files numbers them the other way round, it seems; in "
+        f"the bolts file write the names in the order {first} ... {last}, or correct those in the table of the springs"
+    )
 
 
 def reversed_order(order: Sequence[int]) -> bool:

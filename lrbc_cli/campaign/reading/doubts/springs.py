@@ -61,7 +61,7 @@ def half_grounded(model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | 
         if len(found) == len(places):
             (_, node), (other, partner) = found[0]
             yield (
-                f"parameters.{name}: the springs of {next(iter(places.values()))} go to ground, those of {other} join the same nodes "
+                f"parameters.{name}: springs of {next(iter(places.values()))} go to ground, those of {other} join the same nodes "
                 f"to others (node {node} to {partner}): was node_b left empty? Fill it in; where they hold the part to ground, leave it"
             )
 
