@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.campaign.identification.compared.likeness import by_sensors, exchanged_text
+from lrbc_cli.campaign.looking.first_look import _pooled
 from lrbc_cli.campaign.looking.moved import hammers_text, unmoved_text
 
 
@@ -68,9 +69,19 @@ def test_cables_exchanged_are_one_finding_whatever_was_hit() -> None:
     # Three of them the other way round is another exchange.
     assert len(by_sensors(inputs, [(0, 1, 2), (4, 6, 5)])) == 2
     (three,) = by_sensors(inputs, [(0, 1, 2), (4, 5, 6)])
+    assert "give responses.a1-h1 the place of responses.a2-h1, responses.a2-h1 the place of responses.a3-h1, " in exchanged_text(
+        inputs, three, "tight"
+    )
     assert "a1-h1 fits the model's a2-h1, a2-h1 fits the model's a3-h1, a3-h1 fits the model's a1-h1; a1-h2 fits" in exchanged_text(
         inputs, three, "tight"
     )
+
+
+def test_a_job_that_shows_part_of_an_exchange_shows_that_exchange() -> None:
+    both, one = ("exchanged", (0, 1), (4, 5)), ("exchanged", (4, 5))
+    pooled = _pooled({"tight": {both: "of both"}, "loose": {one: "of one"}, "other": {("exchanged", (2, 3)): "of others"}}, "tight")
+    assert list(pooled["loose"]) == [both]
+    assert list(pooled["other"]) == [("exchanged", (2, 3))]
 
 
 def test_a_hammer_that_was_not_moved() -> None:

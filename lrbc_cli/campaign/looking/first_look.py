@@ -387,10 +387,15 @@ def _pooled(found: Mapping[str, dict[tuple[object, ...], str]], reference: str |
     reversed_there = next((kind for kind in own if kind[0] == "reversed"), None)
     units_there = any(kind[0] == "units" for kind in own)
     pooled: dict[str, dict[tuple[object, ...], str]] = {}
+    exchanges: list[tuple[object, ...]] = []
     for name, told in found.items():
         pooled[name] = {}
         for kind, text in told.items():
             same = reversed_there is not None and kind[0] == "reversed" and set(kind[1:]) <= set(reversed_there[1:])
+            if kind[0] == "exchanged":
+                # Of cables that are exchanged in other jobs a job with loose bolts may show one hammer point only.
+                kind = next((other for other in exchanges if set(kind[1:]) < set(other[1:])), kind)
+                exchanges.append(kind)
             # Velocities for accelerations: phases alone say that their levels are right, which nobody knows of a job with loose bolts.
             if not (units_there and kind[0] == "sideways"):
                 pooled[name][reversed_there if same and reversed_there is not None else kind] = text

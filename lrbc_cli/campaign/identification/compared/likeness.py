@@ -221,10 +221,13 @@ def exchanged_text(inputs: Inputs, cycles: Sequence[Sequence[int]], job: str) ->
         # The record that holds a response is the one that was measured in its place.
         records += [f"{to}: {name}" for name, to in zip(names, following, strict=True)]
         said.append(f"{', '.join(names[:-1])} and {names[-1]}")
-        places.append(" and ".join(f"responses.{name}" for name in names))
+        if len(names) == 2:
+            places.append(" and ".join(f"responses.{name}" for name in names))
+        else:
+            places.append(", ".join(f"responses.{name} the place of responses.{to}" for name, to in zip(names, following, strict=True)))
         fits.append(", ".join(f"{name} fits the model's {to}" for name, to in zip(names, following, strict=True)))
     each = "each fits the model's FRF of the other" if len(cycles[0]) == 2 else "; ".join(fits)
-    exchange = f"exchange the places of {'; '.join(places)}"
+    exchange = f"{'exchange the places of' if len(cycles[0]) == 2 else 'give'} {'; '.join(places)}"
     own = f"jobs.{job}.records: {{{', '.join(records)}}}"
     # Of one job alone the cables are wrong, of the reference job rather the campaign file.
     fix = f"{exchange}, or {own}" if job == inputs.campaign.update.reference else f"{own}, or, where all jobs have it so, {exchange}"
