@@ -159,7 +159,10 @@ def test_calibration_refuses_other_units(frame: Folder) -> None:
 def test_calibration_warns_of_one_response(frame: Folder) -> None:
     done = frame.run("calibrate", "--json", "--override", "jobs.tight.scale={acc4: 0.1019716, acc2: -1.0}")
     assert done.code == 0, done.stderr
-    assert any("likely FRFs in g/N: jobs.tight.scale: {acc4: 1}" in text for text in done.json["warnings"])
+    assert any(
+        "likely FRFs in g/N or a sensitivity or a range ten times off: jobs.tight.scale: {acc4: 1}" in text
+        for text in done.json["warnings"]
+    )
     assert any("reversed sign, it seems: acc2" in text for text in done.json["warnings"])
     assert done.stderr.count("reversed sign") == 1
 

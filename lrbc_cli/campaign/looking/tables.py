@@ -42,20 +42,23 @@ def other_tables(
         return {}
     # Between the units, too: what is far off, loose or as good as clamped comes as near there.
     powers = np.array([-2, -1, 1, 2, *POWERS])
+    unit, ways = np.isin(powers, POWERS), []
     for where, files, names in _tables(inputs, parameters):
         left, _ = _moved(source, measured, s, parameters, where, powers)
-        unit = np.isin(powers, POWERS)
         # As good as free, or clamped, are all those beyond: the nearest factor that does is meant.
         close = np.flatnonzero(unit & (left <= _ALIKE * left.min()))
         best = int(close[np.argmin(np.abs(powers[close]))]) if close.size else int(left.argmin())
         if unit[best] and left[best] < min(MOST_LEFT, CLEARLY * before, _NEARER * left[~unit].min()):
-            times, stated = f"{10.0 ** powers[best]:g}", inputs.campaign.unit_system.text
-            found = f"{left[best]:.1f} dB apart with all stiffnesses of {files} times {times}, {before:.1f} dB as it is"
-            fix = f"in another unit than `units: {stated}` says, it seems: multiply the stiffnesses there by {times}"
-            if np.abs(parameters.initial[where] + powers[best]).max() < 1.0:
-                keys = ", ".join(f"parameters.{name}.initial: 0" for name in names)
-                fix = f"what the table says is right, the start value is not: write {keys}"
-            return {("table",): f"measured and computed FRFs are {found}, constants taken out: {fix}"}
+            ways.append((float(left[best]), int(powers[best]), where, files, names))
+    if ways:
+        after, power, where, files, names = min(ways, key=lambda way: way[0])
+        times, stated = f"{10.0**power:g}", inputs.campaign.unit_system.text
+        found = f"{after:.1f} dB apart with all stiffnesses of {files} times {times}, {before:.1f} dB as it is"
+        fix = f"in another unit than `units: {stated}` says, it seems: multiply the stiffnesses there by {times}"
+        if np.abs(parameters.initial[where] + power).max() < 1.0:
+            keys = ", ".join(f"parameters.{name}.initial: 0" for name in names)
+            fix = f"what the table says is right, the start value is not: write {keys}"
+        return {("table",): f"measured and computed FRFs are {found}, constants taken out: {fix}"}
     return _material(inputs, source, measured, s, before, parameters)
 
 

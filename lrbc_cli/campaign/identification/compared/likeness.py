@@ -202,14 +202,21 @@ def _cycles(order: Sequence[int]) -> Iterator[tuple[int, ...]]:
 
 def by_sensors(inputs: Inputs, cycles: Sequence[tuple[int, ...]]) -> list[tuple[tuple[int, ...], ...]]:
     """Cycles of responses that are the same cycle of sensors, hit by another hammer each, beside each other: one exchange of cables."""
-    found: dict[tuple[object, ...], list[tuple[int, ...]]] = {}
+    found: list[list[tuple[int, ...]]] = []
+
+    def sensors(cycle: Sequence[int]) -> list[tuple[int | None, int | None]]:
+        return [(inputs.responses[i].node, inputs.responses[i].direction) for i in cycle]
+
     for cycle in cycles:
-        own = [inputs.responses[i] for i in cycle]
-        sensors = [(response.node, response.direction) for response in own if response.node is not None]
-        first = sensors.index(min(sensors)) if len(sensors) == len(own) else 0
-        key = (*sensors[first:], *sensors[:first]) if len(sensors) == len(own) else cycle
-        found.setdefault(key, []).append((*cycle[first:], *cycle[:first]))
-    return [tuple(several) for several in found.values()]
+        turns = [(*cycle[k:], *cycle[:k]) for k in range(len(cycle))]
+        known = all(inputs.responses[i].node is not None for i in cycle)
+        same = ((several, turn) for several in found for turn in turns if known and sensors(turn) == sensors(several[0]))
+        several, turn = next(same, (None, cycle))
+        if several is None:
+            found.append([turn])
+        else:
+            several.append(turn)
+    return [tuple(several) for several in found]
 
 
 def exchanged_text(inputs: Inputs, cycles: Sequence[Sequence[int]], job: str) -> str:
