@@ -15,7 +15,7 @@ from lrbc_cli.campaign.reading.doubts.springs import half_grounded
 NODES = {1: 0, 2: 1, 11: 2, 12: 3}
 
 
-def told(axial: list[tuple[int, ...]], rocking: list[tuple[int, ...]]) -> list[str]:
+def told(axial: list[tuple[int, ...]], rocking: list[tuple[int, ...]], *, one_bolt: bool = False) -> list[str]:
     """Of two tables, each with the nodes of the springs of the bolts in order."""
     ends = [*axial, *rocking]
     rows = [NODES[node] for spring in ends for node in spring]
@@ -26,7 +26,8 @@ def told(axial: list[tuple[int, ...]], rocking: list[tuple[int, ...]]) -> list[s
     def group(name: str, first: int, count: int) -> Any:
         select = SimpleNamespace(bushings=Path(f"bushings-{name}.csv"))
         terms, own = np.arange(first, first + count), np.arange(count)
-        return SimpleNamespace(name=name, terms=terms, bolt=own, parameter=own, config=SimpleNamespace(select=select))
+        bolt = np.zeros_like(own) if one_bolt else own
+        return SimpleNamespace(name=name, terms=terms, bolt=bolt, parameter=own, config=SimpleNamespace(select=select))
 
     groups = [group("axial", 0, len(axial)), group("rocking", len(axial), len(rocking))]
     model: Any = SimpleNamespace(terms=SimpleNamespace(left=left))
@@ -51,3 +52,5 @@ def test_springs_that_are_alike_and_one_that_holds_the_part() -> None:
     assert told([(1,), (2,)], [(1,), (2,)]) == []
     assert told([(1,), (2, 12)], [(1, 11), (2, 12)]) != []
     assert told([(1,), (12,)], [(2, 11)]) == []
+    # In one table both are meant: who wrote them filled node_b in where it is wanted.
+    assert told([(1,), (1, 11)], [], one_bolt=True) == []

@@ -41,7 +41,7 @@ def held_springs(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup]
 
 
 def half_grounded(model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | None) -> Iterator[str]:
-    """Tables whose springs all go to ground, where springs of another table join the same nodes of the same bolts to others."""
+    """Springs of a table that go to ground, where springs of another table join the nodes of all of them, bolt by bolt, to others."""
     if dofs is None:
         return
     alone: dict[str, dict[tuple[int, int], str]] = {}
@@ -57,7 +57,7 @@ def half_grounded(model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | 
             for one, other in (nodes, nodes[::-1]) if len(nodes) == 2 else ():
                 joined[bolt, one] = group.name, other
     for name, places in alone.items():
-        found = [(place, joined[place]) for place in places if place in joined]
+        found = [(place, joined[place]) for place in places if joined.get(place, (name,))[0] != name]
         if len(found) == len(places):
             (_, node), (other, partner) = found[0]
             yield (
