@@ -26,6 +26,8 @@ def medians(values: Floats, axis: int = -1) -> Floats:
         At least one value along the axis.
     axis : int
     """
+    if not np.isnan(values).any():
+        return np.asarray(np.median(values, axis=axis, keepdims=True))
     ordered = np.sort(np.moveaxis(values, axis, -1), axis=-1)
     known = ordered.shape[-1] - np.isnan(ordered).sum(axis=-1, keepdims=True)
     below, above = (np.take_along_axis(ordered, at, axis=-1) for at in (np.maximum(known - 1, 0) // 2, np.where(known, known // 2, 0)))

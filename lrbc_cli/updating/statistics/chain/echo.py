@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
-from lrbc_cli.updating.robust import medians
 from lrbc_cli.updating.statistics.chain.damping import beside_damping, damping_pattern
 from lrbc_cli.updating.statistics.decibels import decibel
 
@@ -28,9 +27,9 @@ class EchoRule:
     lines : float
         Least number of lines a period. A choice.
     steps : int
-        Times that are tried for each further period in the band. A choice.
+        Times of the cepstrum for each further period in the band. A choice.
     closely : int
-        How many of these are tried with all sizes. A choice.
+        How many of its highest are tried with all sizes. A choice.
     """
 
     left: float = 0.75
@@ -38,7 +37,7 @@ class EchoRule:
     periods: float = 1.5
     lines: float = 4.0
     steps: int = 8
-    closely: int = 5
+    closely: int = 10
 
 
 #: The default, for those who call a part alone.
@@ -50,7 +49,7 @@ def second_blow(frequency_hz: Floats, own: Complexes, tight: Complexes, referenc
 
     A blow and a share a of it after the time T are ``1 + a exp(-i omega T)`` times the force of the first. Where the window of the force
     ends between the two, the FRFs hold that factor. Bolts change levels about resonances, so that the median over the responses and mean
-    absolute differences are compared.
+    absolute differences are compared; the cepstrum says at which times.
 
     Parameters
     ----------
@@ -78,18 +77,15 @@ def second_blow(frequency_hz: Floats, own: Complexes, tight: Complexes, referenc
     if not all(before.values()):
         return None
     band, sizes = float(np.ptp(frequency_hz)), np.array(rule.sizes)
-    delays = np.arange(rule.periods / band, 1.0 / (rule.lines * spacing), 1.0 / (rule.steps * band))
-
-    def without(change: Floats, delay: float, sizes: Floats) -> Floats:
-        return _apart(change - decibel(1.0 + sizes[:, None] * np.exp(-2j * np.pi * frequency_hz * delay)))
-
+    delays = np.fft.rfftfreq(rule.steps * steps.size, spacing)
+    possible = np.flatnonzero((delays >= rule.periods / band) & (delays < 1.0 / (rule.lines * spacing)))
     # One in the reference job is in all others, the other way round.
     found: tuple[float, float, float, float] = (np.inf, 0.0, 0.0, 1.0)
     for sign, change in changes.items():
-        # Another size leaves more at the same time: a few sizes say which times to look at closely.
-        rough = np.array([without(sign * change, delay, sizes[1::3]).min() for delay in delays.tolist()])
-        for delay in delays[np.argsort(rough, kind="stable")[: rule.closely]].tolist():
-            left = without(sign * change, delay, sizes) / before[sign]
+        cepstrum = _cepstrum(sign * change, rule.steps * steps.size, delays, frequency_hz[0])
+        for delay in delays[possible[np.argsort(-cepstrum[possible], kind="stable")[: rule.closely]]].tolist():
+            factor = 1.0 + sizes[:, None] * np.exp(-2j * np.pi * frequency_hz * delay)
+            left = _apart(sign * change - decibel(factor)) / before[sign]
             k = int(np.argmin(left))
             found = min(found, (float(left[k]), delay, rule.sizes[k], sign))
     share, delay, size, sign = found
@@ -103,6 +99,17 @@ def second_blow(frequency_hz: Floats, own: Complexes, tight: Complexes, referenc
     )
 
 
+def _cepstrum(levels: Floats, count: int, delays: Floats, first_hz: float) -> Floats:
+    """Amplitude of each delay's cosine in levels along evenly spaced lines, zeros added up to ``count``.
+
+    An echo is a peak there (Bogert, Healy and Tukey, Proc. Symp. Time Series Analysis, 1963). No second blow that is weaker than the first
+    raises a level by more than 6 dB, or lowers most of them by more: what bolts change about resonances counts up to there.
+    """
+    most = 20.0 * np.log10(2.0)
+    clipped = np.clip(levels - np.median(levels), -most, most)
+    return np.asarray((np.fft.rfft(clipped, count) * np.exp(-2j * np.pi * first_hz * delays)).real)
+
+
 def _apart(values: Floats) -> Floats:
     """Mean absolute distance of levels from their median, along the lines [dB]."""
-    return np.asarray(np.abs(values - medians(values)).mean(axis=-1))
+    return np.asarray(np.abs(values - np.median(values, axis=-1, keepdims=True)).mean(axis=-1))
