@@ -15,11 +15,10 @@ from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.frf import QUANTITIES
-from lrbc_cli.model.terms import KIND_POWER, LowRankTerms, ParameterGroup, Parameterisation
+from lrbc_cli.model.terms import KIND_POWER, LowRankTerms
 from lrbc_cli.reduction.build import Reduction, ReductionOptions, reduce_model
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.reduction.steps.grid import require_in_band
-from lrbc_cli.updating.misfit.frf import port_model
 
 
 @dataclass(frozen=True)
@@ -77,25 +76,9 @@ class TermModel:
         s = self._lines(hz)
         terms = self.model.terms
         p = given.one_or_each("log10", log10, terms.size)
-        groups = []
-        for kind, power in KIND_POWER.items():
-            own = np.flatnonzero(terms.power == power)
-            if own.size:
-                bounds = np.tile([-np.inf, np.inf], (own.size, 1))
-                groups.append(
-                    ParameterGroup(
-                        name=kind,
-                        kind=kind,
-                        terms=own,
-                        parameter=np.arange(own.size),
-                        initial=p[own],
-                        bounds=bounds,
-                        smoothing=np.eye(own.size),
-                    )
-                )
-        order = np.concatenate([group.terms for group in groups])
-        y, J = port_model(self._table(s), Parameterisation(tuple(groups))).sensitivities(p[order])
-        return y, np.asarray(J.real[:, :, np.argsort(order)])
+        D = 10.0**p * s[:, None] ** terms.power
+        y, dy = self._table(s).linearise(D)
+        return y, np.asarray(20.0 * (dy * D[:, None, :] / y[:, :, None]).real)
 
     def _table(self, s: Complexes) -> PortFrf:
         """FRFs between ports on the lines s; those of the last lines are kept for whoever optimises."""

@@ -132,6 +132,15 @@ def test_a_joint_that_no_data_feel_keeps_its_prior(seed: int) -> None:
     assert found.inclusion[1] < 0.3
 
 
+@pytest.mark.parametrize("bound", [-4.0, -2.0, -1.0, -0.5])
+def test_what_the_prior_has_beyond_the_free_limit_counts_as_loose(bound: float) -> None:
+    """A joint that no data feel keeps its prior, however near its lower bound lies."""
+    problem = replace(Saturating((0.0, 0.0), 1e-6).problem(), bounds=np.tile([bound, 2.0], (2, 1)))
+    found = sample_changes(problem, [np.zeros(2)], PRIOR, sweeps=50)
+    np.testing.assert_allclose(found.inclusion, PRIOR.loose_share, atol=0.005)
+    assert np.all(found.means[:, :, 1] > bound)
+
+
 def test_a_profile_ends_where_nothing_is_left() -> None:
     """Of a change that the data tell, values far away cost descents and say nothing."""
     toy = Saturating((-0.8, 0.0), 40.0)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.special import expit, logsumexp
+from scipy.special import expit, log_ndtr, logsumexp
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.reduction.threads import side_by_side
@@ -205,10 +205,13 @@ def profile(
     # Loaded here: most commands do without.
     from scipy.interpolate import PchipInterpolator
 
-    log = PchipInterpolator(at, evidence)(t) + _log_normal(t, prior.joint_loose_mean, prior.joint_loose_std)
+    log = PchipInterpolator(at, evidence)(t) + _log_normal(t, prior.joint_loose_mean, prior.joint_loose_std) + np.log(t[1] - t[0])
+    # What the prior has beyond the lowest value stands there: a joint that is free cannot lose more.
+    beyond_free = evidence[0] + log_ndtr((at[0] - prior.joint_loose_mean) / prior.joint_loose_std)
+    t, log = np.append(t, at[0]), np.append(log, beyond_free)
     weight = np.exp(log - logsumexp(log))
     mean = float(weight @ t)
-    return float(logsumexp(log) + np.log(t[1] - t[0])) - base.evidence, mean, float(np.sqrt(weight @ (t - mean) ** 2))
+    return float(logsumexp(log)) - base.evidence, mean, float(np.sqrt(weight @ (t - mean) ** 2))
 
 
 def _held(

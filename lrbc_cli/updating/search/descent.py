@@ -56,14 +56,7 @@ class Level:
     def __call__(self, z: Floats) -> Evaluation:
         """Cost and derivatives to z."""
         value = self._misfit(self.theta(z))
-        return Evaluation(
-            cost=value.cost,
-            total=value.total,
-            data=value.data,
-            misfit_db=value.misfit_db,
-            residual=value.residual,
-            jacobian=value.jacobian @ self._T,
-        )
+        return replace(value, jacobian=value.jacobian @ self._T)
 
     def theta(self, z: Floats) -> Floats:
         """The full theta."""
