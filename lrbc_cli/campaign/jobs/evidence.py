@@ -101,7 +101,7 @@ def evidence_of(inputs: Inputs, result: Identification) -> Evidence:
         setting=setting,
         data_warnings=result.measurement.warnings,
         warnings=(*result.warnings, *warnings),
-        notes=(*result.notes, *remarks(result)),
+        notes=(*result.notes, *remarks(inputs, result)),
         alternatives=_alternatives(inputs, result),
     )
 
@@ -353,12 +353,13 @@ def guessed_text(name: str, limits: Saturation) -> str:
     )
 
 
-def remarks(result: Identification) -> list[str]:
+def remarks(inputs: Inputs, result: Identification) -> list[str]:
     """What a reader of the result should know: limits that do not exist, values at their bounds."""
     found = []
     for group, values, at in result.parameters.placed:
         limits = result.saturations.get(group.name)
-        if limits is not None and not limits.found:
+        config = inputs.campaign.parameters[group.name]
+        if limits is not None and not limits.found and (config.start is None or config.bounds == "auto"):
             found.append(guessed_text(group.name, limits))
         p, bounds = result.solution.theta[values], group.bounds
         low, high = int(np.sum(p <= bounds[:, 0])), int(np.sum(p >= bounds[:, 1]))

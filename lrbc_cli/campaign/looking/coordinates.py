@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from lrbc_cli.arrays import Complexes, Floats
-from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, levels, spread
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, apart, apart_there
 from lrbc_cli.campaign.looking.moved import LINES, Seen
 from lrbc_cli.campaign.looking.rescaled import MOST_WORK
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -52,17 +52,17 @@ def coordinates_texts(seen: Seen, model: Complexes, *, unlike: bool) -> tuple[di
         Whether most responses are far from the model: then all sensors may be elsewhere.
     """
     inputs, dofs = seen.inputs, seen.inputs.dofs
-    left = spread(levels(seen.measured) - levels(model), 0)
+    left = apart(seen.measured, model)
     if dofs is None or reduction_cost(inputs)[0].line * LINES > MOST_WORK:
         return {}, left
     few = seen.few()
-    before = spread(levels(few.measured) - levels(model[np.isin(seen.s, few.s)]), 0)
+    before = apart(few.measured, model[np.isin(seen.s, few.s)])
     typical = FARTHER * float(np.median(before))
     least = LEAST_DIFFERENCE if unlike else max(LEAST_DIFFERENCE, typical)
     others = [other for other in _others(inputs, dofs) if before[list(other.responses)].mean() > least]
     told: dict[tuple[int, ...], str] = {}
     with suppress(LrbcError):
-        each = sorted(zip(others, _misfits(few, others), strict=True), key=lambda pair: float(pair[1].mean()))
+        each = sorted(zip(others, _misfits(few, others, float(np.abs(model).max())), strict=True), key=lambda pair: float(pair[1].mean()))
         for other, after in each:
             own = list(other.responses)
             # Where the model is far from most responses, it has to come near at the other place.
@@ -75,8 +75,8 @@ def coordinates_texts(seen: Seen, model: Complexes, *, unlike: bool) -> tuple[di
     return told, left
 
 
-def _misfits(seen: Seen, others: Sequence[_Other]) -> list[Floats]:
-    """By place, how far levels of its responses are from the model there, constants taken out [dB]."""
+def _misfits(seen: Seen, others: Sequence[_Other], largest: float) -> list[Floats]:
+    """By place, how far levels of its responses are from the model there, see ``apart_there`` [dB]."""
     if not others:
         return []
     responses = np.array([i for other in others for i in other.responses])
@@ -86,7 +86,7 @@ def _misfits(seen: Seen, others: Sequence[_Other]) -> list[Floats]:
     moved = replace(model, L=L, output_power=model.output_power[responses], extras={})
     ports = full_ports(moved, seen.inputs.input_of[responses], seen.s, seen.inputs.campaign.reduction.band)
     computed = ports.evaluate(seen.parameters.dynamic(seen.parameters.initial, seen.s))
-    found = spread(levels(seen.measured[:, responses]) - levels(computed), 0)
+    found = apart_there(seen.measured[:, responses], computed, largest)
     return np.split(found, np.cumsum([len(other.responses) for other in others])[:-1])
 
 

@@ -32,7 +32,7 @@ from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, strike_
 from lrbc_cli.campaign.looking.held import held_text
 from lrbc_cli.campaign.looking.moved import Seen, hammer_text, hammers_text, sensor_text, unmoved_text
 from lrbc_cli.campaign.looking.rescaled import overdamped_text, rescaled_text, softness_text
-from lrbc_cli.campaign.looking.states import beside_model, few_lines, looked_at, nearest_states, states_of, values_of
+from lrbc_cli.campaign.looking.states import beside_model, few_lines, looked_at, nearest_states, reach_of_one, states_of, values_of
 from lrbc_cli.campaign.looking.tables import other_tables
 from lrbc_cli.campaign.looking.tightness import UNLIKE, looser, not_tight, taken_as_tight, tighter_text
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -205,7 +205,10 @@ def _looked_at(
     if fitted is not None and (strike := strike_text(inputs, few.values, fitted, name)):
         return {("strike",): strike}
     near = [*nearest_states(few, states), *(state[0] for state in beside), *([] if fitted is None else [fitted])]
-    told = _channels(inputs, few, states, near, name)
+    leads = name == reference
+    # Where all bolts are taken as tight, none is to blame.
+    reach = (0.0, 0.0) if leads or name in taken_as_tight(inputs) else reach_of_one(source, parameters, s, states[0])
+    told = _channels(inputs, few, states, near, name, reach[0])
     if not told and (how := sideways(few.values, states)):
         return {("sideways", how): sideways_text(inputs, how, name)}
     if not told and name == inputs.campaign.update.reference:
@@ -214,21 +217,30 @@ def _looked_at(
         )
         if ("unlike",) in told and (text := stretched_text(measurement, few.frequency_hz, states[0])):
             told = {("stretched",): text}
-    leads = name == reference
     told = _placed(Seen(inputs=inputs, s=s, measured=few.values, parameters=parameters, reference=leads, known=source.known), states, told)
     if not told and beside:
-        told |= _beside_tight(inputs, few.values, beside[0][0], name)
+        told |= _beside_tight(inputs, few.values, beside[0][0], name, reach)
         if not told and fitted is not None:
             told |= _foreign(few.values, states, beside[0][0])
     return told
 
 
-def _channels(inputs: Inputs, few: Measurement, states: Complexes, near: list[Complexes], name: str) -> dict[tuple[object, ...], str]:
-    """Channels in each other's place, and factors and phases of the others; beside (S, F, R) states and the nearest of them."""
+def _channels(
+    inputs: Inputs, few: Measurement, states: Complexes, near: list[Complexes], name: str, movable: Floats | float
+) -> dict[tuple[object, ...], str]:
+    """Channels in each other's place, and factors and phases of the others; beside (S, F, R) states and the nearest of them.
+
+    A factor that is no larger than what one loosened bolt does to the level, ``movable``, (R,) or of all [dB], may be a loosened bolt.
+    """
     exchanges = exchanged(inputs, few.values, nearest_states(few, states, NEAREST))
     offsets = factors_of(inputs, few, near)
     involved = {i for cycle in exchanges for i in cycle}
-    offsets = tuple(replace(o, named=o.named and trusted(o, offsets)) for o in offsets if o.response not in involved)
+    by_bolt = np.broadcast_to(movable, len(inputs.responses))
+    offsets = tuple(
+        replace(o, named=o.named and trusted(o, offsets) and (o.power != 0 or abs(o.db) > by_bolt[o.response]))
+        for o in offsets
+        if o.response not in involved
+    )
     # A power of the frequency, a delay and the other convention turn phases, too.
     if not any(o.power or o.delay or o.conjugate or o.reversed for o in offsets):
         opposite = turned(few.values, states)
@@ -268,11 +280,18 @@ def _fit_exchanged(
     return _fit(inputs, source, s, exchanged, tight) if now <= further * as_stated else None
 
 
-def _beside_tight(inputs: Inputs, measured: Complexes, tight: Complexes, name: str) -> dict[tuple[object, ...], str]:
-    """Responses that alone lie far from the reference job, (F, R) each, or have left their level there."""
+def _beside_tight(
+    inputs: Inputs, measured: Complexes, tight: Complexes, name: str, reach: tuple[Floats | float, Floats | float]
+) -> dict[tuple[object, ...], str]:
+    """Responses that alone lie far from the reference job, (F, R) each, or have left their level there, by more than one bolt can do.
+
+    ``reach`` is what that is, see ``reach_of_one``; distances count from twice that on, for a model errs.
+    """
     reference = str(inputs.campaign.update.reference)
-    away = off_level(inputs, measured, tight, reference, name)
-    return _alone(inputs, apart(measured, tight), f"that of {reference}", name) | {("level", i): text for i, text in away.items()}
+    away, every = off_level(inputs, measured, tight, reference, name, reach[0]), apart(measured, tight)
+    alone = _alone(inputs, every, f"that of {reference}", name)
+    far = {i for i in range(every.size) if CLEARLY * every[i] > np.broadcast_to(reach[1], every.shape)[i]}
+    return {key: text for key, text in alone.items() if key[1] in far} | {("level", i): text for i, text in away.items()}
 
 
 def _foreign(measured: Complexes, states: Complexes, tight: Complexes) -> dict[tuple[object, ...], str]:

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.compared import likeness
-from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart, levels, spread
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart, apart_there, levels
 from lrbc_cli.campaign.looking.rescaled import MOST_LEFT, MOST_WORK
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.memory import reduction_cost
@@ -247,8 +247,8 @@ def sensor_text(seen: Seen, response: int) -> str:
             seen.s,
             inputs.campaign.reduction.band,
         )
-        level = levels(seen.measured[:, [response]])
-        left = spread(level - levels(ports.evaluate(seen.parameters.dynamic(seen.parameters.initial, seen.s))), 0)
+        computed = ports.evaluate(seen.parameters.dynamic(seen.parameters.initial, seen.s))
+        left = apart_there(np.broadcast_to(seen.measured[:, [response]], computed.shape), computed, float(np.abs(computed).max()))
         before, best = float(left[places == own][0]), int(np.argmin(left))
         if left[best] <= min(MOST_LEFT, CLEARLY * before):
             at, how = _place_text(inputs, dofs, int(places[best]), own)

@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
-from lrbc_cli.campaign.identification.compared.likeness import levels, spread
+from lrbc_cli.campaign.identification.compared.likeness import apart, levels, spread
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.comparison.scale import LEAST_LINES, POWERS
+from lrbc_cli.updating.search.starts import LEVELS
+from lrbc_cli.updating.unknowns.shapes import joints_of
 
 #: Lines of a job that are looked at, and states of the model that it is compared with at most.
 LINES, MOST_STATES = 200, 150
@@ -51,6 +53,33 @@ def states_of(source: FrfSource, parameters: Parameterisation, s: Complexes) -> 
         source.known[key] = source.model(s, parameters).nearby(parameters.initial)(np.array(states))
     found: Complexes = source.known[key]
     return found, loosened
+
+
+def reach_of_one(source: FrfSource, parameters: Parameterisation, s: Complexes, model: Complexes) -> tuple[Floats, Floats]:
+    """(R,) how far one loosened bolt alone moves the median level of a response, and its levels, that constant taken out [dB].
+
+    What stands on one joint may be as good as cut off by it, as a blade by its root. Zeros where no bolt owns its values.
+
+    Parameters
+    ----------
+    source : FrfSource
+    parameters : Parameterisation
+    s : (F,) complex array
+    model : (F, R) complex array
+        At the start values.
+    """
+    owners = [group.bolt.max() for group in parameters.groups if group.bolt is not None and group.bolt.size]
+    joints = [np.concatenate(list(own.values())) for own in joints_of(parameters, 1 + int(max(owners, default=-1))) if own]
+    frf, steps = source.model(s, parameters).nearby(parameters.initial), np.array([*LEVELS, -np.inf])
+    level, rest = np.zeros((2, model.shape[1]))
+    for own in joints:
+        theta = np.tile(parameters.initial, (len(steps), 1))
+        theta[:, own] = np.maximum(theta[:, own] + steps[:, None], parameters.bounds[own, 0])
+        loose = frf(theta)
+        change = np.nan_to_num(np.median(levels(loose) - levels(model), axis=1))
+        change -= np.median(change, axis=1, keepdims=True)
+        level, rest = np.maximum(level, np.abs(change).max(axis=0)), np.maximum(rest, apart(loose, model).max(axis=0))
+    return level, rest
 
 
 def values_of(parameters: Parameterisation) -> tuple[list[Floats], list[Integers]]:

@@ -49,6 +49,15 @@ def apart(measured: Complexes, model: Complexes) -> Floats:
     return spread(levels(measured) - levels(model), -2)
 
 
+def apart_there(measured: Complexes, computed: Complexes, largest: float) -> Floats:
+    """(R,) the same at other places, (F, R) each; infinite where the model has rounding only, as across a plane of symmetry.
+
+    ``largest`` is the size of the largest FRF of the model that there is.
+    """
+    felt = (np.abs(computed) > REAL * largest).sum(axis=0) >= LEAST_LINES
+    return np.where(felt, apart(measured, computed), np.inf)
+
+
 def outlying(misfits: Floats) -> list[int]:
     """Responses that lie alone far from the model, by the misfit of each [dB]: none where they are not the fewer."""
     typical = float(np.nanmedian(misfits))
@@ -56,8 +65,10 @@ def outlying(misfits: Floats) -> list[int]:
     return alone if 2 * len(alone) < misfits.size else []
 
 
-def off_level(inputs: Inputs, measured: Complexes, tight: Complexes, reference: str, job: str) -> dict[int, str]:
-    """Responses whose level has left that of the reference job, the others' not, in words: no bolt moves the median of a band so far.
+def off_level(
+    inputs: Inputs, measured: Complexes, tight: Complexes, reference: str, job: str, reach: Floats | float = 0.0
+) -> dict[int, str]:
+    """Responses whose level has left that of the reference job, the others' not, in words: bolts hardly move the median of a band so far.
 
     Parameters
     ----------
@@ -65,6 +76,8 @@ def off_level(inputs: Inputs, measured: Complexes, tight: Complexes, reference: 
     measured, tight : (F, R) complex arrays
         Of a job and of the reference job, on the same lines.
     reference, job : str
+    reach : (R,) float array or float
+        How far one bolt alone may move it [dB].
     """
     held = np.isfinite(levels(measured) - levels(tight)).sum(axis=0) >= LEAST_LINES
     if held.sum() < 2:
@@ -72,7 +85,7 @@ def off_level(inputs: Inputs, measured: Complexes, tight: Complexes, reference: 
     change = np.zeros(held.size)
     change[held] = np.nanmedian(levels(measured[:, held]) - levels(tight[:, held]), axis=0)
     change[held] -= np.median(change[held])
-    off, told = np.abs(change) > OTHER_LEVEL_DB, dict[int, str]()
+    off, told = np.abs(change) > np.maximum(OTHER_LEVEL_DB, reach), dict[int, str]()
     for i in np.flatnonzero(off).tolist():
         others = [k for k in _same_sensor(inputs, i) if held[k]]
         # A sensor that is off is off wherever the hammer hits, and is told once.
