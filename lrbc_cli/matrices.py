@@ -12,16 +12,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from lrbc_cli import given
 from lrbc_cli.arrays import Complexes, Floats
-from lrbc_cli.errors import NumericalError
+from lrbc_cli.errors import ConfigError, NumericalError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.frf import QUANTITIES
 from lrbc_cli.model.terms import KIND_POWER, LowRankTerms
 from lrbc_cli.reduction.build import Reduction, ReductionOptions, reduce_model
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.reduction.steps.grid import require_in_band
+from lrbc_cli.remembered import Remembered
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TermModel:
     """A certified reduced model of bare matrices: FRFs and derivatives for any values of its low-rank terms.
 
@@ -34,7 +35,12 @@ class TermModel:
 
     model: FeModel
     reduction: Reduction
-    _tables: dict[bytes, PortFrf] = field(default_factory=dict, repr=False, init=False)
+    _tables: Remembered[PortFrf] = field(default_factory=lambda: Remembered(4), repr=False, init=False)
+
+    def __repr__(self) -> str:
+        model, low, high = self.model, *self.reduction.options.band_hz
+        sizes = f"{model.size} DOFs by {self.reduction.model.size}, {model.terms.size} terms"
+        return f"TermModel({sizes}, {model.B.shape[1]} loads, {model.L.shape[0]} outputs, {low:g} to {high:g} Hz)"
 
     def frf(self, hz: ArrayLike, values: ArrayLike) -> Complexes:
         """(F, R) FRFs.
@@ -53,8 +59,10 @@ class TermModel:
         """
         s = self._lines(hz)
         kappa = given.one_or_each("values", values, self.model.terms.size, finite=False)
-        with np.errstate(invalid="ignore"):
-            D = np.where(np.isfinite(kappa), np.where(np.isfinite(kappa), kappa, 0.0) * s[:, None] ** self.model.terms.power, np.inf)
+        if np.any(kappa == -np.inf):
+            raise ConfigError("values: a linear value of minus infinity", expected="numbers, or inf, which clamps; 0 frees", found="-inf")
+        clamped = np.isposinf(kappa)
+        D = np.where(clamped, np.inf, np.where(clamped, 0.0, kappa) * s[:, None] ** self.model.terms.power)
         return self._table(s).evaluate(D)
 
     def sensitivities(self, hz: ArrayLike, log10: ArrayLike) -> tuple[Complexes, Floats]:
@@ -81,12 +89,8 @@ class TermModel:
         return y, np.asarray(20.0 * (dy * D[:, None, :] / y[:, :, None]).real)
 
     def _table(self, s: Complexes) -> PortFrf:
-        """FRFs between ports on the lines s; those of the last lines are kept for whoever optimises."""
-        key = s.tobytes()
-        if key not in self._tables:
-            self._tables.clear()
-            self._tables[key] = self.reduction.model.ports(s)
-        return self._tables[key]
+        """FRFs between ports on the lines s; those of the last few sets of lines are kept for whoever optimises."""
+        return self._tables.of(s.tobytes(), lambda: self.reduction.model.ports(s))
 
     def _lines(self, hz: ArrayLike) -> Complexes:
         lines = given.lines(hz)

@@ -24,6 +24,9 @@ CALIBRATION_VERSION = 6
 #: What of the update's settings a calibration follows.
 SETTINGS = ("responses", "lines", "residual", "loss", "loss_scale", "floor", "weights")
 
+#: What of the statistical model a calibration reads: no bolt is judged there.
+STATISTICS = ("errors", "values", "resonances", "resolution", "limits", "calibration", "validation")
+
 #: Names of the key's parts in messages.
 PARTS = {
     "model": "the matrices, the damping, the excitation or the responses",
@@ -31,6 +34,7 @@ PARTS = {
     "band": "the band or the tolerance",
     "measurement": "the measurement",
     "settings": "the settings of calibration or update",
+    "statistics": "the statistical model",
     "version": "the version of the calibration",
 }
 
@@ -70,8 +74,8 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
             sorted(calibration.names),
             calibration.boundary,
             calibration.job,
-            inputs.statistics,
         ),
+        "statistics": inputs.statistics.digest(*STATISTICS),
         "version": digest(CALIBRATION_VERSION, NUMBERS["reduction"], NUMBERS["identification"]),
     }
 

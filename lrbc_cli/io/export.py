@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import mmap
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +46,7 @@ def write_export(path: Path, tree: Mapping[str, Any], encoding: str) -> None:
     OSError
         If the file cannot be written; an earlier file is kept then.
     """
-    image = IMAGES[check_ending(path)](tree, encoding)
+    image = FORMATS[check_ending(path)].image(tree, encoding)
     with atomic_write(path, "wb") as stream:
         stream.write(image)
 
@@ -55,11 +56,7 @@ def is_export(path: Path, encoding: str) -> bool:
     try:
         if not path.is_file():
             return False
-        if path.suffix.lower() == ".mat":
-            return str(np.squeeze(scipy.io.loadmat(path, variable_names=["encoding_type"])["encoding_type"])) == encoding
-        # Texts stand in the file as they are: what HDF5 makes of a foreign file need not be known.
-        with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
-            return content[:8] == SIGNATURE and content.find(encoding.encode()) >= 0
+        return FORMATS[check_ending(path)].is_own(path, encoding)
     except Exception:
         # Libraries answer damage with errors of many kinds; a damaged file is somebody else's all the same.
         return False
@@ -74,12 +71,12 @@ def check_ending(path: Path) -> str:
         If it is not known.
     """
     ending = path.suffix.lower()
-    if ending not in IMAGES:
+    if ending not in FORMATS:
         raise ConfigError(
             "this ending of an exported model is not known",
             file=path,
             place="--export",
-            expected=", ".join(IMAGES),
+            expected=", ".join(FORMATS),
             found=path.suffix or "none",
         )
     return ending
@@ -122,5 +119,33 @@ def _mat5(tree: Mapping[str, Any], encoding: str) -> bytes:
     return stream.getvalue()
 
 
-#: Content of a file by its ending.
-IMAGES: dict[str, Callable[[Mapping[str, Any], str], bytes]] = {".h5": _hdf5, ".hdf5": _hdf5, ".mat": _mat5}
+def _is_own_hdf5(path: Path, encoding: str) -> bool:
+    # Texts stand in the file as they are: what HDF5 makes of a foreign file need not be known.
+    with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        return content[:8] == SIGNATURE and content.find(encoding.encode()) >= 0
+
+
+def _is_own_mat5(path: Path, encoding: str) -> bool:
+    return str(np.squeeze(scipy.io.loadmat(path, variable_names=["encoding_type"])["encoding_type"])) == encoding
+
+
+@dataclass(frozen=True)
+class ExportFormat:
+    """How a tree is written, and how a file with such a tree is known.
+
+    Attributes
+    ----------
+    image : callable
+        From a tree and its encoding to the content of a file.
+    is_own : callable
+        Whether a file holds a tree of an encoding; raises what it likes where it is damaged.
+    """
+
+    image: Callable[[Mapping[str, Any], str], bytes]
+    is_own: Callable[[Path, str], bool]
+
+
+_HDF5, _MAT5 = ExportFormat(_hdf5, _is_own_hdf5), ExportFormat(_mat5, _is_own_mat5)
+
+#: By the ending of the file: a further format is a line here.
+FORMATS = {".h5": _HDF5, ".hdf5": _HDF5, ".mat": _MAT5}

@@ -120,9 +120,8 @@ class Method:
 
     @property
     def digest(self) -> str:
-        """Digest of everything but rule, reasons and warnings: what identifications rest on besides model and measurement."""
-        tree = self.tree()
-        del tree["reasons"], tree["warnings"]
+        """Digest of everything but statistics, rule, reasons and warnings: what identifications rest on besides model and measurement."""
+        tree = {key: value for key, value in self.tree().items() if key not in ("statistics", "reasons", "warnings")}
         return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()[:32]
 
     @property

@@ -296,6 +296,8 @@ class Provenance(Record):
     identity: str | None = None
     #: Digest of all it comes from but the bytes of ``inputs``: while it holds with these, no model has to be read to judge anew.
     origin: str | None = None
+    #: Digest of the program's code and of the libraries that it computed with.
+    program: str | None = None
     parts: dict[str, str] | None = None
     versions: dict[str, str] = Field(default_factory=dict)
     inputs: dict[str, str] = Field(default_factory=dict)

@@ -13,9 +13,9 @@ from scipy.stats import norm
 
 from lrbc_cli.updating.judging.decide import BASELINE, JOB, REFERENCE, BoltVerdict, Judgement, judge, scatter_of
 from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, PartialChange, SampledChange, carried
-from lrbc_cli.updating.judging.normal import normal_cdf
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import NO_SCATTER, DecisionRule, TightScatter
+from lrbc_cli.updating.normal import normal_cdf
 from lrbc_cli.updating.posterior.mixture import ChangeSamples
 from lrbc_cli.updating.statistics.priors import BoltPrior
 

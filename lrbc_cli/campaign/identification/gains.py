@@ -12,10 +12,8 @@ import numpy as np
 from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.misfit.cost import Misfit
+from lrbc_cli.updating.normal import NORMAL_95
 from lrbc_cli.updating.statistics.error_model import ErrorModel
-
-#: Share of a gain that the lines that are not compared have to show.
-SHOWN = 0.5
 
 
 @dataclass(frozen=True)
@@ -39,16 +37,15 @@ class Gains:
         """Of all responses used; the standard deviation of a shared gain, else that of their mean."""
         return float(self.values.mean()), float(self.stds.max() if self.shared else np.sqrt(np.mean(self.stds**2) / self.stds.size))
 
-    @property
-    def alike(self) -> bool:
+    def alike(self, errors: ErrorModel) -> bool:
         """Whether all responses lie on one side, and less far from each other than from none."""
-        return self.shared or float(np.ptp(self.values)) < SHOWN * abs(float(self.values.mean()))
+        return self.shared or float(np.ptp(self.values)) < errors.gain_shown * abs(float(self.values.mean()))
 
     def seen(self, errors: ErrorModel) -> Bools:
         """(U,) whether it lies, with its 95 % interval, beyond what a measuring chain is calibrated to."""
-        return np.asarray(np.abs(self.values) - 2.0 * self.stds > errors.least_gain_db)
+        return np.asarray(np.abs(self.values) - NORMAL_95 * self.stds > errors.least_gain_db)
 
-    def shown(self, elsewhere: Floats) -> Bools:
+    def shown(self, elsewhere: Floats, errors: ErrorModel) -> Bools:
         """(U,) whether a gain shows on lines where damping would not, which moves levels about resonances, and hardly others.
 
         Parameters
@@ -57,7 +54,7 @@ class Gains:
             By how much levels lie above what the fit expects on lines that are not compared [dB]; NaN where not known.
         """
         middle = np.array([_median(elsewhere if self.shared else elsewhere[:, at]) for at in range(self.values.size)])
-        return np.asarray(np.isnan(middle) | (np.abs(middle - self.values) < SHOWN * np.abs(self.values)))
+        return np.asarray(np.isnan(middle) | (np.abs(middle - self.values) < errors.gain_shown * np.abs(self.values)))
 
     def over(self, inputs: Inputs) -> Floats:
         """(R,) those of all responses [dB]: of one that is not used what the others have in common, as far as they tell it."""
@@ -100,8 +97,8 @@ def none_shown(inputs: Inputs, elsewhere: Floats) -> bool:
     elsewhere : (m, U) float array
         See ``Gains.shown``, of a fit without gains.
     """
-    middle = np.array([_median(column) for column in elsewhere.T])
-    return bool(middle.size and np.all(np.abs(middle) < SHOWN * inputs.statistics.errors.least_gain_db))
+    middle, errors = np.array([_median(column) for column in elsewhere.T]), inputs.statistics.errors
+    return bool(middle.size and np.all(np.abs(middle) < errors.gain_shown * errors.least_gain_db))
 
 
 def kept(inputs: Inputs, gains: Gains | None, left: tuple[float, float], elsewhere: Floats) -> bool:
@@ -120,8 +117,9 @@ def kept(inputs: Inputs, gains: Gains | None, left: tuple[float, float], elsewhe
     elsewhere : (m, U) float array
         See ``Gains.shown``.
     """
+    errors = inputs.statistics.errors
     if gains is None or not left[1] < left[0]:
         return False
-    if not gains.shared and left[0] ** 2 - left[1] ** 2 < SHOWN**2 * float(np.mean(gains.values**2)):
+    if not gains.shared and left[0] ** 2 - left[1] ** 2 < errors.gain_shown**2 * float(np.mean(gains.values**2)):
         return False
-    return bool(np.any(gains.seen(inputs.statistics.errors) & gains.shown(elsewhere)))
+    return bool(np.any(gains.seen(errors) & gains.shown(elsewhere, errors)))

@@ -347,7 +347,7 @@ class Job:
     def gains_of(self, fit: Fit) -> Gains | None:
         """The gains at the end of a fit; None where its cost allows for none."""
         solution, knowledge = fit.solution, fit.knowledge
-        rows = solution.evaluation.jacobian[: fit.plain.valid.sum() * (2 if self.method.residual.kind != "db" else 1)]
+        rows = solution.evaluation.jacobian[: fit.plain.valid.sum() * (2 if self.method.residual.phase else 1)]
         of = rows, knowledge.covariance, knowledge.noise.variance
         return gains_of(self.inputs, fit.plain, solution.theta, *of, shared=self.against_reference)
 
@@ -395,7 +395,7 @@ class Job:
             # Its error is in model and measurement alike; that of its measurement is in the residuals.
             return replace(fit, knowledge=knowledge.about_estimate(state))
         value = fit.misfit(np.concatenate([fit.solution.theta, knowledge.values]))
-        rows = value.residual.size - fit.misfit.penalty.shape[0]
+        rows = fit.misfit.data_rows(value)
         jacobian = fit.solution.evaluation.jacobian[:rows]
         return replace(fit, knowledge=knowledge.about_estimate(state, jacobian, value.jacobian[:rows, : self.parameters.size])).after(1)
 

@@ -65,7 +65,7 @@ def changes_of(
     level = Level(plain, prior, shapes.T)
     count = shapes.std.size
     value = plain(prior + shapes.T @ knowledge.z)
-    rows = value.residual.size - plain.penalty.shape[0]
+    rows = plain.data_rows(value)
     # What drifted was taken out at its estimate: its prior lies that far from zero.
     columns, std = [jacobian[:rows, count:]], [nuisance.std for nuisance in knowledge.nuisances]
     mean = [nuisance.mean - float(at) for nuisance, at in zip(knowledge.nuisances, knowledge.values, strict=True)]

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
-from lrbc_cli.campaign.digests import origin
+from lrbc_cli.campaign.digests import origin, program
 from lrbc_cli.campaign.identification.correlate import FDAC_COLUMNS, correlation_of, correlation_tree, fdac_rows, mean_of
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.nuisances import nuisance_tree
@@ -84,6 +84,7 @@ def finish(
     tree["provenance"] |= {
         **own.tree(),
         "origin": origin_of(inputs),
+        "program": program(),
         "judgement": judgement.tree() | {"copied": copied},
         "rests_on": rests_on(tight),
     }

@@ -28,6 +28,7 @@ PARTS = {
     "parameters": "the parameter groups",
     "bolts": "the bolts",
     "settings": "the settings of the identification",
+    "statistics": "the statistical model",
     "responses": "the responses",
     "measurement": "its measurement",
     "reference": "the measurement or the settings of the reference job",
@@ -97,6 +98,7 @@ def _own(inputs: Inputs, model: Mapping[str, str], name: str) -> dict[str, str]:
         ),
         "bolts": digest(None if inputs.bolts is None else (inputs.bolts.name, inputs.bolts.xyz.tolist())),
         "settings": digest(inputs.method.digest, campaign.update.reference == name),
+        "statistics": inputs.method.statistics.digest(),
         "responses": digest(
             {key: value.get("record") for key, value in resolved["responses"].items()}, [[r.name, r.quantity] for r in inputs.responses]
         ),

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lrbc_cli.campaign.digests import program
 from lrbc_cli.campaign.jobs.identity import JUDGED, PARTS, Identity, changed, identification, judgement
 from lrbc_cli.campaign.jobs.judging import ComparedWith
 from lrbc_cli.campaign.jobs.standing import altered, other_baselines, other_reference, rests_on
@@ -20,8 +21,6 @@ from lrbc_cli.updating.judging.rule import DecisionRule
 
 if TYPE_CHECKING:
     from lrbc_cli.campaign.reading.inputs import Inputs
-
-NOTHING = "nothing changed"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,13 +146,20 @@ def _alone(folder: Path, job: JobPlan) -> JobPlan:
     reason = _outdated(stored, job, folder)
     if reason is not None:
         return replace(job, reason=reason)
-    found = replace(job, run=False, reason=NOTHING, record=stored)
+    found = replace(job, run=False, reason=unchanged(stored), record=stored)
     rested = stored.provenance.judgement
     other = changed(None if rested is None else rested.parts, job.judgement.parts, JUDGED)
     if not stored.sealed:
         # Its verdicts may be anyone's; what they rest on is kept beside it.
         other = "the earlier result is not sealed: of an older version, or changed by hand"
     return found if other is None else _judged(found, folder.parent, other)
+
+
+def unchanged(stored: JobRecord | None) -> str:
+    """That nothing changed on which a result rests; whoever edits the program learns that its code is no part of that."""
+    if stored is None or stored.provenance.program in (None, program()):
+        return "nothing changed"
+    return "nothing that it rests on changed; the program or its libraries did, --force identifies it again"
 
 
 def _outdated(stored: JobRecord, job: JobPlan, folder: Path) -> str | None:
@@ -192,7 +198,7 @@ def settled(job: JobPlan, output: Path, now: RestsOn, reference: str | None) -> 
     if other is not None:
         return replace(job, run=True, judge=False, reason=other, waits=False)
     anew = other_baselines(stored, now)
-    job = replace(job, run=False, waits=False, reason=job.reason if job.judge else NOTHING)
+    job = replace(job, run=False, waits=False, reason=job.reason if job.judge else unchanged(job.record))
     return job if anew is None else _judged(job, output, anew)
 
 

@@ -126,7 +126,7 @@ class Outcome:
         return found
 
     def exit_code(self, fail_on_loose: bool) -> int:
-        """The exit code of ``interface.md``."""
+        """The exit code, as `lrbc --help` lists them."""
         if self.failed:
             kinds = {error.exit_code for error in self.errors.values()}
             if not self.results and len(kinds) == 1:

@@ -373,7 +373,8 @@ def _unlike(
         causes = "the springs whose places are warned of may be the reason; else " if inputs.springs_doubt else ""
         causes += (
             "check the mass sum (units of the model), the material of each part, damping, start values, places and directions of hammer "
-            f"and sensors (lrbc check --picture); errors of some per cent are what `lrbc calibrate` is for{softness_text(measured, model)}"
+            "and sensors (lrbc check --picture); errors of some per cent are what `lrbc calibrate` is for"
+            + softness_text(measured, model, s)
         )
         if free := looser(inputs, measured, states, loosened, parameters, typical):
             causes = f"it is the reference job{free} Name a tight job under update.reference, or measure it again; else {causes}"

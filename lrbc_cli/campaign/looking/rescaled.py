@@ -143,12 +143,17 @@ def resonances(values: Complexes) -> int:
     return max(_peaks(values).size, 1)
 
 
-def softness_text(measured: Complexes, computed: Complexes) -> str:
-    """That the model has many more or fewer resonances than were measured, in a clause; empty where the numbers are alike."""
+def softness_text(measured: Complexes, computed: Complexes, s: Complexes) -> str:
+    """That the model has many more or fewer resonances than were measured, on lines s, in a clause; empty where the numbers are alike.
+
+    Where its lowest one does not lie on the same side, it is neither: heavy damping and noise hide resonances, or make some.
+    """
     seen, here = resonances(measured), resonances(computed)
-    if max(seen, here) < MORE * min(seen, here):
+    first = [float(s[peaks[0]].imag) if peaks.size else np.nan for peaks in (_peaks(measured), _peaks(computed))]
+    soft = here > seen
+    if max(seen, here) < MORE * min(seen, here) or (first[1] >= first[0] if soft else first[1] <= first[0]):
         return ""
-    wrong = "soft or too heavy" if here > seen else "stiff or too light"
+    wrong = "soft or too heavy" if soft else "stiff or too light"
     return f"; {here} resonances of the model stand beside {seen} measured ones: it is too {wrong} (density, modulus, thickness, supports)"
 
 

@@ -30,7 +30,7 @@ def _matrix_market(path: Path, group: str | None) -> MatrixFile:
     return read_matrix_market(path)
 
 
-#: Reader of each format; a new format is a module, a line here and a line in ``detect_format``.
+#: Reader of each format; a new format is a module, a line here, one in ``detect_format`` and its name in ``config.fields.MatrixFormat``.
 FORMATS: dict[str, Callable[[Path, str | None], MatrixFile]] = {
     "matrix-market": _matrix_market,
     "hdf5": read_hdf5_matrix,

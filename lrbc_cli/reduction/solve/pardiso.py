@@ -61,8 +61,6 @@ class Pardiso:
         CSR pattern, sorted; the upper triangle with the whole diagonal where ``symmetric``.
     symmetric : bool
         Complex symmetric LDLᵀ (mtype 6), otherwise complex LU (mtype 13).
-    perm : (n,) int array or None
-        Elimination order to use; PARDISO's own METIS otherwise.
     """
 
     def __init__(self, indptr: NDArray[Any], indices: NDArray[Any], *, symmetric: bool) -> None:

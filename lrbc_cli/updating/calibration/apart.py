@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.updating.posterior.confidence import NORMAL_95
+from lrbc_cli.updating.normal import NORMAL_95
 from lrbc_cli.updating.statistics.priors import CALIBRATION_PRIOR, CalibrationPrior
 
 

@@ -19,7 +19,7 @@ from lrbc_cli.reduction.reduced.affine import AffineModel
 from lrbc_cli.updating.calibration.apart import Losses, apart_notes, indistinguishable
 from lrbc_cli.updating.misfit.cost import Misfit, penalty_rows
 from lrbc_cli.updating.misfit.extended import ExtendedFrf, Nuisance
-from lrbc_cli.updating.posterior.confidence import NORMAL_95
+from lrbc_cli.updating.normal import NORMAL_95
 from lrbc_cli.updating.posterior.fit import no_worse, noise_of
 from lrbc_cli.updating.search.optimise import Solution, gauss_newton
 from lrbc_cli.updating.search.smooth import smoothed_lines

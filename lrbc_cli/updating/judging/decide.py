@@ -10,9 +10,9 @@ import numpy as np
 
 from lrbc_cli.updating import robust
 from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, Interval, PartialChange
-from lrbc_cli.updating.judging.normal import normal_cdf
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, OUTSIDE, TIGHT, UNDECIDED, DecisionRule, TightScatter
+from lrbc_cli.updating.normal import normal_cdf
 
 #: What is said of a bolt that cannot well have been tight in the tight state.
 FALLEN = "far looser than the other bolts"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.updating.judging.normal import NORMAL_95, normal_cdf
+from lrbc_cli.updating.normal import NORMAL_95, normal_cdf
 
 if TYPE_CHECKING:
     # Judging needs nothing of what samples or finds places.

@@ -189,8 +189,6 @@ class Misfit:
         self.prior, self.eta = prior, eta
         rows = penalty_rows(model.parameters) if penalty is None else penalty
         self.rows = rows[np.any(rows != 0.0, axis=1)]
-        self.penalty = np.sqrt(eta) * self.rows
-        self.evaluations = 0
 
     @property
     def valid(self) -> NDArray[np.bool_]:
@@ -203,6 +201,15 @@ class Misfit:
         return self._data.target
 
     @property
+    def penalty(self) -> Floats:
+        """(m, size) rows of the penalty with its weight."""
+        return np.asarray(np.sqrt(self.eta) * self.rows)
+
+    def data_rows(self, evaluation: Evaluation) -> int:
+        """How many of its residuals are the data's; those of the penalty stand behind them."""
+        return int(evaluation.residual.size - self.rows.shape[0])
+
+    @property
     def lines(self) -> int:
         """Lines of one evaluation."""
         return int(self.model.s.size)
@@ -210,10 +217,10 @@ class Misfit:
     def __call__(self, theta: Floats) -> Evaluation:
         """Evaluate cost, residual and Jacobian in a single pass."""
         y, J = self.model.sensitivities(theta, self._data.phase)
-        self.evaluations += 1
         own, rows, difference = self._data(y, J)
-        residual = np.concatenate([own, self.penalty @ (theta - self.prior)])
-        jacobian = np.vstack([rows, self.penalty])
+        penalty = self.penalty
+        residual = np.concatenate([own, penalty @ (theta - self.prior)])
+        jacobian = np.vstack([rows, penalty])
         data = float(own @ own)
         total = max(float(residual @ residual), np.finfo(float).tiny)
         cost, misfit_db = float(np.log10(total)), float(np.mean(np.abs(difference)))
@@ -248,7 +255,11 @@ class Misfit:
         """The same cost with other rows of the penalty."""
         other = copy(self)
         other.rows = rows[np.any(rows != 0.0, axis=1)]
-        other.penalty, other.evaluations = np.sqrt(self.eta) * other.rows, 0
+        return other
+
+    def _with_data(self, data: DataResidual) -> Misfit:
+        other = copy(self)
+        other._data = data
         return other
 
     def with_model(self, model: Sensitive, prior: Floats, rows: Floats, eta: float) -> Misfit:
@@ -274,48 +285,34 @@ class Misfit:
 
     def with_level(self, level: float) -> Misfit:
         """The same cost with another standard deviation of the model discrepancy."""
-        other = copy(self)
-        other._data, other.evaluations = self._data.with_level(level), 0
-        return other
+        return self._with_data(self._data.with_level(level))
 
     def weighted_as(self, other: Misfit) -> Misfit:
         """The same cost with the weights of another on the same lines."""
-        found = copy(self)
-        found._data, found.evaluations = self._data.weighted_as(other._data), 0
-        return found
+        return self._with_data(self._data.weighted_as(other._data))
 
     def with_gains(self, gains: Floats) -> Misfit:
         """The same cost where such gains may be wrong, see ``DataResidual``."""
-        other = copy(self)
-        other._data, other.evaluations = self._data.with_gains(gains), 0
-        return other
+        return self._with_data(self._data.with_gains(gains))
 
     def gained_about(self, theta: Floats) -> Misfit:
         """The same cost, linearised in the gains that may be wrong about the most probable ones at theta; itself without such gains."""
         if self._data.gains is None:
             return self
-        other = copy(self)
-        other._data, other.evaluations = self._data.gained_about(self.model.frf(theta)), 0
-        return other
+        return self._with_data(self._data.gained_about(self.model.frf(theta)))
 
     def on_sphere(self) -> Misfit:
         """The same cost with differences that are bounded at poles and zeros alike, see ``DataResidual.on_sphere``."""
-        other = copy(self)
-        other._data, other.evaluations = self._data.on_sphere(), 0
-        return other
+        return self._with_data(self._data.on_sphere())
 
     def without(self, theta: Floats, share: float) -> Misfit:
         """The same cost without the share of the measured values that lie furthest from the model at theta."""
-        other = copy(self)
-        other._data, other.evaluations = self._data.without(self.model.frf(theta), share), 0
-        return other
+        return self._with_data(self._data.without(self.model.frf(theta), share))
 
     def about(self, theta: Floats, error: ChangeError) -> Misfit:
         """The same cost with lines weighted by how far the boundary has moved the model at theta from the prior."""
-        other = copy(self)
         change, shifts, band = error(self.prior, theta)
-        other._data, other.evaluations = self._data.with_change(self.model.frf(theta), change, error.most, shifts, band), 0
-        return other
+        return self._with_data(self._data.with_change(self.model.frf(theta), change, error.most, shifts, band))
 
     def gains(self, theta: Floats, jacobian: Floats, covariance: Floats, variance: float) -> tuple[Floats, Floats] | None:
         """Gains of the responses at an optimum and their standard deviations [dB]; None where none are allowed for.
@@ -344,13 +341,13 @@ class Misfit:
 
     def followed(self, theta: Floats, evaluation: Evaluation) -> float:
         """Standard deviation of the model discrepancy, by what is left at an optimum [dB]: see ``DataResidual.follow``."""
-        rows = evaluation.residual.size - self.penalty.shape[0]
+        rows = self.data_rows(evaluation)
         return self._data.follow(self.model.frf(theta), spent(evaluation.jacobian[:rows], evaluation.jacobian[rows:]))
 
     def with_eta(self, eta: float) -> Misfit:
-        """The same cost with another weight of the penalty, and its own count of evaluations."""
+        """The same cost with another weight of the penalty."""
         other = copy(self)
-        other.eta, other.penalty, other.evaluations = eta, np.sqrt(eta) * self.rows, 0
+        other.eta = eta
         return other
 
 

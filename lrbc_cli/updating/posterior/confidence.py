@@ -6,13 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtri
 
 from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.model.terms import LN10, ParameterGroup, Parameterisation
-
-#: Two-sided 95 %.
-NORMAL_95 = float(ndtri(0.975))
+from lrbc_cli.updating.normal import NORMAL_95
 
 #: Increase of the data's sum of squares over the noise that 95 % of fluctuations do not reach (chi-squared, one unknown).
 CHI2_95 = NORMAL_95**2

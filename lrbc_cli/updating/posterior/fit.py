@@ -121,7 +121,7 @@ def residual_places(misfit: Misfit, selected: NDArray[np.int64], count: int) -> 
 
 def noise_of(misfit: Misfit, evaluation: Evaluation, selected: NDArray[np.int64]) -> Noise:
     """Noise from the residuals of an evaluation, coarsened where joints are sought: values along an edge are held by their neighbours."""
-    rows = evaluation.residual.size - misfit.penalty.shape[0]
+    rows = misfit.data_rows(evaluation)
     line, response = residual_places(misfit, selected, rows)
     errors = replace(misfit.errors, coarsening=misfit.coarsening)
     return estimate_noise(evaluation.residual[:rows], evaluation.jacobian[:rows], evaluation.jacobian[rows:], line, response, errors)
@@ -309,7 +309,7 @@ def posterior(misfit: Misfit, solution: Solution, shapes: Shapes, nuisances: Seq
     # Unknowns that neither data nor prior hold have no finite variance: a share of round-off stands for none.
     floor = 1e-10 * max(float(np.diag(normal).max(initial=0.0)), np.finfo(float).tiny)
     inverse = np.linalg.inv(normal + floor * np.eye(normal.shape[0]))
-    rows = solution.evaluation.residual.size - misfit.penalty.shape[0]
+    rows = misfit.data_rows(solution.evaluation)
     told = noise.variance * inverse @ (J[:rows].T @ J[:rows]) @ inverse
     z = np.asarray(np.linalg.lstsq(shapes.T, solution.theta[:size] - prior, rcond=None)[0])
     held = np.isfinite(shapes.std) & (misfit.eta > 0)

@@ -193,7 +193,7 @@ class _Scaled:
 def _evaluate(model: Sensitive, theta: Floats, options: ResidualOptions) -> tuple[NDArray[np.complexfloating], Floats]:
     # A response that is silent at a line has no level there: such lines do not count.
     with np.errstate(divide="ignore", invalid="ignore"):
-        y, J = model.sensitivities(theta, options.kind != "db")
+        y, J = model.sensitivities(theta, options.phase)
     return y, np.where(np.isfinite(J), J, 0.0)
 
 

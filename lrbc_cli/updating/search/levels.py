@@ -107,7 +107,9 @@ def gauss_newton_by_levels(
         places |= {f"levels of the groups, {k + 1}": place for k, place in enumerate(apart)}
     texts = [_describe(misfit.model.parameters, trials[at], at, None if span is None else misfit.prior) for at in begun]
     # Coarse profiles are for values in a row.
-    coarse = race.coarse([trials[at] for at in begun], () if joints else knots, coarse_tolerance, coarse_iterations)
+    coarse = race.coarse(
+        [trials[at] for at in begun], () if misfit.model.parameters.of_joints else knots, coarse_tolerance, coarse_iterations
+    )
     race.begin([*zip(texts, coarse, strict=True), *places.items()], few)
     # A coarse level may pass a valley that its end has left.
     passed, least = race.seen, race.ends[race.best][1].evaluation.total

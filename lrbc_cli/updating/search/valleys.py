@@ -17,7 +17,7 @@ def worth(misfit: Misfit, value: Evaluation) -> float:
 
     A difference of so much between the residuals of two states makes neither much more probable than the other.
     """
-    rows = max(value.residual.size - misfit.penalty.shape[0], 1)
+    rows = max(misfit.data_rows(value), 1)
     return float(2.0 * misfit.coarsening * value.total / rows)
 
 

@@ -34,6 +34,8 @@ class ErrorModel:
     least_gain_db : float
         A gain is allowed for where its 95 % interval lies beyond this: 3.5 %, to which hammers are calibrated [dB]. In 42 right jobs of
         the samples and of virtual rigs the interval came to 0.24 dB: loosened bolts change the damping, too.
+    gain_shown : float
+        Share of a gain that lines that are not compared have to show, and, against the model, the misfit to gain by it. A choice.
     gain_rounds : int
         So often it is found anew with the loss linearised about it. A choice: the last changes it by less than 0.01 dB.
     most_correction_db : float
@@ -63,6 +65,7 @@ class ErrorModel:
     shift_knots: float = 0.02
     gain_db: float = 1.0
     least_gain_db: float = 0.3
+    gain_shown: float = 0.5
     gain_rounds: int = 2
     most_correction_db: float = 6.0
     most_lags: int = 20

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+from dataclasses import asdict, dataclass, fields
 
 from lrbc_cli.updating.statistics.chain.modal import MODAL, ModalRule
 from lrbc_cli.updating.statistics.error_model import ERRORS, ErrorModel
@@ -76,6 +77,12 @@ class StatisticalModel:
     calibration: CalibrationPrior = CALIBRATION_PRIOR
     validation: ValidationChannels = ValidationChannels()
     modal: ModalRule = MODAL
+
+    def digest(self, *names: str) -> str:
+        """Digest of these parts, or of all: their numbers, and of which classes they are, for another class may compute otherwise."""
+        parts = {name: getattr(self, name) for name in names or [entry.name for entry in fields(self)]}
+        found = sorted((name, type(part).__qualname__, sorted(asdict(part).items())) for name, part in parts.items())
+        return hashlib.sha256(repr(found).encode()).hexdigest()
 
 
 #: The defaults, for those who call a part alone.

@@ -37,6 +37,11 @@ class ResidualOptions:
     loss_scale: float | None = None
     floor: float | None = None
 
+    @property
+    def phase(self) -> bool:
+        """Whether the phase enters, with a residual of its own: then the logarithmic derivatives have to be complex."""
+        return self.kind in ("log-complex", "sphere")
+
 
 class DataResidual:
     """Residuals of the data and their Jacobian, from the FRFs of the model and their logarithmic derivatives.
@@ -309,8 +314,8 @@ class DataResidual:
 
     @property
     def phase(self) -> bool:
-        """Whether the phase enters: then the logarithmic derivatives have to be complex."""
-        return self.options.kind != "db"
+        """See ``ResidualOptions.phase``."""
+        return self.options.phase
 
     def __call__(self, y: Complexes, J: Floats | Complexes) -> tuple[Floats, Floats, Floats]:
         """Residuals at the valid lines.

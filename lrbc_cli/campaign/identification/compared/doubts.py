@@ -146,7 +146,7 @@ def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> dict[tu
         # What leaves most of the misfit wherever it is seen is no unit and no gain.
         if firm.intersection(common.responses)
     }
-    silent = inputs.campaign.update.residual == "db"
+    silent = not inputs.method.residual.phase
     tail = "; magnitudes in dB do not feel it, so that the fit is not affected" if silent else ""
     turned = [o.response for o in offsets if o.reversed]
     if turned:
@@ -177,7 +177,7 @@ def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> dict[tu
 
 def sideways_text(inputs: Inputs, how: str, job: str) -> str:
     """What to say of phases across those of the model; ``how`` of ``likeness.sideways``."""
-    tail = "; magnitudes in dB do not feel it, so that the fit is not affected" if inputs.campaign.update.residual == "db" else ""
+    tail = "; magnitudes in dB do not feel it, so that the fit is not affected" if not inputs.method.residual.phase else ""
     if how == "exchanged":
         return (
             "real and imaginary parts stand in each other's place, it seems: phases of all responses are 90 degrees less the model's; "
@@ -211,12 +211,12 @@ def largest_text(inputs: Inputs, offsets: Sequence[Offset]) -> str:
 
 def compared_text(inputs: Inputs, result: Identification) -> str:
     """What entered the cost, and against what, in a clause."""
-    residual = {"db": "magnitudes in dB", "log-complex": "magnitudes in dB and phases"}
+    residual = "magnitudes in dB" + (" and phases" if inputs.method.residual.phase else "")
     against = f"corrected by the model discrepancy of {inputs.campaign.update.reference}" if result.relative else "as measured"
     names = ", ".join(inputs.responses[i].name for i in inputs.used)
     lines = result.measurement.frequency_hz[result.selected]
     band = f"{lines.size} lines from {lines[0]:g} to {lines[-1]:g} Hz"
-    return f"compared were {residual[inputs.campaign.update.residual]} {against} of {names} at {band}"
+    return f"compared were {residual} {against} of {names} at {band}"
 
 
 def own_fault_text(inputs: Inputs, misfits: Floats, reference: str, known: str = "") -> str:
@@ -370,10 +370,11 @@ def gain_text(inputs: Inputs, job: str, gains: Gains) -> str:
 
 def level_text(inputs: Inputs, job: str, gains: Gains) -> str:
     """What to say of gains that the responses of the reference job, or of the job of the calibration, have against the model."""
-    seen = gains.seen(inputs.statistics.errors)
+    errors = inputs.statistics.errors
+    seen = gains.seen(errors)
     each = zip(inputs.used.tolist(), gains.values.tolist(), gains.stds.tolist(), seen.tolist(), strict=True)
     named = ", ".join(f"{inputs.responses[at].name} {gain_size(value, std)}" for at, value, std, one in each if one)
-    if gains.alike:
+    if gains.alike(errors):
         size, likely = f"all FRFs are {gain_size(*gains.mean)}", "the hammer or of the sensors, or the mass of the model"
     else:
         size, likely = f"FRFs are higher or lower ({named})", "the sensors"

@@ -77,7 +77,7 @@ def second_blow(frequency_hz: Floats, own: Complexes, tight: Complexes, referenc
     if not all(before.values()):
         return None
     band, sizes = float(np.ptp(frequency_hz)), np.array(rule.sizes)
-    delays = np.fft.rfftfreq(rule.steps * steps.size, spacing)
+    delays = np.asarray(np.fft.rfftfreq(rule.steps * steps.size, spacing), dtype=float)
     possible = np.flatnonzero((delays >= rule.periods / band) & (delays < 1.0 / (rule.lines * spacing)))
     # One in the reference job is in all others, the other way round.
     found: tuple[float, float, float, float] = (np.inf, 0.0, 0.0, 1.0)
