@@ -10,9 +10,9 @@ from lrbc_cli.arrays import Floats
 DEVIATION = 1.4826
 
 
-def scatter(values: Floats) -> float:
-    """Standard deviation of Gaussian values, by the median of their departures from their median."""
-    return DEVIATION * float(np.median(np.abs(values - np.median(values))))
+def scatter(values: Floats) -> Floats:
+    """Standard deviation of Gaussian values, by the median of their departures from their median; along the first axis."""
+    return np.asarray(DEVIATION * np.median(np.abs(values - np.median(values, axis=0)), axis=0))
 
 
 def medians(values: Floats, axis: int = -1) -> Floats:

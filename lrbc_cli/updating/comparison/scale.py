@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache, lru_cache
 from itertools import product
 
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
-from lrbc_cli.updating.robust import medians, scatter
+from lrbc_cli.updating.robust import scatter
 
 #: Parts of the band whose medians are compared, the lines each needs, and Student's t of that many medians, two-sided 95 %.
 PARTS, LEAST_LINES, STUDENT = 8, 5, 2.365
@@ -130,6 +131,7 @@ def _db(value: float) -> float:
     return float(20.0 * np.log10(value))
 
 
+@cache
 def known_factors(quantity: str) -> tuple[Known, ...]:
     """What may be mistaken in FRFs of a quantity over a force."""
     found = [Known(0.0, "", "")]
@@ -169,14 +171,14 @@ def _recognised(value: float, half: float, table: Sequence[Known]) -> tuple[Know
     return tuple(known for known in near if abs(known.db - value) <= nearest + 0.05)
 
 
-def _parts(values: Floats) -> tuple[float, float]:
-    """Median, and half of its 95 % interval by the medians of parts of the band, which model errors move apart."""
-    count = min(PARTS, values.size // LEAST_LINES)
-    centre = float(medians(values)[0])
+def _parts(values: Floats) -> tuple[Floats, Floats]:
+    """Medians of each row, (B, F), and halves of their 95 % intervals by medians of parts of the band, which model errors move apart."""
+    count = min(PARTS, values.shape[1] // LEAST_LINES)
+    centres = np.median(values, axis=1)
     if count < 2:
-        return centre, np.inf
-    parts = np.concatenate([medians(part) for part in np.array_split(values, count)])
-    return centre, STUDENT * MEDIAN_SPREAD * scatter(parts) / float(np.sqrt(count))
+        return centres, np.full(centres.size, np.inf)
+    parts = np.stack([np.median(part, axis=1) for part in np.array_split(values, count, axis=1)])
+    return centres, STUDENT * MEDIAN_SPREAD * scatter(parts) / float(np.sqrt(count))
 
 
 def _scores(measured: Complexes, model: Complexes, power: int) -> dict[tuple[bool, bool], float]:
@@ -271,10 +273,10 @@ def offset_of(
         level = 20.0 * np.log10(np.abs(x / y))
         before = float(np.mean(np.abs(level)))
         least = min(least, before)
-        for b in powers:
-            rest = level - 20.0 * b * np.log10(2.0 * np.pi * frequency_hz[valid])
-            centre, half = _parts(rest)
-            left = float(np.mean(np.abs(rest - centre)))
+        rests = level - 20.0 * np.array(powers)[:, None] * np.log10(2.0 * np.pi * frequency_hz[valid])
+        centres, halves = _parts(rests)
+        lefts = np.abs(rests - centres[:, None]).mean(axis=1)
+        for b, centre, half, left in zip(powers, centres.tolist(), halves.tolist(), lefts.tolist(), strict=True):
             known = _recognised(centre, half, known_factors(moved(quantity, b) or quantity))
             if b:
                 known = tuple(k for k in known if k.unit is not None)
@@ -303,20 +305,29 @@ def delay_of(frequency_hz: Floats, measured: Complexes, model: Complexes) -> flo
     """
     few = np.unique(np.linspace(0, frequency_hz.size - 1, min(frequency_hz.size, DELAY_LINES)).round().astype(np.int64))
     f, z = frequency_hz[few], (measured / np.abs(measured) * np.conj(model / np.abs(model)))[few]
-    width, step = float(np.ptp(f)), float(np.median(np.diff(f)))
+    width = float(np.ptp(f))
 
-    def alike(tau: Floats) -> Floats:
+    def alike(turns: Complexes) -> Floats:
         # Of either sign: a sensor may be reversed, too.
-        return np.asarray(np.abs(np.real(np.exp(2j * np.pi * np.outer(tau, f)) @ z)) / f.size)
+        return np.asarray(np.abs(np.real(turns @ z)) / f.size)
 
+    coarse, turns = _delays(f.tobytes())
+    fine = coarse[int(np.argmax(alike(turns)))] + np.linspace(-1.0, 1.0, 41) / (4.0 * width)
+    found = alike(np.exp(2j * np.pi * np.outer(fine, f)))
+    best = int(np.argmax(found))
+    clear = found[best] >= LATE and found[best] - alike(np.ones((1, f.size), dtype=complex))[0] >= LATER
+    return float(fine[best]) if clear else 0.0
+
+
+@lru_cache(maxsize=4)
+def _delays(lines: bytes) -> tuple[Floats, Complexes]:
+    """Delays that are tried on some lines, and the phases that each takes back; most responses of a campaign have the same lines."""
+    f = np.frombuffer(lines)
+    width, step = float(np.ptp(f)), float(np.median(np.diff(f)))
     # A whole turn from line to line is none; four steps over the width of the maximum.
     count = int(np.ceil(width / step))
-    coarse = np.arange(-count, count + 1) / (4.0 * width)
-    fine = coarse[int(np.argmax(alike(coarse)))] + np.linspace(-1.0, 1.0, 41) / (4.0 * width)
-    found = alike(fine)
-    best = int(np.argmax(found))
-    clear = found[best] >= LATE and found[best] - alike(np.zeros(1))[0] >= LATER
-    return float(fine[best]) if clear else 0.0
+    delays = np.arange(-count, count + 1) / (4.0 * width)
+    return delays, np.exp(2j * np.pi * np.outer(delays, f))
 
 
 def moved(quantity: str, power: int) -> str | None:

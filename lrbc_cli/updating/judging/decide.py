@@ -249,7 +249,7 @@ def _far_from_others(bolts: Sequence[BoltEvidence], rule: DecisionRule) -> dict[
     for name, (value, std, own) in tight.items():
         peers = np.array([other for other, _, groups in tight.values() if groups == own])
         middle = float(np.median(peers))
-        limit = rule.limit(rule.loose_change, max(robust.scatter(peers), rule.joint_scatter))
+        limit = rule.limit(rule.loose_change, max(float(robust.scatter(peers)), rule.joint_scatter))
         if float(normal_cdf((limit + abs(value - middle)) / max(std, 1e-12))) >= rule.confidence:
             found[name] = value - middle
     return found
