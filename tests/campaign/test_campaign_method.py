@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import pytest
@@ -16,6 +16,7 @@ from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.config.settings import UpdateConfig
 from lrbc_cli.method.resolve import Facts, Method, formula, noise_source, resolve
 from lrbc_cli.updating.statistics.model import STATISTICS
+from lrbc_cli.updating.statistics.priors import BoltPrior
 
 JOBS = ["tight", "loose-2", "loose-all"]
 
@@ -82,18 +83,18 @@ def test_every_command_says_what_is_not_used(frame: Folder) -> None:
 
 
 @pytest.mark.parametrize(
-    ("weights", "regularisation", "coherent", "repeated", "source"),
+    ("settings", "coherent", "repeated", "dense", "source"),
     [
-        ("auto", "auto", True, True, "coherence"),
-        ("auto", "auto", False, True, "scatter"),
-        ("auto", "auto", False, False, "none"),
-        ("none", "auto", True, True, "none"),
-        ("auto", 0.04, True, True, "none"),
+        ({}, True, True, True, "coherence"),
+        ({}, False, True, True, "scatter"),
+        ({}, False, False, True, "lines"),
+        ({}, False, False, False, "none"),
+        ({"weights": "none"}, True, True, True, "none"),
+        ({"regularisation": 0.04}, True, True, True, "none"),
     ],
 )
-def test_where_the_noise_of_lines_is_from(weights: str, regularisation: Any, coherent: bool, repeated: bool, source: str) -> None:
-    found = method(weights=weights, regularisation=regularisation)
-    assert noise_source(found, coherent=coherent, repeated=repeated) == source
+def test_where_the_noise_of_lines_is_from(settings: dict[str, Any], coherent: bool, repeated: bool, dense: bool, source: str) -> None:
+    assert noise_source(method(**settings), coherent=coherent, repeated=repeated, dense=dense) == source
 
 
 def test_formulas() -> None:
@@ -117,12 +118,23 @@ def test_every_number_is_part_of_the_identity(part: str, name: str) -> None:
     value = getattr(own, name)
     other = tuple(2 * x for x in value) if isinstance(value, tuple) else 2 * value
     changed = replace(found.statistics, **{part: replace(own, **{name: other})})
-    assert replace(found, statistics=changed).digest != found.digest
+    assert changed.digest() != found.statistics.digest()
+    assert changed.digest(part) != found.statistics.digest(part)
+
+
+def test_another_class_of_a_part_is_another_model() -> None:
+    """It may compute otherwise with the same numbers."""
+
+    @dataclass(frozen=True, kw_only=True)
+    class Heavier(BoltPrior):
+        pass
+
+    assert replace(STATISTICS, bolts=Heavier()).digest() != STATISTICS.digest()
 
 
 def test_reasons_are_no_part_of_the_identity() -> None:
     assert method(approach="bolts").digest == method().digest
-    assert method(prior_std=0.3).digest != method().digest
+    assert method(prior_std=0.3).statistics.digest() != method().statistics.digest()
     assert method(loss="soft").digest != method().digest
 
 

@@ -12,6 +12,7 @@ from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.method.resolve import noise_source
 from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.statistics.decibels import coherence_sigma, decibel, noise_weights
+from lrbc_cli.updating.statistics.lines import neighbour_sigma, resolved
 from lrbc_cli.updating.statistics.model import ValidationChannels
 from lrbc_cli.updating.statistics.noise import validation_ratio
 
@@ -19,11 +20,16 @@ from lrbc_cli.updating.statistics.noise import validation_ratio
 def measured_sigma(inputs: Inputs, measurement: Measurement, job: JobConfig, selected: Integers) -> tuple[str, Floats | None]:
     """What tells the noise, and (F, R) standard deviations of all measured magnitudes [dB], NaN where unknown; None where nothing does."""
     coherent = bool((measurement.coherence[np.ix_(selected, inputs.used)] > 0.0).any()) and job.averages * measurement.files > 1
-    kind = noise_source(inputs.method, coherent=coherent, repeated=measurement.sigma_db is not None)
+    axis, errors = measurement.frequency_hz, inputs.statistics.errors
+    even = axis.size > errors.noise_window and bool(np.allclose(np.diff(axis), np.diff(axis).mean(), rtol=1e-3))
+    dense = even and resolved(axis, measurement.values[:, inputs.used], inputs.statistics.resolution)
+    kind = noise_source(inputs.method, coherent=coherent, repeated=measurement.sigma_db is not None, dense=dense)
     if kind == "coherence":
         # Of no record at all some programs write 0, which no estimate is.
         told = np.where(measurement.coherence > 0.0, measurement.coherence, np.nan)
-        return kind, coherence_sigma(told, job.averages * measurement.files, inputs.statistics.errors)
+        return kind, coherence_sigma(told, job.averages * measurement.files, errors)
+    if kind == "lines":
+        return kind, neighbour_sigma(measurement.values, errors.noise_window)
     return kind, measurement.sigma_db if kind == "scatter" else None
 
 
@@ -45,7 +51,7 @@ def line_sigma(inputs: Inputs, measurement: Measurement, job: JobConfig, selecte
     unknown = [(inputs.responses[i].name, int(n)) for i, n in zip(inputs.used, (np.isnan(chosen) & valid).sum(axis=0), strict=True) if n]
     notes: tuple[str, ...] = ()
     if unknown:
-        what = "coherence" if kind == "coherence" else "second measurement"
+        what = {"coherence": "coherence", "scatter": "second measurement", "lines": "neighbouring lines"}[kind]
         named = ", ".join(f"{name} ({count} lines)" for name, count in unknown)
         notes = (f"weights: no {what}, hence the weight 1, for {named}",)
     return chosen, notes

@@ -36,6 +36,8 @@ class ErrorModel:
         the samples and of virtual rigs the interval came to 0.24 dB: loosened bolts change the damping, too.
     gain_shown : float
         Share of a gain that lines that are not compared have to show, and, against the model, the misfit to gain by it. A choice.
+    noise_window : int
+        Lines over which noise is taken as the same where neighbouring lines tell it. A choice: a few bandwidths of a peak.
     gain_rounds : int
         So often it is found anew with the loss linearised about it. A choice: the last changes it by less than 0.01 dB.
     most_correction_db : float
@@ -66,6 +68,7 @@ class ErrorModel:
     gain_db: float = 1.0
     least_gain_db: float = 0.3
     gain_shown: float = 0.5
+    noise_window: int = 15
     gain_rounds: int = 2
     most_correction_db: float = 6.0
     most_lags: int = 20

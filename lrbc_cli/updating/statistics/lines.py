@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
 from lrbc_cli.updating.peaks import peaks_of
+from lrbc_cli.updating.robust import medians
 from lrbc_cli.updating.statistics.decibels import DB, decibel
 
 
@@ -204,10 +206,7 @@ def too_wide(*measured: tuple[Floats, Complexes], rule: Resolution = RESOLUTION)
     """
     found = [unresolved(*each, rule) for each in measured]
     peaks, sharp = (np.sort(np.concatenate([getattr(each, name) for each in found])) for name in ("peaks", "sharp"))
-    # Resonances show in several responses at the same line, noise there as often as at others.
-    # Where chance alone would hardly bring two together, that none are together says nothing.
-    chance = sum(each.chance for each in found)
-    noise = chance >= 1.0 and sum(each.together for each in found) < rule.together * chance
+    noise = _of_noise(found, rule)
     if sharp.size <= (rule.noisy if noise else rule.most) * peaks.size:
         return None
     fall = f"{sharp.size} of {peaks.size} peaks fall by more than {rule.drop_db:g} dB to both neighbouring lines"
@@ -220,6 +219,19 @@ def too_wide(*measured: tuple[Floats, Complexes], rule: Resolution = RESOLUTION)
         f"noise, it seems: {fall}, each response has them at other lines{where}; {cut}measure with more averages, "
         "a harder tip or a stronger blow"
     )
+
+
+def resolved(frequency_hz: Floats, measured: Complexes, rule: Resolution = RESOLUTION) -> bool:
+    """Whether lines resolve the peaks of (F, R) FRFs, whatever peaks noise makes."""
+    found = unresolved(frequency_hz, measured, rule)
+    return bool(found.sharp.size <= rule.most * found.peaks.size or _of_noise([found], rule))
+
+
+def _of_noise(found: Sequence[Sharp], rule: Resolution) -> bool:
+    """Whether sharp peaks are noise's: resonances show in several responses at the same line, noise there as often as at others."""
+    # Where chance alone would hardly bring two together, that none are together says nothing.
+    chance = sum(each.chance for each in found)
+    return chance >= 1.0 and sum(each.together for each in found) < rule.together * chance
 
 
 def _hum(sharp: Floats, *axes: Floats, most: float = 0.5, chance: float = 0.1) -> str:
@@ -308,15 +320,44 @@ def line_noise(measured: Complexes, *, least: int = 20) -> float:
     least : int
         Lines of a response.
     """
+    share = _noise_shares(measured)
+    enough = np.isfinite(share).sum(axis=0) >= least
+    return float(np.median(np.nanmedian(share[:, enough], axis=0))) if enough.any() else float("nan")
+
+
+def neighbour_sigma(measured: Complexes, window: int) -> Floats:
+    """Standard deviation of measured magnitudes by what single lines scatter about their neighbours [dB], where nothing else tells it.
+
+    The median over a window: single peaks and antiresonances do not count. On virtual rigs whose coherence is known both agree within a
+    factor of two from 0.05 to 4 dB. Where lines do not resolve the peaks, it is too much.
+
+    Parameters
+    ----------
+    measured : (F, R) complex array
+        On evenly spaced lines; NaN where a response was not measured.
+    window : int
+        Lines, an odd number.
+
+    Returns
+    -------
+    (F, R) float array
+        NaN where the lines about one are too few.
+    """
+    half = window // 2
+    share = np.pad(_noise_shares(measured), ((2 + half, 2 + half), (0, 0)), constant_values=np.nan)
+    around = np.lib.stride_tricks.sliding_window_view(share, window, axis=0)
+    # Real and imaginary parts have half the variance each; along the magnitude there is one of them.
+    return np.asarray(DB / np.sqrt(2.0) * medians(around)[..., 0])
+
+
+def _noise_shares(measured: Complexes) -> Floats:
+    """(F - 4, R) by what lines differ from a cubic through the two on each side, over their size; 1 in the median if all is noise."""
     with np.errstate(divide="ignore", invalid="ignore"):
         middle = (4.0 * (measured[1:-3] + measured[3:-1]) - measured[:-4] - measured[4:]) / 6.0
         share = np.abs(measured[2:-2] - middle) / np.abs(measured[2:-2])
-    enough = np.isfinite(share).sum(axis=0) >= least
-    if not enough.any():
-        return float("nan")
     # The squares of the weights, and the median of the size of a Gaussian complex number over its standard deviation.
     of_one = np.sqrt((1.0 + 34.0 / 36.0) * np.log(2.0))
-    return float(np.median(np.nanmedian(share[:, enough], axis=0))) / float(of_one)
+    return np.where(np.isfinite(share), share / of_one, np.nan)
 
 
 def normalised(measured: Complexes, *, least: int = 3, same: float = 1e-3) -> float:
