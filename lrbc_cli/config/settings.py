@@ -157,8 +157,8 @@ class UpdateConfig(Strict):
     weights: Literal["auto", "none"] = Field(
         default="auto",
         description="Weights of the lines 1/sqrt(1 + (sigma/s)²), sigma from coherence (with the jobs' `averages`), else from the scatter "
-        "of the jobs' `repeats`, else from that of neighbouring lines, s the model discrepancy, which follows the residuals; none: all "
-        "lines alike. With a given weight of the penalty always none.",
+        "of the jobs' `repeats`, else from neighbouring lines where noise is large, s the model discrepancy, which "
+        "follows the residuals; none: all lines alike. With a given weight of the penalty always none.",
     )
     regularisation: Regularisation = Field(
         default="auto",

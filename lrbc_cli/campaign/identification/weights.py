@@ -29,7 +29,10 @@ def measured_sigma(inputs: Inputs, measurement: Measurement, job: JobConfig, sel
         told = np.where(measurement.coherence > 0.0, measurement.coherence, np.nan)
         return kind, coherence_sigma(told, job.averages * measurement.files, errors)
     if kind == "lines":
-        return kind, neighbour_sigma(measurement.values, errors.noise_window)
+        # Less than a model lacks says nothing; curvature at sharp peaks looks like a little noise.
+        sigma = neighbour_sigma(measurement.values, errors.noise_window)
+        noisy = sigma >= errors.first_discrepancy_db
+        return (kind, np.where(noisy, sigma, 0.0)) if noisy[np.ix_(selected, inputs.used)].any() else ("none", None)
     return kind, measurement.sigma_db if kind == "scatter" else None
 
 
@@ -51,7 +54,7 @@ def line_sigma(inputs: Inputs, measurement: Measurement, job: JobConfig, selecte
     unknown = [(inputs.responses[i].name, int(n)) for i, n in zip(inputs.used, (np.isnan(chosen) & valid).sum(axis=0), strict=True) if n]
     notes: tuple[str, ...] = ()
     if unknown:
-        what = {"coherence": "coherence", "scatter": "second measurement", "lines": "neighbouring lines"}[kind]
+        what = "coherence" if kind == "coherence" else "second measurement"
         named = ", ".join(f"{name} ({count} lines)" for name, count in unknown)
         notes = (f"weights: no {what}, hence the weight 1, for {named}",)
     return chosen, notes
