@@ -624,6 +624,17 @@ def test_dry_run_changes_nothing(box: Folder, tmp_path: Path, args: list[str]) -
     assert "kept (nothing changed)" in box.run("update", "--dry-run").stdout
 
 
+def test_a_program_that_changed_keeps_results_and_says_so(box: Folder) -> None:
+    """Of code that was edited nothing else would tell."""
+    path = box.out / "loose" / "result.json"
+    tree = json.loads(path.read_text(encoding="utf-8"))
+    tree["provenance"]["program"] = "0" * 64
+    path.write_text(json.dumps(tree | {"digest": digest_of(tree)}), encoding="utf-8")
+    told = box.run("update", "--dry-run").stdout
+    assert "loose: kept (nothing that it rests on changed; the program or its libraries did, --force identifies it again)" in told
+    assert "tight: kept (nothing changed)" in told
+
+
 def test_quiet_and_verbose(box: Folder) -> None:
     quiet = box.run("update", "--force", "-q")
     assert (quiet.code, quiet.stderr) == (0, "")

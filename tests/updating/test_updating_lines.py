@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lrbc_cli.updating.statistics.lines import RESONANCES, interpolated, resonance_lines, too_wide, unresolved
+from lrbc_cli.updating.statistics.lines import RESONANCES, interpolated, neighbour_sigma, resolved, resonance_lines, too_wide, unresolved
 
 F = np.arange(20.0, 401.0)
 
@@ -213,3 +213,35 @@ def test_measured_lines_are_not_taken_for_interpolated_ones():
         H[:5],
     ):
         assert interpolated(values) is None
+
+
+@pytest.mark.parametrize("share", [0.02, 0.1, 0.3])
+def test_noise_by_neighbouring_lines(share: float) -> None:
+    """Of the noise that each line has on its own, as large as told; resonances and antiresonances do not count."""
+    f, rng = np.arange(20.0, 400.0, 0.25), np.random.default_rng(3)
+    H = many_modes(f, 0.02)
+    noise = (rng.normal(size=H.shape) + 1j * rng.normal(size=H.shape)) / np.sqrt(2.0)
+    sigma = neighbour_sigma(H * (1.0 + share * noise), 15)
+    assert sigma.shape == H.shape
+    # Half of the variance lies along the magnitude.
+    assert np.nanmedian(sigma) == pytest.approx(20.0 / np.log(10.0) * share / np.sqrt(2.0), rel=0.1)
+    assert np.nanmedian(neighbour_sigma(H, 15)) < 0.02
+    assert np.nanmax(neighbour_sigma(H, 15)) < 1.0
+
+
+def test_noise_alone_by_neighbouring_lines() -> None:
+    rng = np.random.default_rng(4)
+    noise = rng.normal(size=(200, 3)) + 1j * rng.normal(size=(200, 3))
+    noise[50:60, 1] = np.nan
+    sigma = neighbour_sigma(noise, 15)
+    assert np.isfinite(sigma).all()
+    assert 4.0 < np.nanmedian(sigma) < 9.0
+    assert np.isnan(neighbour_sigma(np.full((30, 1), np.nan + 0j), 15)).all()
+
+
+@pytest.mark.parametrize(("damping", "noise", "expected"), [(0.02, 0.0, True), (1e-4, 0.0, False), (0.02, 1.0, True)])
+def test_noise_is_no_peak_that_lines_do_not_resolve(damping: float, noise: float, expected: bool) -> None:
+    f, rng = np.arange(20.0, 400.0, 2.0), np.random.default_rng(5)
+    H = many_modes(f, damping)
+    H = H + noise * np.median(np.abs(H), axis=0) * (rng.normal(size=H.shape) + 1j * rng.normal(size=H.shape))
+    assert resolved(f, H) == expected
