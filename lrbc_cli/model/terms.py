@@ -91,8 +91,6 @@ class ParameterGroup:
         log10.
     smoothing : (k, k) float array
         W of Fig. 5: the values are ``W 10^p``.
-    baseline : float
-        What the matrices already contain for these terms (linear), subtracted exactly.
     damping : EdgeDamping or None
     xyz : (k, 3) float array or None
         Positions of the parameters [m].
@@ -109,7 +107,6 @@ class ParameterGroup:
     initial: Floats = field(repr=False)
     bounds: Floats = field(repr=False)
     smoothing: Floats = field(repr=False)
-    baseline: float = 0.0
     damping: EdgeDamping | None = None
     xyz: Floats | None = field(default=None, repr=False)
     arc_length: Floats | None = field(default=None, repr=False)
@@ -262,18 +259,11 @@ class Parameterisation:
                 out.append((at, group.terms, group.damping.loss(s) * LN10 * 10.0 ** theta[at]))
         return out
 
-    def baseline(self, s: Complexes) -> Complexes:
-        """(F, nt) dynamic value that the matrices already contain."""
-        D = np.zeros((s.size, self.terms), dtype=complex)
-        for group in self.groups:
-            D[:, group.terms] = (group.baseline * s ** KIND_POWER[group.kind])[:, None]
-        return D
-
     def dynamic(self, theta: Floats, s: Complexes) -> Complexes:
-        """(F, nt) D_j(s), the value to add to the exported matrices; infinite where a term clamps."""
+        """(F, nt) D_j(s), the value to add to matrices without the terms; infinite where a term clamps."""
         kappa = self.scales(theta)
         finite = np.where(np.isfinite(kappa), kappa, 0.0)
-        D = self.spectra(theta, s) * finite - self.baseline(s)
+        D = self.spectra(theta, s) * finite
         D[:, ~np.isfinite(kappa)] = np.inf
         return D
 
@@ -287,7 +277,7 @@ class Parameterisation:
         out = np.zeros((self.terms, 3))
         for group, _, at in self.placed:
             power, terms = KIND_POWER[group.kind], group.terms
-            out[terms, power] = kappa[terms] - group.baseline
+            out[terms, power] = kappa[terms]
             if group.damping and at is not None:
                 out[terms, power + 1] = np.where(finite[terms], kappa[terms], 0.0) * group.damping.beta * 10.0 ** theta[at]
         return out

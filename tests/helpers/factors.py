@@ -68,7 +68,6 @@ def springs(damped: bool = False) -> Parameterisation:
         initial=np.full(SPRINGS, 4.5),
         bounds=limits,
         smoothing=np.eye(SPRINGS),
-        baseline=0.0,
         damping=damping,
     )
     return Parameterisation((group,))

@@ -13,13 +13,13 @@ THIRDS = (1 / 3, 2 / 3, 1 / 3)
 S = 2j * np.pi * np.linspace(15.0, 400.0, 120)
 
 
-def pads_model(smoothing=THIRDS, *, beta: float | None = 2e-5, extras: bool = False, bounds=(0.0, 7.0), initial: float = 4.5, baseline=0.0):
+def pads_model(smoothing=THIRDS, *, beta: float | None = 2e-5, extras: bool = False, bounds=(0.0, 7.0), initial: float = 4.5):
     """FeModel and Parameterisation; with ``extras`` a dashpot and a mass of unknown size beside the pads."""
     K, M = beam(44, bending=40.0)
     n = K.shape[0]
     nodes = np.linspace(4, 40, PADS).round().astype(int)
     left = [unit(n, *(2 * nodes - 1)).toarray()]
-    powers, baselines = [0] * PADS, [baseline] * PADS
+    powers = [0] * PADS
     at = nodes / 44
     stiffness = ParameterGroup(
         name="pads",
@@ -29,7 +29,6 @@ def pads_model(smoothing=THIRDS, *, beta: float | None = 2e-5, extras: bool = Fa
         initial=np.full(PADS, initial),
         bounds=np.tile(bounds, (PADS, 1)),
         smoothing=smoothing_matrix(smoothing, PADS),
-        baseline=baseline,
         damping=None if beta is None else EdgeDamping(beta, 0.0, (-2.0, 3.0)),
         xyz=np.column_stack([at, 0 * at, 0 * at]),
         arc_length=at - at[0],
@@ -38,7 +37,6 @@ def pads_model(smoothing=THIRDS, *, beta: float | None = 2e-5, extras: bool = Fa
     if extras:
         left += [unit(n, 23).toarray(), unit(n, 60).toarray()]
         powers += [1, 2]
-        baselines += [0.0, 0.0]
         for j, (name, kind, start, limits) in enumerate((("pot", "damping", 0.5, (-1.0, 3.0)), ("lump", "mass", -2.0, (-4.0, 0.0)))):
             at = np.array([PADS + j])
             groups.append(
@@ -59,7 +57,6 @@ def pads_model(smoothing=THIRDS, *, beta: float | None = 2e-5, extras: bool = Fa
         outputs=unit(n, 11, 33, 51, 75),
         left=csc(np.hstack(left)),
         power=powers,
-        baseline=baselines,
         damping=(6.0, 4e-6),
         output_power=2,
     )

@@ -70,12 +70,6 @@ class TestGradient:
         theta = wavy(misfit.model.parameters)
         check_derivative(lambda t: misfit(t).cost, misfit(theta).gradient, theta, np.eye(theta.size)[k], first=0.1)
 
-    def test_with_a_baseline(self):
-        misfit = misfits(baseline=300.0)[0]
-        theta = wavy(misfit.model.parameters)
-        direction = np.random.default_rng(4).normal(size=theta.size)
-        check_derivative(lambda t: misfit(t).cost, misfit(theta).gradient, theta, direction / np.linalg.norm(direction), first=0.05)
-
     def test_of_the_residuals(self):
         misfit = misfits()[0]
         theta = wavy(misfit.model.parameters)

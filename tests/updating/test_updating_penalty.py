@@ -19,7 +19,6 @@ def edge(count: int, first: int = 0, damping: EdgeDamping | None = None) -> Para
         initial=np.full(count, 3.0),
         bounds=np.tile([-1.0, 7.0], (count, 1)),
         smoothing=smoothing_matrix(None, count),
-        baseline=0.0,
         damping=damping,
     )
 

@@ -14,18 +14,18 @@ from lrbc_cli.updating.statistics.saturation import LIMITS, saturation
 TERMS = np.arange(PADS)
 
 
-def found(model, ports, baseline=0.0, D=None):
+def found(model, ports, D=None):
     scale = local_scale(model.K, model.M, model.terms, 2 * np.pi * 400.0)
     D = np.zeros((S.size, model.terms.size), dtype=complex) if D is None else D
-    return saturation(ports.evaluate, D, TERMS, float(np.exp(np.mean(np.log(scale[TERMS])))), baseline)
+    return saturation(ports.evaluate, D, TERMS, float(np.exp(np.mean(np.log(scale[TERMS])))))
 
 
-def distance(ports, p, limit, baseline=0.0, D=None):
+def distance(ports, p, limit, D=None):
     """Mean dB between uniform stiffness 10^p and a limit."""
 
     def level(value):
         trial = np.zeros((S.size, ports.D_ref.shape[1]), dtype=complex) if D is None else np.array(D, dtype=complex)
-        trial[:, TERMS] = value - baseline
+        trial[:, TERMS] = value
         return decibel(ports.evaluate(trial))
 
     return np.mean(np.abs(level(10.0**p) - level(limit)))
@@ -65,17 +65,6 @@ def test_the_exporters_scale_moves_it_along(pads):
     np.testing.assert_allclose(
         [second.start, second.lower, second.upper], np.array([first.start, first.lower, first.upper]) - 4.0, atol=2e-3
     )
-
-
-def test_a_baseline_is_subtracted():
-    """The matrices contain 3e5 N/m at each pad: the same limits as without."""
-    plain, _ = pads_model(None)
-    K = plain.K + 3e5 * plain.terms.left @ plain.terms.left.T
-    contains = fe_model(
-        K, plain.M, C=plain.C, loads=plain.B, outputs=csc(plain.L.T), left=plain.terms.left, baseline=3e5, output_power=plain.output_power
-    )
-    first, second = found(plain, pads_ports(plain)), found(contains, pads_ports(contains), baseline=3e5)
-    np.testing.assert_allclose([second.start, second.lower, second.upper], [first.start, first.lower, first.upper], atol=2e-3)
 
 
 def test_other_groups_stay_where_they_are():

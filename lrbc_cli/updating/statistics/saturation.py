@@ -59,7 +59,6 @@ def saturation(
     D: Complexes,
     terms: Integers,
     scale: float,
-    baseline: float = 0.0,
     limits: Limits = LIMITS,
     *,
     search: tuple[float, float] = (8.0, 6.0),
@@ -77,8 +76,6 @@ def saturation(
         The group.
     scale : float
         Local stiffness of its terms: the search starts there.
-    baseline : float
-        What the operators already contain.
     limits : Limits
     search, steps : (float, float), int
         Decades below and above the local stiffness between which limits are sought, and halvings of the range.
@@ -86,7 +83,7 @@ def saturation(
 
     def level(value: float) -> Floats:
         trial = np.array(D, dtype=complex)
-        trial[:, terms] = value - baseline
+        trial[:, terms] = value
         return decibel(values(trial))
 
     with np.errstate(divide="ignore"):
