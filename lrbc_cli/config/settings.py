@@ -156,9 +156,9 @@ class UpdateConfig(Strict):
     )
     weights: Literal["auto", "none"] = Field(
         default="auto",
-        description="Weights of the lines 1/sqrt(1 + (sigma/s)²), sigma from coherence (with the jobs' `averages`), else from the scatter "
-        "of the jobs' `repeats`, else from neighbouring lines where noise is large, s the model discrepancy, which "
-        "follows the residuals; none: all lines alike. With a given weight of the penalty always none.",
+        description="Weights of the lines 1/sqrt(1 + (sigma/s)²), sigma from coherence (with the jobs' `averages`) or from the scatter of "
+        "the jobs' `repeats` where measured, s the model discrepancy, which follows the residuals; without either, values that are mostly "
+        "noise by their neighbours are left out; none: all lines alike. With a given weight of the penalty always none.",
     )
     regularisation: Regularisation = Field(
         default="auto",

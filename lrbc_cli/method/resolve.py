@@ -22,7 +22,7 @@ from lrbc_cli.updating.statistics.residuals import ResidualOptions
 JOINTS = "nothing beside a joint holds what it held: one that is finger-tight loses two decades"
 
 Approach = Literal["bolts", "paper"]
-Noise = Literal["coherence", "scatter", "lines", "none"]
+Noise = Literal["coherence", "scatter", "none"]
 
 
 @dataclass(frozen=True)
@@ -236,7 +236,7 @@ def _approach(update: UpdateConfig, facts: Facts) -> tuple[Approach, str]:
     return "bolts", "there is a reference job to compare with"
 
 
-def noise_source(method: Method, *, coherent: bool, repeated: bool, dense: bool) -> Noise:
+def noise_source(method: Method, *, coherent: bool, repeated: bool) -> Noise:
     """From what the noise of the lines of one measurement is known.
 
     Parameters
@@ -246,17 +246,15 @@ def noise_source(method: Method, *, coherent: bool, repeated: bool, dense: bool)
         There are coherences of more than one average.
     repeated : bool
         There are repeated measurements.
-    dense : bool
-        Lines are evenly spaced, and resolve the peaks.
 
     Returns
     -------
     str
-        ``coherence``, ``scatter``, ``lines`` (of neighbouring lines about each other) or ``none``.
+        ``coherence``, ``scatter`` or ``none``.
     """
     if not method.weighted:
         return "none"
-    return "coherence" if coherent else "scatter" if repeated else "lines" if dense else "none"
+    return "coherence" if coherent else "scatter" if repeated else "none"
 
 
 def formula(evaluation: str, terms: int, size: int) -> str:

@@ -83,18 +83,17 @@ def test_every_command_says_what_is_not_used(frame: Folder) -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "coherent", "repeated", "dense", "source"),
+    ("settings", "coherent", "repeated", "source"),
     [
-        ({}, True, True, True, "coherence"),
-        ({}, False, True, True, "scatter"),
-        ({}, False, False, True, "lines"),
-        ({}, False, False, False, "none"),
-        ({"weights": "none"}, True, True, True, "none"),
-        ({"regularisation": 0.04}, True, True, True, "none"),
+        ({}, True, True, "coherence"),
+        ({}, False, True, "scatter"),
+        ({}, False, False, "none"),
+        ({"weights": "none"}, True, True, "none"),
+        ({"regularisation": 0.04}, True, True, "none"),
     ],
 )
-def test_where_the_noise_of_lines_is_from(settings: dict[str, Any], coherent: bool, repeated: bool, dense: bool, source: str) -> None:
-    assert noise_source(method(**settings), coherent=coherent, repeated=repeated, dense=dense) == source
+def test_where_the_noise_of_lines_is_from(settings: dict[str, Any], coherent: bool, repeated: bool, source: str) -> None:
+    assert noise_source(method(**settings), coherent=coherent, repeated=repeated) == source
 
 
 def test_formulas() -> None:

@@ -149,7 +149,7 @@ class TestRecovery:
     def test_history_is_one_list(self):
         misfit, parameters, _ = problem()
         solution = gauss_newton_by_levels(misfit, parameters.initial, parameters.bounds)
-        assert solution.evaluations == misfit.evaluations == len(solution.history)
+        assert solution.evaluations == len(solution.history)
         assert [entry.evaluation for entry in solution.history] == list(range(solution.evaluations))
         assert solution.evaluation.total == pytest.approx(misfit(solution.theta).total)
         accepted = [entry.cost for entry in solution.history if entry.accepted]
@@ -335,7 +335,7 @@ class TestStarts:
         (kept,) = [start for start in solution.starts if start.kept]
         assert kept.total == solution.evaluation.total == min(start.total for start in solution.starts)
         np.testing.assert_array_equal(kept.theta, solution.theta)
-        assert solution.evaluations == misfit.evaluations == len(solution.history)
+        assert solution.evaluations == len(solution.history)
 
     def test_near_tie(self):
         _, parameters, truth = problem()

@@ -17,7 +17,7 @@ from lrbc_cli.campaign.identification.gains import Gains, columns_of, gains_of, 
 from lrbc_cli.campaign.identification.nuisances import hits_of, nuisances_of
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, penalty_of, select_lines, stored_covariance, theta_of
-from lrbc_cli.campaign.identification.weights import correction, joint_sigma, line_sigma
+from lrbc_cli.campaign.identification.weights import correction, joint_sigma, line_sigma, out_of_noise
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model
 from lrbc_cli.errors import DataError, NumericalError
@@ -62,7 +62,8 @@ class Job:
         self.against_reference = before is not None
         self.prior = self.start if before is None else before
         self.shapes = self._shapes()
-        self.selected = select_lines(inputs, self.measurement, name)
+        self._values: dict[str, Complexes] = {}
+        self.selected = select_lines(inputs, replace(self.measurement, values=self._told(name, self.measurement)), name)
         self.model = source.model(self.s, self.parameters, self.selected, inputs.used)
         lines = self.measurement.frequency_hz, self.measurement.values[:, inputs.used]
         self.sharp = too_wide(lines, rule=self.statistics.resolution) is not None
@@ -110,11 +111,17 @@ class Job:
 
     def measured(self) -> Complexes:
         """(F, U) measurement on the selected lines, for the responses used, without the gains of the reference job."""
-        return self._used(self.measurement, self.selected)
+        return self._used(self.name, self.measurement, self.selected)
 
-    def _used(self, measurement: Measurement, lines: Integers) -> Complexes:
-        """(F, U) some lines of a measurement, for the responses used, without the gains of the reference job."""
-        return np.asarray((measurement.values / self.lifted)[np.ix_(lines, self.inputs.used)])
+    def _told(self, job: str, measurement: Measurement) -> Complexes:
+        """See ``out_of_noise``, worked out once."""
+        if job not in self._values:
+            self._values[job] = out_of_noise(self.inputs, measurement, self.inputs.campaign.jobs[job])
+        return self._values[job]
+
+    def _used(self, job: str, measurement: Measurement, lines: Integers) -> Complexes:
+        """(F, U) some lines of a job, out of noise, for the responses used, without the gains of the reference job."""
+        return np.asarray((self._told(job, measurement) / self.lifted)[np.ix_(lines, self.inputs.used)])
 
     @property
     def lifted(self) -> Floats:
@@ -140,7 +147,7 @@ class Job:
             self.warnings.append(f"its lines are not those of {reference} ({which}): compared without correction by it")
             return None
         self.tight_sigma, _ = line_sigma(self.inputs, tight, self.inputs.campaign.jobs[reference], self.selected)
-        known = self._used(tight, self.selected)
+        known = self._used(reference, tight, self.selected)
         return self.measured() * correction(self._tight_frf(), known, self.statistics.errors.most_correction_db)
 
     def of_reference(self) -> Measurement | None:
@@ -232,8 +239,9 @@ class Job:
     def _smoothed(self, misfit: Misfit, relative: bool) -> list[Misfit]:
         """Costs between smoothed spectra, the widest first."""
         used, every = self.inputs.used, np.arange(self.s.size)
-        tight = self._used(self.tight, every) if relative and self.tight is not None else None
-        own, model = self._used(self.measurement, every), lambda s: self.source.model(s, self.parameters, None, used)
+        reference = self.inputs.campaign.update.reference
+        tight = self._used(str(reference), self.tight, every) if relative and self.tight is not None else None
+        own, model = self._used(self.name, self.measurement, every), lambda s: self.source.model(s, self.parameters, None, used)
         return smoothed_costs(misfit, model, self.measurement.frequency_hz, own, tight, self.statistics.calibration)
 
     def _descend(self, misfit: Misfit, start: Floats) -> Solution:
@@ -380,9 +388,9 @@ class Job:
         nearby = self.source.model(self.s + 2j * np.pi * step, self.parameters, rest, used).frf(theta)
         with np.errstate(divide="ignore", invalid="ignore"):
             here = model.frf(theta)
-            above = decibel(self._used(self.measurement, rest) / here)
+            above = decibel(self._used(self.name, self.measurement, rest) / here)
             if tight is not None:
-                above = above - decibel(self._used(tight, rest) / model.frf(self.prior))
+                above = above - decibel(self._used(str(self.inputs.campaign.update.reference), tight, rest) / model.frf(self.prior))
             slope = (nearby / here - 1.0) / step
         return beside_damping(above, damping_pattern(self.measurement.frequency_hz[rest], slope))
 

@@ -20,20 +20,27 @@ from lrbc_cli.updating.statistics.noise import validation_ratio
 def measured_sigma(inputs: Inputs, measurement: Measurement, job: JobConfig, selected: Integers) -> tuple[str, Floats | None]:
     """What tells the noise, and (F, R) standard deviations of all measured magnitudes [dB], NaN where unknown; None where nothing does."""
     coherent = bool((measurement.coherence[np.ix_(selected, inputs.used)] > 0.0).any()) and job.averages * measurement.files > 1
-    axis, errors = measurement.frequency_hz, inputs.statistics.errors
-    even = axis.size > errors.noise_window and bool(np.allclose(np.diff(axis), np.diff(axis).mean(), rtol=1e-3))
-    dense = even and resolved(axis, measurement.values[:, inputs.used], inputs.statistics.resolution)
-    kind = noise_source(inputs.method, coherent=coherent, repeated=measurement.sigma_db is not None, dense=dense)
+    kind = noise_source(inputs.method, coherent=coherent, repeated=measurement.sigma_db is not None)
     if kind == "coherence":
         # Of no record at all some programs write 0, which no estimate is.
         told = np.where(measurement.coherence > 0.0, measurement.coherence, np.nan)
-        return kind, coherence_sigma(told, job.averages * measurement.files, errors)
-    if kind == "lines":
-        # Less than a model lacks says nothing; curvature at sharp peaks looks like a little noise.
-        sigma = neighbour_sigma(measurement.values, errors.noise_window)
-        noisy = sigma >= errors.first_discrepancy_db
-        return (kind, np.where(noisy, sigma, 0.0)) if noisy[np.ix_(selected, inputs.used)].any() else ("none", None)
+        return kind, coherence_sigma(told, job.averages * measurement.files, inputs.statistics.errors)
     return kind, measurement.sigma_db if kind == "scatter" else None
+
+
+def out_of_noise(inputs: Inputs, measurement: Measurement, job: JobConfig) -> Complexes:
+    """(F, R) measured values, NaN where neighbouring lines say that they are noise, and neither coherence nor repeats tell how much.
+
+    Noise has peaks of its own, which would count as resonances. Only where the lines are evenly spaced and resolve the peaks.
+    """
+    axis, errors, values = measurement.frequency_hz, inputs.statistics.errors, measurement.values
+    kind, _ = measured_sigma(inputs, measurement, job, np.arange(axis.size))
+    if kind != "none" or not inputs.method.weighted or axis.size <= errors.noise_window + 4:
+        return values
+    even = bool(np.allclose(np.diff(axis), np.diff(axis).mean(), rtol=1e-3))
+    if not even or not resolved(axis, values[:, inputs.used], inputs.statistics.resolution):
+        return values
+    return np.where(neighbour_sigma(values, errors.noise_window) > errors.most_noise_db, np.nan, values)
 
 
 def line_sigma(inputs: Inputs, measurement: Measurement, job: JobConfig, selected: Integers) -> tuple[Floats | None, tuple[str, ...]]:

@@ -38,6 +38,8 @@ class ErrorModel:
         Share of a gain that lines that are not compared have to show, and, against the model, the misfit to gain by it. A choice.
     noise_window : int
         Lines over which noise is taken as the same where neighbouring lines tell it. A choice: a few bandwidths of a peak.
+    most_noise_db : float
+        Values with more noise than this by their neighbours, half of their size, are not compared where nothing else tells it. A choice.
     gain_rounds : int
         So often it is found anew with the loss linearised about it. A choice: the last changes it by less than 0.01 dB.
     most_correction_db : float
@@ -69,6 +71,7 @@ class ErrorModel:
     least_gain_db: float = 0.3
     gain_shown: float = 0.5
     noise_window: int = 15
+    most_noise_db: float = 3.0
     gain_rounds: int = 2
     most_correction_db: float = 6.0
     most_lags: int = 20

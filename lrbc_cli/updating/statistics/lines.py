@@ -334,20 +334,18 @@ def neighbour_sigma(measured: Complexes, window: int) -> Floats:
     Parameters
     ----------
     measured : (F, R) complex array
-        On evenly spaced lines; NaN where a response was not measured.
+        On evenly spaced lines, four more than the window at least; NaN where a response was not measured.
     window : int
         Lines, an odd number.
 
     Returns
     -------
     (F, R) float array
-        NaN where the lines about one are too few.
+        NaN where a response was not measured on any line about one.
     """
-    half = window // 2
-    share = np.pad(_noise_shares(measured), ((2 + half, 2 + half), (0, 0)), constant_values=np.nan)
-    around = np.lib.stride_tricks.sliding_window_view(share, window, axis=0)
+    around = medians(np.lib.stride_tricks.sliding_window_view(_noise_shares(measured), window, axis=0))[..., 0]
     # Real and imaginary parts have half the variance each; along the magnitude there is one of them.
-    return np.asarray(DB / np.sqrt(2.0) * medians(around)[..., 0])
+    return np.asarray(DB / np.sqrt(2.0) * np.pad(around, ((2 + window // 2,) * 2, (0, 0)), mode="edge"))
 
 
 def _noise_shares(measured: Complexes) -> Floats:
