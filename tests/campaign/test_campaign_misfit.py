@@ -11,7 +11,7 @@ from test_campaign_identify import identify, measure, values
 
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
-from lrbc_cli.campaign.identification.weights import line_sigma
+from lrbc_cli.campaign.identification.weights import line_sigma, out_of_noise
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfSet
 from lrbc_cli.updating.statistics.decibels import coherence_sigma, noise_weights
@@ -217,3 +217,29 @@ def test_starts_are_listed(frame: Folder) -> None:
     (kept,) = [start for start in starts if start["kept"]]
     assert kept["cost"] == tree["cost"]["final"] == min(start["cost"] for start in starts)
     assert kept["total"] == pytest.approx(10.0 ** kept["cost"])
+
+
+def test_what_is_mostly_noise_is_not_compared(box: Folder) -> None:
+    """Below 60 Hz one response is noise: no peak of it is a resonance, and where coherence tells the noise all is compared."""
+    records = list(read_frf(box.data / "loose.uff").records)
+    hz, rng = records[0].frequency_hz, np.random.default_rng(8)
+    low = hz < 60.0
+    noise = rng.normal(size=hz.size) + 1j * rng.normal(size=hz.size)
+    drowned = np.where(low, np.abs(records[0].values).mean() * noise, records[0].values)
+    records[0] = replace(records[0], values=drowned)
+    write_frf(box.data / "loose.uff", FrfSet("loose", tuple(records)))
+    inputs = box.inputs("update.regularisation=auto")
+    job, measurement = inputs.campaign.jobs["loose"], read_measurement(inputs, inputs.campaign.jobs["loose"], "loose")
+    told = out_of_noise(inputs, measurement, job)
+    lost = np.isnan(told) & np.isfinite(measurement.values)
+    at = int(np.flatnonzero(lost.any(axis=0))[0])
+    assert np.flatnonzero(lost.any(axis=0)).size == 1
+    assert lost[low[: len(lost)], at].mean() > 0.8
+    assert lost[~low[: len(lost)], at].mean() < 0.05
+    (note,) = [text for text in identify(box, "update.regularisation=auto")["notes"] if "mostly noise" in text]
+    assert f"{inputs.responses[at].name} ({int(lost[:, at].sum())})" in note
+    # With a weight of the prior of one's own nothing is weighed against noise, nor left out.
+    paper = box.inputs("update.regularisation=10")
+    np.testing.assert_array_equal(out_of_noise(paper, measurement, job), measurement.values)
+    coherent = replace(measurement, coherence=np.full(measurement.values.shape, 0.9))
+    np.testing.assert_array_equal(out_of_noise(inputs, coherent, job), measurement.values)
