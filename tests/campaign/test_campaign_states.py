@@ -45,7 +45,7 @@ def three_masses() -> lrbc.TermModel:
 def reach(bolt: list[int] | None) -> tuple[np.ndarray, np.ndarray]:
     P, ports = parameters(bolt), three_masses().reduction.model.ports(S)
     model = port_model(ports, P)
-    source: Any = SimpleNamespace(model=lambda s, parameters: model)
+    source: Any = SimpleNamespace(model=lambda s, parameters: model, known={})
     level, rest = reach_of_one(source, P, S, model.frf(P.initial))
     return np.asarray(level), np.asarray(rest)
 

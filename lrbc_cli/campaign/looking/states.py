@@ -68,6 +68,9 @@ def reach_of_one(source: FrfSource, parameters: Parameterisation, s: Complexes, 
     model : (F, R) complex array
         At the start values.
     """
+    if (key := b"reach" + s.tobytes()) in source.known:
+        known: tuple[Floats, Floats] = source.known[key]
+        return known
     owners = [group.bolt.max() for group in parameters.groups if group.bolt is not None and group.bolt.size]
     joints = [np.concatenate(list(own.values())) for own in joints_of(parameters, 1 + int(max(owners, default=-1))) if own]
     frf, steps = source.model(s, parameters).nearby(parameters.initial), np.array([*LEVELS, -np.inf])
@@ -79,6 +82,7 @@ def reach_of_one(source: FrfSource, parameters: Parameterisation, s: Complexes, 
         change = np.nan_to_num(np.median(levels(loose) - levels(model), axis=1))
         change -= np.median(change, axis=1, keepdims=True)
         level, rest = np.maximum(level, np.abs(change).max(axis=0)), np.maximum(rest, apart(loose, model).max(axis=0))
+    source.known[key] = level, rest
     return level, rest
 
 
