@@ -19,7 +19,7 @@ from lrbc_cli.campaign.identification.gains import Gains, columns_of, gains_of, 
 from lrbc_cli.campaign.identification.nuisances import gain_tree, hits_of
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines
-from lrbc_cli.campaign.identification.weights import line_sigma, ratio_of
+from lrbc_cli.campaign.identification.weights import left_out, line_sigma, out_of_noise, ratio_of
 from lrbc_cli.campaign.jobs.finished import frf_rows, misfit_tree
 from lrbc_cli.campaign.jobs.results import write_campaign
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -291,7 +291,8 @@ def _first_problem(
     settings, used = require_calibration(inputs), inputs.used
     source = FrfSource(inputs=inputs, stage=stage, kind=cheaper_formula(inputs, stage), progress=progress)
     parameters, _ = parameterise(inputs, source, 2j * np.pi * measurement.frequency_hz)
-    selected = select_lines(inputs, measurement, settings.job)
+    values = out_of_noise(inputs, measurement, inputs.campaign.jobs[settings.job])
+    selected = select_lines(inputs, replace(measurement, values=values), settings.job)
     sigma, notes = line_sigma(inputs, measurement, inputs.campaign.jobs[settings.job], selected)
     problem = FactorProblem(
         model=affine_model(inputs, stage),
@@ -300,7 +301,7 @@ def _first_problem(
         parameters=parameters,
         hold=settings.boundary == "held",
         frequency_hz=measurement.frequency_hz,
-        measured=measurement.values[:, used],
+        measured=values[:, used],
         responses=used,
         selected=selected,
         options=inputs.method.residual,
@@ -308,7 +309,7 @@ def _first_problem(
         nuisances=hits_of(inputs, inputs.campaign.update.nuisances),
         statistics=inputs.statistics,
     )
-    return problem, tuple(notes)
+    return problem, (*notes, *left_out(inputs, measurement, values))
 
 
 def _misfit(inputs: Inputs, measurement: Measurement, y: Complexes) -> float:

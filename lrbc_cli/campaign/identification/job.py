@@ -17,7 +17,7 @@ from lrbc_cli.campaign.identification.gains import Gains, columns_of, gains_of, 
 from lrbc_cli.campaign.identification.nuisances import hits_of, nuisances_of
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, penalty_of, select_lines, stored_covariance, theta_of
-from lrbc_cli.campaign.identification.weights import correction, joint_sigma, line_sigma, out_of_noise
+from lrbc_cli.campaign.identification.weights import correction, joint_sigma, left_out, line_sigma, out_of_noise
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model
 from lrbc_cli.errors import DataError, NumericalError
@@ -72,7 +72,7 @@ class Job:
         self.sigma, notes = line_sigma(inputs, self.measurement, inputs.campaign.jobs[name], self.selected)
         self.tight: Measurement | None = None
         self.tight_sigma: Floats | None = None
-        self.notes += [*notes, *self._drowned()]
+        self.notes += [*notes, *left_out(inputs, self.measurement, self._told(name, self.measurement))]
 
     def _read(self, name: str) -> Measurement:
         """From its file where it was not handed over."""
@@ -118,18 +118,6 @@ class Job:
         if job not in self._values:
             self._values[job] = out_of_noise(self.inputs, measurement, self.inputs.campaign.jobs[job])
         return self._values[job]
-
-    def _drowned(self) -> list[str]:
-        """Which values are left out as noise, in a note."""
-        lost = np.isfinite(self.measurement.values) & ~np.isfinite(self._told(self.name, self.measurement))
-        named = [f"{self.inputs.responses[i].name} ({int(lost[:, i].sum())})" for i in self.inputs.used.tolist() if lost[:, i].any()]
-        if not named:
-            return []
-        band = self.measurement.frequency_hz[lost[:, self.inputs.used].any(axis=1)]
-        return [
-            f"values that are mostly noise by their neighbours are not compared, from {band[0]:g} to {band[-1]:g} Hz (lines): "
-            f"{', '.join(named)}; coherence in the file, or another band, would tell better"
-        ]
 
     def _used(self, job: str, measurement: Measurement, lines: Integers) -> Complexes:
         """(F, U) some lines of a job, out of noise, for the responses used, without the gains of the reference job."""

@@ -43,6 +43,19 @@ def out_of_noise(inputs: Inputs, measurement: Measurement, job: JobConfig) -> Co
     return np.where(neighbour_sigma(values, errors.noise_window) > errors.most_noise_db, np.nan, values)
 
 
+def left_out(inputs: Inputs, measurement: Measurement, told: Complexes) -> list[str]:
+    """Which values of the responses used are not compared, in a note; ``told`` of ``out_of_noise``."""
+    lost = (np.isfinite(measurement.values) & ~np.isfinite(told))[:, inputs.used]
+    if not lost.any():
+        return []
+    named = [f"{inputs.responses[i].name} ({int(count)})" for i, count in zip(inputs.used, lost.sum(axis=0), strict=True) if count]
+    band = measurement.frequency_hz[lost.any(axis=1)]
+    return [
+        f"values that are mostly noise by their neighbours are not compared, from {band[0]:g} to {band[-1]:g} Hz (lines): "
+        f"{', '.join(named)}; coherence in the file, or another band, would tell better"
+    ]
+
+
 def line_sigma(inputs: Inputs, measurement: Measurement, job: JobConfig, selected: Integers) -> tuple[Floats | None, tuple[str, ...]]:
     """Standard deviation of the measured magnitudes on the selected lines of the responses used.
 
