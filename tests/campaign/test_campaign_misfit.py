@@ -243,3 +243,7 @@ def test_what_is_mostly_noise_is_not_compared(box: Folder) -> None:
     np.testing.assert_array_equal(out_of_noise(paper, measurement, job), measurement.values)
     coherent = replace(measurement, coherence=np.full(measurement.values.shape, 0.9))
     np.testing.assert_array_equal(out_of_noise(inputs, coherent, job), measurement.values)
+    # A sensor that is dead on most lines is a fault, and no noise to do without.
+    dead = measurement.values.copy()
+    dead[:, at] = rng.normal(size=len(dead)) + 1j * rng.normal(size=len(dead))
+    np.testing.assert_array_equal(out_of_noise(inputs, replace(measurement, values=dead), job), dead)

@@ -40,7 +40,9 @@ def out_of_noise(inputs: Inputs, measurement: Measurement, job: JobConfig) -> Co
     even = bool(np.allclose(np.diff(axis), np.diff(axis).mean(), rtol=1e-3))
     if not even or not resolved(axis, values[:, inputs.used], inputs.statistics.resolution):
         return values
-    return np.where(neighbour_sigma(values, errors.noise_window) > errors.most_noise_db, np.nan, values)
+    noisy = neighbour_sigma(values, errors.noise_window) > errors.most_noise_db
+    # A response that is noise on most lines is a fault, which has to show in the misfit.
+    return np.where(noisy & (2 * noisy.sum(axis=0) < axis.size), np.nan, values)
 
 
 def left_out(inputs: Inputs, measurement: Measurement, told: Complexes) -> list[str]:
