@@ -46,7 +46,7 @@ class Job:
     def __init__(
         self, inputs: Inputs, source: FrfSource, name: str, reference: ReferenceState | None, given: Mapping[str, Measurement]
     ) -> None:
-        self.inputs, self.source, self.name, self.reference, self._given = inputs, source, name, reference, given
+        self.inputs, self.source, self.name, self.reference, self._given = inputs, source, name, reference, dict(given)
         self.method, self.statistics = inputs.method, inputs.statistics
         self.begin = time.perf_counter()
         self.measurement = self._read(name)
@@ -62,6 +62,7 @@ class Job:
         self.against_reference = before is not None
         self.prior = self.start if before is None else before
         self.shapes = self._shapes()
+        self.tight: Measurement | None = None
         self._values: dict[str, Complexes] = {}
         self.selected = select_lines(inputs, replace(self.measurement, values=self._told(name, self.measurement)), name)
         self.model = source.model(self.s, self.parameters, self.selected, inputs.used)
@@ -70,13 +71,15 @@ class Job:
         self.error = self._change_error()
         self.gains: Floats | None = None
         self.sigma, notes = line_sigma(inputs, self.measurement, inputs.campaign.jobs[name], self.selected)
-        self.tight: Measurement | None = None
         self.tight_sigma: Floats | None = None
-        self.notes += [*notes, *left_out(inputs, self.measurement, self._told(name, self.measurement))]
+        noise_of = inputs.campaign.update.reference if self.against_reference else None
+        self.notes += [*notes, *left_out(inputs, self.measurement, self._told(name, self.measurement), noise_of)]
 
     def _read(self, name: str) -> Measurement:
-        """From its file where it was not handed over."""
-        return self._given[name] if name in self._given else read_measurement(self.inputs, self.inputs.campaign.jobs[name], name)
+        """From its file where it was not handed over, once."""
+        if name not in self._given:
+            self._given[name] = read_measurement(self.inputs, self.inputs.campaign.jobs[name], name)
+        return self._given[name]
 
     def _before(self) -> Floats | None:
         """Theta of the reference job, where it is the prior."""
@@ -114,8 +117,17 @@ class Job:
         return self._used(self.name, self.measurement, self.selected)
 
     def _told(self, job: str, measurement: Measurement) -> Complexes:
-        """See ``out_of_noise``, worked out once."""
-        if job not in self._values:
+        """See ``out_of_noise``, worked out once; beside a reference job, where that is out of noise.
+
+        A loosened bolt may drown what is clear there: that is evidence, and no noise to do without.
+        """
+        reference = str(self.inputs.campaign.update.reference)
+        if job not in self._values and self.against_reference and job != reference:
+            tight = self.of_reference()
+            beside = tight if tight is not None and not unlike(measurement.frequency_hz, tight.frequency_hz) else None
+            drowned = False if beside is None else np.isfinite(beside.values) & ~np.isfinite(self._told(reference, beside))
+            self._values[job] = np.where(drowned, np.nan, measurement.values)
+        elif job not in self._values:
             self._values[job] = out_of_noise(self.inputs, measurement, self.inputs.campaign.jobs[job])
         return self._values[job]
 

@@ -45,15 +45,15 @@ def out_of_noise(inputs: Inputs, measurement: Measurement, job: JobConfig) -> Co
     return np.where(noisy & (2 * noisy.sum(axis=0) < axis.size), np.nan, values)
 
 
-def left_out(inputs: Inputs, measurement: Measurement, told: Complexes) -> list[str]:
-    """Which values of the responses used are not compared, in a note; ``told`` of ``out_of_noise``."""
+def left_out(inputs: Inputs, measurement: Measurement, told: Complexes, noise_of: str | None = None) -> list[str]:
+    """Which values of the responses used are not compared, in a note; ``told`` of ``out_of_noise``, of another job if one is named."""
     lost = (np.isfinite(measurement.values) & ~np.isfinite(told))[:, inputs.used]
     if not lost.any():
         return []
     named = [f"{inputs.responses[i].name} ({int(count)})" for i, count in zip(inputs.used, lost.sum(axis=0), strict=True) if count]
-    band = measurement.frequency_hz[lost.any(axis=1)]
+    band, where = measurement.frequency_hz[lost.any(axis=1)], "" if noise_of is None else f" in {noise_of}"
     return [
-        f"values that are mostly noise by their neighbours are not compared, from {band[0]:g} to {band[-1]:g} Hz (lines): "
+        f"values that are mostly noise{where} by their neighbours are not compared, from {band[0]:g} to {band[-1]:g} Hz (lines): "
         f"{', '.join(named)}; coherence in the file, or another band, would tell better"
     ]
 
