@@ -249,7 +249,7 @@ def test_what_is_mostly_noise_is_not_compared(box: Folder) -> None:
     np.testing.assert_array_equal(out_of_noise(inputs, replace(measurement, values=dead), job), dead)
     # What the reference job does not tell is left out of the jobs that are compared with it.
     assert box.run("update", "--override", "update.regularisation=auto").code in (0, 5)
-    for name, where in (("tight", "noise by"), ("loose", "noise in tight by")):
+    for name, where in (("tight", "noise, by"), ("loose", "noise in tight, by")):
         (note,) = [text for text in box.result(name)["notes"] if "mostly noise" in text]
         assert where in note
         assert f"{inputs.responses[at].name} ({int(lost[:, at].sum())})" in note

@@ -53,8 +53,8 @@ def left_out(inputs: Inputs, measurement: Measurement, told: Complexes, noise_of
     named = [f"{inputs.responses[i].name} ({int(count)})" for i, count in zip(inputs.used, lost.sum(axis=0), strict=True) if count]
     band, where = measurement.frequency_hz[lost.any(axis=1)], "" if noise_of is None else f" in {noise_of}"
     return [
-        f"values that are mostly noise{where} by their neighbours are not compared, from {band[0]:g} to {band[-1]:g} Hz (lines): "
-        f"{', '.join(named)}; coherence in the file, or another band, would tell better"
+        f"values that are mostly noise{where}, by the scatter of neighbouring lines, are not compared: {band[0]:g} to {band[-1]:g} Hz, "
+        f"lines of {', '.join(named)}; coherence in the file, or a narrower reduction.band, tells better"
     ]
 
 
