@@ -283,6 +283,8 @@ def test_names_in_a_row_become_ranges():
     assert tables.names_of([], order) == "none"
     assert tables.names_of(["B2", "B1"], order) == "B1, B2"
     assert tables.names_of(["B5", "B4", "B3", "B9", "x"], order) == "5: B3–B5, B9, x"
+    # What lies between "P6" and "FL" only the order knows, which the page does not show.
+    assert tables.names_of(["P5", "P6", "FL", "FR", "B1"], ["P4", "P5", "P6", "FL", "FR", "B1"]) == "5: P5, P6, FL, FR, B1"
 
 
 @pytest.mark.parametrize(

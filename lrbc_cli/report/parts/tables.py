@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -53,7 +54,7 @@ def names_of(names: Sequence[str], order: Sequence[str] = ()) -> str:
     names
         What to list.
     order
-        Where given, the names follow it, and three or more neighbours in it are written as a range.
+        Where given, the names follow it, and three or more neighbours in it that are numbered in a row are written as a range.
     """
     if not names:
         return "none"
@@ -66,13 +67,19 @@ def ranges(names: Sequence[str], order: Sequence[str] = ()) -> str:
     known = sorted((name for name in names if name in place), key=place.__getitem__)
     runs: list[list[str]] = []
     for name in known:
-        if runs and place[name] == place[runs[-1][-1]] + 1:
+        if runs and place[name] == place[runs[-1][-1]] + 1 and _next(runs[-1][-1]) == _next(name, 0):
             runs[-1].append(name)
         else:
             runs.append([name])
     parts = [part for run in runs for part in ([f"{run[0]}–{run[-1]}"] if len(run) > 2 else run)]
     parts += [name for name in names if name not in place]
     return ", ".join(parts)
+
+
+def _next(name: str, further: int = 1) -> tuple[str, int]:
+    """Return the text before the number at a name's end, and that number so much further; a name without a number has no next."""
+    found = re.fullmatch(r"(.*?)(\d+)", name)
+    return (found[1], int(found[2]) + further) if found else (name, further)
 
 
 def verdict_table(campaign: CampaignRecord, jobs: Sequence[Job], anchors: Mapping[str, str]) -> Markup:
