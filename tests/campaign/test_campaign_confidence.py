@@ -278,6 +278,7 @@ def test_baselines(tmp_path: Path) -> None:
     assert folder.run("update", "--fail-on-loose").code == 6
 
 
+@pytest.mark.slow
 def test_a_baseline_that_is_not_tight(judged: Folder) -> None:
     """It makes the alarm deaf: said on the console, in the result and in the report; a tight one is not spoken of."""
     folder = judged
@@ -385,6 +386,7 @@ def test_drift_needs_a_state_to_drift_from(box: Folder, words: tuple[str, ...], 
     assert key in result.stderr
 
 
+@pytest.mark.slow
 def test_drift_of_the_air_needs_air(frame: Folder) -> None:
     result = frame.run("check", "--override", "update.nuisances.temperature=2")
     assert result.code == 2

@@ -7,6 +7,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import pytest
 import scipy.sparse as sp
 from samples import reduced_cache, sample
 
@@ -54,6 +55,7 @@ def told(measured: np.ndarray, error_db: float, *, twice: bool = False) -> dict[
     return coordinates_texts(seen, stated, unlike=False)[0]
 
 
+@pytest.mark.slow
 def test_all_frfs_of_a_sensor_tell_what_one_does_not() -> None:
     other = frame()[3]
     assert told(other, 8.0) == {}

@@ -123,7 +123,7 @@ def cells(change: Callable[[np.ndarray], np.ndarray], form: str = "%.9g") -> Cal
     "put",
     [
         pytest.param(cells(lambda a: a, "%.4g"), id="four digits", marks=pytest.mark.slow),
-        pytest.param(cells(lambda a: a * np.r_[1.0, np.full(8, 1.01)]), id="another calibration"),
+        pytest.param(cells(lambda a: a * np.r_[1.0, np.full(8, 1.01)]), id="another calibration", marks=pytest.mark.slow),
         pytest.param(cells(lambda a: a[::2]), id="every second line", marks=pytest.mark.slow),
     ],
 )

@@ -192,6 +192,7 @@ FLOODS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(FLOODS))
 def test_commands_with_a_result_that_floods(frame: Folder, name: str) -> None:
     path = frame.out / "tight" / "result.json"
@@ -245,6 +246,7 @@ def test_the_output_of_another_campaign_is_refused(frame: Folder, args: list[str
     assert frame.listing() == before
 
 
+@pytest.mark.slow
 def test_ways_out_of_a_foreign_output(frame: Folder) -> None:
     frame.replace("campaign: frame-left-edge", "campaign: frame-right-edge")
     assert frame.run("simulate", "--out", frame.path / "x.csv").code == 0

@@ -35,6 +35,7 @@ def test_nothing_is_said_of_a_sound_campaign(frame_once: Folder) -> None:
         assert frame_once.result(job)["warnings"] == []
 
 
+@pytest.mark.slow
 def test_accelerances_in_g(frame: Folder) -> None:
     """The reference job and another in g/N: each is named with its likely cause and key, and no job is a bare `unexplained`."""
     results = update(frame, "loose-2", f"jobs.tight.scale={G}", f"jobs.loose-2.scale={G}").json["results"]

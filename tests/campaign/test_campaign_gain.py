@@ -44,6 +44,7 @@ def test_a_gain_of_all_responses_makes_no_bolt_loose(tmp_path: Path, decibels: f
     assert abs(float(told[0].partition("acc1: ")[2].partition(",")[0]) - 1.0) < 0.02
 
 
+@pytest.mark.slow
 def test_right_jobs_of_the_plate_have_no_gain(tmp_path: Path) -> None:
     """Where two bolts change much, errors of predicted changes alone allowed for 1.5 dB, which left three times as much as without."""
     study = load(ROOT / "configs" / "plate.yaml", cache=tmp_path, calibration=False)
@@ -75,7 +76,10 @@ def test_a_response_that_is_not_used_has_what_the_others_share() -> None:
     np.testing.assert_allclose(Gains(np.ones(3), np.ones(3), True).over(inputs), np.ones(4))
 
 
-@pytest.mark.parametrize("decibels", [(1.0, 1.0, 1.0, 1.0), (-1.0, -1.0, -1.0, -1.0), (1.2, -1.5, 0.3, -0.3)])
+@pytest.mark.parametrize(
+    "decibels",
+    [(1.0,) * 4, pytest.param((-1.0,) * 4, marks=pytest.mark.slow), pytest.param((1.2, -1.5, 0.3, -0.3), marks=pytest.mark.slow)],
+)
 def test_sensitivities_that_are_off_in_all_jobs_make_no_bolt_loose(tmp_path: Path, decibels: tuple[float, ...]) -> None:
     """The levels of the reference job and the damping made up for them, and tight neighbours of loose bolts were called loose."""
     folder = make_frame(tmp_path)

@@ -369,6 +369,7 @@ def test_springs_of_a_matrix_beside_a_damping_matrix_are_warned_of(box: Folder) 
     assert any("leaves it behind" in text for text in box.inputs().warnings)
 
 
+@pytest.mark.slow
 def test_baseline(box: Folder) -> None:
     """A model whose matrices contain springs already is the same as one without, in value and in result."""
     before = {job: box.result(job) for job in BOX_TRUTH}

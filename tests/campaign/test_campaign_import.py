@@ -422,6 +422,7 @@ def test_plate_of_calculix_in_a_campaign(tmp_path: Path) -> None:
     assert not inputs.warnings
 
 
+@pytest.mark.slow
 def test_a_loosened_spring_of_that_plate_is_found(tmp_path: Path) -> None:
     """The local stiffness of its solid elements is decades above that of the springs: bounds leave them room all the same."""
     folder = plate(tmp_path)

@@ -78,6 +78,7 @@ def test_what_cannot_be_read_is_told_as_without(frame: Folder, address: str) -> 
     assert there.stderr == here.stderr
 
 
+@pytest.mark.slow
 def test_a_lost_scheduler_costs_time_only(frame: Folder, caplog: pytest.LogCaptureFixture) -> None:
     study = lrbc.load(frame.config, cache=frame.cache)
     expected = study.identify("tight").identification.solution.theta

@@ -97,6 +97,7 @@ def test_a_passing_failure_of_the_reference_job(frame_once: Folder, tmp_path: Pa
         assert folder.result(name)["bolts"] == tree["bolts"]
 
 
+@pytest.mark.slow
 def test_a_reference_job_that_fails_for_good(frame: Folder) -> None:
     """Its measurement is gone: what was identified with its earlier result, or without any, is kept while nothing changes."""
     (frame.data / "frf" / "tight.csv").unlink()
@@ -175,6 +176,7 @@ def test_a_baseline_that_was_missing(tmp_path: Path) -> None:
     assert folder.run("update", "--fail-on-loose", "--job", "again").code == 7
 
 
+@pytest.mark.slow
 def test_a_baseline_that_was_a_copy(frame: Folder) -> None:
     """Whether a measurement has the numbers of a baseline's is looked for when judging, in the files that there are then."""
     own, other = (frame.data / "frf" / f"{name}.csv" for name in ("loose-2", "again"))
@@ -280,6 +282,7 @@ def standing(folder: Folder, *overrides: str) -> Standing | None:
     return unchanged(load_campaign(folder.config, overrides), (), calibration=True)
 
 
+@pytest.mark.slow
 def test_judging_anew_loads_no_more_than_it_needs(here: Folder) -> None:
     """It takes seconds of waiting otherwise: no model is read where the bytes of all files are known."""
     line = [sys.executable, "-c", LOADED, "update", str(here.config), "--cache", str(here.cache), "--json"]
@@ -293,6 +296,7 @@ def test_judging_anew_loads_no_more_than_it_needs(here: Folder) -> None:
         assert not any(run for run, _ in plans(here, *more).values())
 
 
+@pytest.mark.slow
 def test_without_a_model_the_same_is_said_and_written(here: Folder) -> None:
     """Byte for byte, back and forth, and to the ear."""
     output, other = here.out, ("--override", "update.confidence=0.98", "--override", "update.nuisances.room=21")

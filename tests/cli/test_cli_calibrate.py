@@ -67,6 +67,7 @@ def fresh(tmp_path: Path) -> Folder:
     return folder
 
 
+@pytest.mark.slow
 def test_python_uses_it_as_the_command_line_does(fresh: Folder) -> None:
     """There is no reading a campaign without saying whether its calibration is used."""
     assert fresh.run("calibrate").code == 0

@@ -39,6 +39,7 @@ def warnings(folder: Folder) -> list[str]:
     return section(result.stdout, "warnings") if "warnings" in result.stdout.splitlines() else []
 
 
+@pytest.mark.slow
 def test_the_plan_of_the_frame(tmp_path: Path) -> None:
     folder = frame(tmp_path / "new")
     before = folder.listing()

@@ -187,6 +187,7 @@ def test_an_interruption_that_is_swallowed_stops_the_run_at_its_next_step(tmp_pa
         assert "Traceback" not in found.stderr
 
 
+@pytest.mark.slow
 def test_a_thread_that_does_not_end_does_not_hold_an_interrupted_run(tmp_path: Path) -> None:
     (tmp_path / "hanging.py").write_text(
         "import threading, click\n"

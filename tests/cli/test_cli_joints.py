@@ -94,6 +94,7 @@ def test_the_reference_state_is_about_nominal(folder: Folder) -> None:
         assert max(abs(value) for value in group["log10"]) < 0.3
 
 
+@pytest.mark.slow
 def test_springs_that_no_response_feels_are_named(folder: Folder, tmp_path: Path) -> None:
     """Tight bolts are judged by those that are felt; losing the others would change nothing."""
     weak = folder.copy(tmp_path / "weak")

@@ -66,6 +66,7 @@ def test_a_digit_of_the_band_is_lost(tmp_path: Path) -> None:
     assert not [text for text in others if "it seems: acc" in text]
 
 
+@pytest.mark.slow
 def test_a_loosened_state_among_the_baselines(tmp_path: Path) -> None:
     """The key that holds it is named, and no other."""
     folder = make_plate(tmp_path)
@@ -90,6 +91,7 @@ def test_phases_in_degrees_under_radians(tmp_path: Path, heading: str, doubted: 
     assert all("degrees? Then format: {phase: deg} of the job; the same in loose-2.csv, loose-all.csv" in text for text in found)
 
 
+@pytest.mark.slow
 def test_a_model_that_is_far_too_stiff(tmp_path: Path) -> None:
     """Farther than rates are taken for one another: the model it is."""
     folder = make_frame(tmp_path)
@@ -126,6 +128,7 @@ def test_a_mass_in_kilograms_beside_millimetres_and_newtons(tmp_path: Path) -> N
     assert "write units: mm-N-t\n" in result.stderr
 
 
+@pytest.mark.slow
 def test_sensors_exchanged_in_a_job_with_loose_bolts(tmp_path: Path) -> None:
     folder = make_plate(tmp_path)
     file = "data/frf/b3-half-b4-loose.uff"
@@ -138,6 +141,7 @@ def test_sensors_exchanged_in_a_job_with_loose_bolts(tmp_path: Path) -> None:
     assert "each fits the model's FRF of the other: jobs.b3-half-b4-loose.records: {acc4: acc1, acc1: acc4}, or, where all" in only
 
 
+@pytest.mark.slow
 def test_a_file_of_another_structure(tmp_path: Path) -> None:
     folder = make_plate(tmp_path)
     (folder.data / "frf/b5-loose.uff").unlink()

@@ -265,6 +265,7 @@ def test_status_tells_why_a_file_cannot_be_used(small: Folder) -> None:
     assert again["reason"].endswith("there is a result of an earlier measurement")
 
 
+@pytest.mark.slow
 def test_status_tells_of_the_page(small: Folder) -> None:
     def told() -> str | None:
         trouble = small.run("status", "--json").json["report"]["trouble"]
@@ -288,6 +289,7 @@ def test_a_line_is_cleared_once(capsys: pytest.CaptureFixture[str]) -> None:
     assert err.count("\r") == 3
 
 
+@pytest.mark.slow
 def test_a_result_that_outlived_its_measurement_is_told(small: Folder) -> None:
     """The page still shows it: of which measurement, or of which campaign, nobody sees any more."""
     assert small.run("update").code == 0

@@ -307,6 +307,7 @@ def test_out_that_cannot_be_written(box: Folder) -> None:
     assert box.run("simulate").code == 2
 
 
+@pytest.mark.slow
 def test_a_model_measures_itself(box: Folder) -> None:
     """Simulated FRFs are a measurement of a job: the values that made them come back."""
     for ending in (".csv", ".uff", ".h5"):

@@ -272,6 +272,7 @@ def test_a_folder_out_of_reach_is_no_all_clear(begun: Folder, tmp_path: Path) ->
     assert folder.run("watch", "--once", "--fail-on-loose").code == 7
 
 
+@pytest.mark.slow
 def test_a_result_that_no_page_shows_is_told(begun: Folder, tmp_path: Path) -> None:
     """As one that was found by a watch that was killed before it said so."""
     folder = begun.copy(tmp_path / "killed")

@@ -160,6 +160,7 @@ def test_own_files_are_checked_before_they_are_opened(tmp_path, monkeypatch):
     assert read() == expected
 
 
+@pytest.mark.slow
 def test_flipped_bits_give_an_error_or_a_matrix(tmp_path, monkeypatch):
     """Bits near the heap of texts, where the library hangs."""
     monkeypatch.setattr(reader_process, "SECONDS", 3.0)

@@ -461,6 +461,7 @@ class TestFullPorts:
             assert relative(ports.evaluate(Ds[0]), direct_frf(model, s, Ds[0], input_of)) < 1e-8
 
 
+@pytest.mark.slow
 def test_the_low_decades_of_a_wide_band_are_certified_too(monkeypatch):
     """Four decades: evenly spaced lines alone would see the lowest two not at all."""
     band = (1.0, 20000.0)

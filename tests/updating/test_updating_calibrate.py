@@ -272,6 +272,7 @@ class TestRecovery:
         exact = COEFFICIENTS[0][0] / (2 * np.pi * hz) + 0.3 * COEFFICIENTS[0][1] * 2 * np.pi * hz + 0.03
         assert value == pytest.approx(exact, rel=0.1)
 
+    @pytest.mark.slow
     def test_what_lies_at_a_bound_is_said(self):
         """Air half as heavy is beyond the bounds of its mass."""
         model, recipe = duct_model()
