@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.special import expit, log_ndtr, logsumexp
+from scipy.special import expit, logsumexp
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.reduction.threads import side_by_side
@@ -205,9 +205,9 @@ def profile(
     # Loaded here: most commands do without.
     from scipy.interpolate import PchipInterpolator
 
-    log = PchipInterpolator(at, evidence)(t) + _log_normal(t, prior.joint_loose_mean, prior.joint_loose_std) + np.log(t[1] - t[0])
+    log = PchipInterpolator(at, evidence)(t) + prior.log_density(t) + np.log(t[1] - t[0])
     # What the prior has beyond the lowest value stands there: a joint that is free cannot lose more.
-    beyond_free = evidence[0] + log_ndtr((at[0] - prior.joint_loose_mean) / prior.joint_loose_std)
+    beyond_free = evidence[0] + prior.log_below(float(at[0]))
     t, log = np.append(t, at[0]), np.append(log, beyond_free)
     weight = np.exp(log - logsumexp(log))
     mean = float(weight @ t)
@@ -220,7 +220,7 @@ def _held(
     """Changes of a joint that count, of those given, and the evidence with each held: from the state outwards, each from the one before."""
     i, at = joint
     evidence, known, best = np.zeros(at.size), np.zeros(at.size, dtype=bool), -np.inf
-    expected = _log_normal(at, prior.joint_loose_mean, prior.joint_loose_std)
+    expected = prior.log_density(at)
     begin = int(np.argmin(np.abs(at - min(float(base.z[problem.bolts[i]]), 0.0))))
     for order in (range(begin, at.size), range(begin - 1, -1, -1)):
         z = base.z
@@ -233,10 +233,6 @@ def _held(
             if evidence[k] + expected[k] < best - negligible:
                 break
     return at[known], evidence[known]
-
-
-def _log_normal(t: Floats, mean: float, std: float) -> Floats:
-    return np.asarray(-0.5 * ((t - mean) / std) ** 2 - np.log(std * np.sqrt(2.0 * np.pi)))
 
 
 def sample_changes(

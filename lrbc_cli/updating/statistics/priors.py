@@ -70,6 +70,18 @@ class BoltPrior:
         gap, each = (beside @ kind > 0).astype(np.int64), np.arange(kind.size)
         return precision[each, kind, gap], mean[each, kind, gap]
 
+    def log_density(self, change: Floats) -> Floats:
+        """Natural logarithm of the density of a loose joint's change, of the same shape as its changes [1 / decade]."""
+        away = (change - self.joint_loose_mean) / self.joint_loose_std
+        return np.asarray(-0.5 * away**2 - np.log(self.joint_loose_std * np.sqrt(2.0 * np.pi)))
+
+    def log_below(self, change: float) -> float:
+        """Natural logarithm of the probability that a loose joint's change lies below one [decades]."""
+        # Loaded here: whoever reads a prior's numbers can do without.
+        from scipy.special import log_ndtr
+
+        return float(log_ndtr((change - self.joint_loose_mean) / self.joint_loose_std))
+
     @property
     def log_odds(self) -> float:
         """Of being loose."""
