@@ -12,7 +12,7 @@ from campaigns import Folder
 from grillage import BETA, BOLTS, NOMINAL, dof, grillage, matrices, node
 from scipy.spatial.transform import Rotation
 
-from lrbc_cli.campaign.reading.joints import apart, bushing_vectors
+from lrbc_cli.campaign.reading.joints import aside_text, bushing_vectors
 from lrbc_cli.errors import ConfigError, DataError, LrbcError
 from lrbc_cli.io.text.bushings import AXES, COMPONENTS, read_bushings
 from lrbc_cli.model.dofs import DofTable
@@ -52,11 +52,13 @@ def test_springs_add_up_to_the_element(tmp_path: Path, other: int | None, angles
 
 def test_springs_that_hold_rigid_rotations_are_told(tmp_path: Path) -> None:
     file = tmp_path / "b.csv"
-    rows = "B1,1,2,UX,1\nB1,1,3,UZ,1\nB1,1,3,ROTX,1\nB1,1,3,UX,1\n"
+    rows = "B2,1,2,UX,1\nB1,1,3,UZ,1\nB1,1,3,ROTX,1\nB1,1,3,UX,1\n"
     file.write_text(f"bolt,node_a,node_b,component,stiffness\n{rows}")
     table = read_bushings(file)
     # Along the line that joins the nodes, and for rotations, a rigid piece turns freely.
-    assert apart(table, TABLE) == (1, pytest.approx(0.01))
+    said = aside_text(table, TABLE)
+    assert said.startswith("the nodes of 1 spring lie up to 10 mm aside of its axis, those of the others on it: is a node mistyped?")
+    assert "Check line 5, B1 with nodes 1 (also of B2) and 3." in said
     np.testing.assert_allclose(bushing_vectors(table, TABLE)[1], [[0, 0, 0], *[[0, 0, 0.005]] * 3])
 
 

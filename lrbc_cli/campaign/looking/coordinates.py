@@ -75,6 +75,64 @@ def coordinates_texts(seen: Seen, model: Complexes, *, unlike: bool) -> tuple[di
     return told, left
 
 
+def mirrored_text(seen: Seen, model: Complexes) -> str:
+    """What to say where all sensors together come near with one coordinate counted from the other side; empty where they do not.
+
+    Parameters
+    ----------
+    seen : Seen
+    model : (F, R) complex array
+        At the stated places, on the lines of ``seen``.
+    """
+    inputs, dofs = seen.inputs, seen.inputs.dofs
+    if dofs is None or reduction_cost(inputs)[0].line * LINES > MOST_WORK:
+        return ""
+    few = seen.few()
+    ways = [way for axis in range(3) if (way := _mirrored(inputs, dofs, axis))]
+    with suppress(LrbcError):
+        for others in ways:
+            own = [i for other in others for i in other.responses]
+            before = float(np.median(apart(few.measured[:, own], model[np.isin(seen.s, few.s)][:, own])))
+            after = float(np.median(np.concatenate(_misfits(few, others, float(np.abs(model).max())))))
+            if before > LEAST_DIFFERENCE and after <= min(MOST_LEFT, CLEARLY * before):
+                unit, first = inputs.campaign.unit_system.length, others[0]
+                xyz = ", ".join(f"{value:.6g}" for value in dofs.xyz[first.dof] / unit)
+                return (
+                    f"all sensors are stated with {first.how}, it seems: levels of measured and computed FRFs are {after:.1f} dB apart in "
+                    f"the mirrored places, constants taken out, {before:.1f} dB in the stated ones: correct the places of all responses, "
+                    f"responses.{inputs.responses[first.responses[0]].name}: near: [{xyz}] and so on"
+                )
+    return ""
+
+
+def _mirrored(inputs: Inputs, dofs: DofTable, axis: int) -> list[_Other]:
+    """All point sensors where one coordinate is counted from the other side of what they measure; none where they stay where they are."""
+    found = []
+    for own, responses in _points(inputs).items():
+        alike = dofs.xyz[dofs.component == dofs.component[own]]
+        low, high = float(alike[:, axis].min()), float(alike[:, axis].max())
+        place = dofs.xyz[own].copy()
+        place[axis] = low + high - place[axis]
+        to = nearest(dofs, place.tolist(), str(dofs.component[own]))
+        if to is None:
+            return []
+        how = f"{_AXES[axis]} counted from the other side"
+        found.append(_Other(responses=tuple(responses), dof=to[0], how=how))
+    # Sensors on the middle stay; with most of them there, nothing is told apart.
+    moved = sum(other.dof != own for own, other in zip(_points(inputs), found, strict=True))
+    return found if len(found) > 2 and 2 * moved > len(found) else []
+
+
+def _points(inputs: Inputs) -> dict[int, list[int]]:
+    """The responses of each sensor that measures one DOF: of a distributed or a weighted one there is no place."""
+    L, sensors = inputs.model.L.tocsr(), dict[int, list[int]]()
+    for i in range(L.shape[0]):
+        row = L[[i]].tocoo()
+        if row.nnz == 1:
+            sensors.setdefault(int(row.col[0]), []).append(i)
+    return sensors
+
+
 def _misfits(seen: Seen, others: Sequence[_Other], largest: float) -> list[Floats]:
     """By place, how far levels of its responses are from the model there, see ``apart_there`` [dB]."""
     if not others:
@@ -108,14 +166,9 @@ def _text(inputs: Inputs, dofs: DofTable, other: _Other, before: float, after: f
 
 def _others(inputs: Inputs, dofs: DofTable) -> Iterator[_Other]:
     """Places at which the mesh has a node with the stated coordinates exchanged or turned, and the other directions at the stated node."""
-    L = inputs.model.L.tocsr()
-    sensors: dict[int, list[int]] = {}
-    for i in range(L.shape[0]):
-        row = L[[i]].tocoo()
-        # Of a distributed or a weighted one there is no place to exchange.
-        if row.nnz == 1 and not inputs.model.is_acoustic[int(row.col[0])]:
-            sensors.setdefault(int(row.col[0]), []).append(i)
-    for own, responses in sensors.items():
+    for own, responses in _points(inputs).items():
+        if inputs.model.is_acoustic[own]:
+            continue
         place, at_node = dofs.xyz[own], np.flatnonzero((dofs.node == dofs.node[own]) & np.char.startswith(dofs.component.astype(str), "U"))
         if own in at_node:
             stated = str(dofs.component[own])

@@ -27,7 +27,8 @@ from lrbc_cli.campaign.identification.compared.likeness import (
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.looking.axes import stretched_text
-from lrbc_cli.campaign.looking.coordinates import coordinates_texts
+from lrbc_cli.campaign.looking.common import OfJob, Told, told_of_all
+from lrbc_cli.campaign.looking.coordinates import coordinates_texts, mirrored_text
 from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, strike_text
 from lrbc_cli.campaign.looking.held import held_text
 from lrbc_cli.campaign.looking.moved import Seen, hammer_text, hammers_text, sensor_text, unmoved_text
@@ -44,6 +45,7 @@ from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.build import reduce_model
 from lrbc_cli.reduction.reduced.ports import PortFrf
+from lrbc_cli.updating.comparison.scale import Offset
 
 #: Down to here no loosened bolts have to be found that explain a measurement [dB].
 NEAR = 2.0
@@ -122,21 +124,23 @@ def first_look(
         # A matrix without what is subtracted from it is none to compare with.
         if lacking := _lacking(inputs, source):
             return FirstLook(tuple(lacking))
-        told: dict[str, dict[tuple[object, ...], str]] = {}
+        found: dict[str, OfJob] = {}
         for name in order:
-            # With another damping than it has, the model is none to compare with; with another hammer point, no FRF.
-            if {("damping",), ("hammers",)} & told.get(reference or "", {}).keys():
+            # With another damping than it has, the model is none to compare with; with other places of hammer or sensors, no FRF.
+            own = found[reference].told if reference in found else {}
+            if {("damping",), ("hammers",), ("hammer",), ("mirrored",)} & own.keys():
                 break
             # What is wrong with the reference job, too, does not show beside it.
-            tight = measurements.get(reference or "") if not told.get(reference or "") and name != reference else None
-            progress(f"comparing {name} with the model, job {len(told) + 1} of {len(order)}")
-            told[name] = _looked_at(inputs, source, {job: measurements[job] for job in order}, name, tight)
+            tight = measurements.get(reference or "") if not own and name != reference else None
+            progress(f"comparing {name} with the model, job {len(found) + 1} of {len(order)}")
+            found[name] = _looked_at(inputs, source, {job: measurements[job] for job in order}, name, tight)
+        told = told_of_all(inputs, found, reference or "")
         pooled = _pooled(told, reference)
-        own = {name: {kind for kind in found if kind[0] in _OF_NUMBERS} for name, found in pooled.items()}
+        kinds = {name: {kind for kind in own if kind[0] in _OF_NUMBERS} for name, own in pooled.items()}
         return FirstLook(
             tuple(_told(pooled)),
             rescaled=("rescaled",) in told.get(reference or "", {}),
-            doubted=frozenset(name for name, kinds in own.items() if kinds != own.get(reference or "", set())),
+            doubted=frozenset(name for name, of in kinds.items() if of != kinds.get(reference or "", set())),
         )
     except LrbcError as error:
         return FirstLook(note=f"measured and computed FRFs were not compared: {error.problem}")
@@ -168,8 +172,8 @@ def _lacking(inputs: Inputs, source: FrfSource) -> list[str]:
 
 def _looked_at(
     inputs: Inputs, source: FrfSource, measurements: Mapping[str, Measurement], name: str, tight: Measurement | None = None
-) -> dict[tuple[object, ...], str]:
-    """What is found of one of the jobs, each under what tells whether another job has it, too.
+) -> OfJob:
+    """What is found of one of the jobs.
 
     Beside the model, and the reference job if given.
     """
@@ -188,29 +192,29 @@ def _looked_at(
         most = 0.0 if before < LEAST_DIFFERENCE else CLEARLY * before if reading is None else reading.after
         text = overdamped_text(inputs, s, few.values, states[0], parameters.dynamic(parameters.initial, s), most) if most else None
         if text is not None:
-            return {("damping",): text}
+            return OfJob({("damping",): text})
     if reading is not None:
-        return {("read",): reading.text}
+        return OfJob({("read",): reading.text})
     if beside and name in taken_as_tight(inputs):
         # What the model lacks in the reference job it lacks in another tight one, too.
         own = few.values * np.where(beside[0][0] != 0, states[0] / np.where(beside[0][0] != 0, beside[0][0], 1.0), np.nan)
         fits = {job: float(np.median(apart(values, states[0]))) for job, values in ((reference, beside[0][0]), (name, few.values))}
         if loose := not_tight(inputs, fits, own, states, loosened, parameters):
-            return {("freed",): loose}
+            return OfJob({("freed",): loose})
     again = (
         partial(_fit_exchanged, inputs, source, s, few.values, tight.values[lines]) if fitted is not None and tight is not None else None
     )
     if hammers := hammers_text(inputs, few.values, states, name, again) or unmoved_text(inputs, few.values, states[0]):
-        return {("hammers",): hammers}
+        return OfJob({("hammers",): hammers})
     if fitted is not None and (strike := strike_text(inputs, few.values, fitted, name)):
-        return {("strike",): strike}
+        return OfJob({("strike",): strike})
     near = [*nearest_states(few, states), *(state[0] for state in beside), *([] if fitted is None else [fitted])]
     leads = name == reference
     # Where all bolts are taken as tight, none is to blame.
     reach = (0.0, 0.0) if leads or name in taken_as_tight(inputs) else reach_of_one(source, parameters, s, states[0])
-    told = _channels(inputs, few, states, near, name, reach[0])
+    told, offsets = _channels(inputs, few, states, near, name, reach[0])
     if not told and (how := sideways(few.values, states)):
-        return {("sideways", how): sideways_text(inputs, how, name)}
+        return OfJob({("sideways", how): sideways_text(inputs, how, name)})
     if not told and name == inputs.campaign.update.reference:
         told |= other_tables(inputs, source, few.values, s, states[0], parameters) or _unlike(
             inputs, few.values, s, states, loosened, parameters, partial(tighter_text, inputs, source, measurements, name)
@@ -222,12 +226,12 @@ def _looked_at(
         told |= _beside_tight(inputs, few.values, beside[0][0], name, reach)
         if not told and fitted is not None:
             told |= _foreign(few.values, states, beside[0][0])
-    return told
+    return OfJob(told, offsets)
 
 
 def _channels(
     inputs: Inputs, few: Measurement, states: Complexes, near: list[Complexes], name: str, movable: Floats | float
-) -> dict[tuple[object, ...], str]:
+) -> tuple[Told, tuple[Offset, ...]]:
     """Channels in each other's place, and factors and phases of the others; beside (S, F, R) states and the nearest of them.
 
     A factor that is no larger than what one loosened bolt does to the level, ``movable``, (R,) or of all [dB], may be a loosened bolt.
@@ -246,7 +250,7 @@ def _channels(
         opposite = turned(few.values, states)
         offsets = tuple(replace(o, reversed=o.response in opposite) for o in offsets)
     told = offset_texts(inputs, offsets, name)
-    return told | {("exchanged", *cycles): exchanged_text(inputs, cycles, name) for cycles in by_sensors(inputs, exchanges)}
+    return told | {("exchanged", *cycles): exchanged_text(inputs, cycles, name) for cycles in by_sensors(inputs, exchanges)}, offsets
 
 
 def _fitted(
@@ -280,9 +284,7 @@ def _fit_exchanged(
     return _fit(inputs, source, s, exchanged, tight) if now <= further * as_stated else None
 
 
-def _beside_tight(
-    inputs: Inputs, measured: Complexes, tight: Complexes, name: str, reach: tuple[Floats | float, Floats | float]
-) -> dict[tuple[object, ...], str]:
+def _beside_tight(inputs: Inputs, measured: Complexes, tight: Complexes, name: str, reach: tuple[Floats | float, Floats | float]) -> Told:
     """Responses that alone lie far from the reference job, (F, R) each, or have left their level there, by more than one bolt can do.
 
     ``reach`` is what that is, see ``reach_of_one``; distances count from twice that on, for a model errs.
@@ -294,7 +296,7 @@ def _beside_tight(
     return {key: text for key, text in alone.items() if key[1] in far} | {("level", i): text for i, text in away.items()}
 
 
-def _foreign(measured: Complexes, states: Complexes, tight: Complexes) -> dict[tuple[object, ...], str]:
+def _foreign(measured: Complexes, states: Complexes, tight: Complexes) -> Told:
     """What to say of a measurement that no state comes near, a fitted one among them, where the tight one comes near its own, the first."""
     least = float(np.median(apart(measured, states), axis=1).min())
     if least <= max(UNLIKE, float(np.median(apart(tight, states[0]))) / CLEARLY):
@@ -307,7 +309,7 @@ def _foreign(measured: Complexes, states: Complexes, tight: Complexes) -> dict[t
     return {("foreign",): text}
 
 
-def _placed(seen: Seen, states: Complexes, told: dict[tuple[object, ...], str]) -> dict[tuple[object, ...], str]:
+def _placed(seen: Seen, states: Complexes, told: Told) -> Told:
     """What is told of a job, and places of the hammer or a sensor, or nodes that are held, where they explain what nothing else does.
 
     Parameters
@@ -319,6 +321,10 @@ def _placed(seen: Seen, states: Complexes, told: dict[tuple[object, ...], str]) 
     """
     away = apart(seen.measured, states)
     every = np.median(away, axis=1)
+    # Of sensors that all are mirrored some seem exchanged.
+    several = sum(kind[0] == "exchanged" for kind in told) > 1 or ("unlike",) in told or not told
+    if seen.reference and several and float(every[0]) > LEAST_DIFFERENCE and (mirrored := mirrored_text(seen, states[0])):
+        return {("mirrored",): mirrored}
     # Bolts may be in another state than those that are looked at: the model is as near as that where it is right.
     # A reference job that is neither near nor far is looked at, too: nothing is loose there that could be the reason.
     if ("unlike",) in told or (not told and float(every.min()) > (LEAST_DIFFERENCE if seen.reference else UNLIKE)):
@@ -333,7 +339,7 @@ def _placed(seen: Seen, states: Complexes, told: dict[tuple[object, ...], str]) 
     return {key: text + (sensor_text(seen, int(str(key[1]))) if key[0] == "alone" else "") for key, text in told.items()}
 
 
-def _stated(seen: Seen, model: Complexes, told: dict[tuple[object, ...], str]) -> dict[tuple[object, ...], str]:
+def _stated(seen: Seen, model: Complexes, told: Told) -> Told:
     """What is told of the reference job, and sensors with coordinates exchanged, whose FRFs are not told otherwise then."""
     if not {kind for kind, *_ in told} <= {"unlike", "alone"}:
         return told
@@ -355,7 +361,7 @@ def _unlike(
     loosened: list[Integers],
     parameters: Parameterisation,
     tighter: Callable[[], str],
-) -> dict[tuple[object, ...], str]:
+) -> Told:
     """What is said of a tight state that is not explained, though no factor and no sensor in another's place is to blame.
 
     ``tighter`` tells which other jobs are nearer to the tight model.
@@ -364,7 +370,7 @@ def _unlike(
     every = apart(measured, model)
     own = every[inputs.used]
     typical = float(np.median(every))
-    told: dict[tuple[object, ...], str] = {}
+    told: Told = {}
     if typical > LEAST_DIFFERENCE:
         text = rescaled_text(inputs, s, measured, model, parameters.dynamic(parameters.initial, s), typical)
         if text is not None:
@@ -385,9 +391,9 @@ def _unlike(
     return told | _alone(inputs, every, "the model")
 
 
-def _alone(inputs: Inputs, every: Floats, of: str, job: str | None = None) -> dict[tuple[object, ...], str]:
+def _alone(inputs: Inputs, every: Floats, of: str, job: str | None = None) -> Told:
     """Responses that lie far from where they should, alone; (R,) distances [dB], of a job beside the reference job if one is named."""
-    told: dict[tuple[object, ...], str] = {}
+    told: Told = {}
     for i in outlying(every):
         response = inputs.responses[i].name
         causes = f"check the place and the component of responses.{response} (lrbc check --picture), and that the channel is not another"
@@ -401,12 +407,12 @@ def _alone(inputs: Inputs, every: Floats, of: str, job: str | None = None) -> di
     return told
 
 
-def _pooled(found: Mapping[str, dict[tuple[object, ...], str]], reference: str | None) -> dict[str, dict[tuple[object, ...], str]]:
+def _pooled(found: Mapping[str, Told], reference: str | None) -> dict[str, Told]:
     """What is wrong in the reference job, in all jobs: others, in which bolts are loose, show part of it, or what looks like part of it."""
     own = found.get(reference or "", {})
     reversed_there = next((kind for kind in own if kind[0] == "reversed"), None)
     units_there = any(kind[0] == "units" for kind in own)
-    pooled: dict[str, dict[tuple[object, ...], str]] = {}
+    pooled: dict[str, Told] = {}
     exchanges: list[tuple[object, ...]] = []
     for name, told in found.items():
         pooled[name] = {}

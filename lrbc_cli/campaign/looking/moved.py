@@ -17,20 +17,16 @@ from lrbc_cli.campaign.looking.rescaled import MOST_LEFT, MOST_WORK
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.memory import reduction_cost
 from lrbc_cli.errors import LrbcError
-from lrbc_cli.model.coupling import asymmetry
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.problem.full import full_ports
 from lrbc_cli.reduction.reduced.ports import PortFrf
 
-#: Lines that are compared, and places times responses that are tried.
-LINES, MOST_PLACES = 24, 1000
+#: Lines that are compared, places of a sensor that are tried, and places of the hammer times responses.
+LINES, MOST_PLACES, MOST_HITS = 24, 1000, 6000
 
 #: So much more than of the FRFs of other hammer points may be left of those of one that is put right.
 _AS_MUCH = 1.5
-
-#: Reciprocity holds where the asymmetry is below this share.
-_SYMMETRIC = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +61,7 @@ class Seen:
 def hammer_text(seen: Seen, states: Sequence[Floats], *, most: float, stated: Floats | None = None) -> str | None:
     """Where the hammer hit, it seems, and what to do; None where no other place explains the measurement.
 
-    By reciprocity: forces at the sensors, and what they do at all places where the hammer may have been.
+    By the transposed model: one solve a sensor tells what forces at all places where the hammer may have been do there.
 
     Parameters
     ----------
@@ -77,7 +73,7 @@ def hammer_text(seen: Seen, states: Sequence[Floats], *, most: float, stated: Fl
     stated : (S, R) float array or None
         How far levels are apart as stated, in states that may be [dB]: what other hammer points leave may be left.
     """
-    if seen.inputs.dofs is None or not _reciprocal(seen.inputs) or _work(seen.inputs, LINES) > MOST_WORK:
+    if seen.inputs.dofs is None or _work(seen.inputs, LINES) > MOST_WORK:
         return None
 
     def left(at: int) -> float:
@@ -98,7 +94,7 @@ def _hammer_text(seen: Seen, states: Sequence[Floats], at: int, most: float, mos
     if dofs is None or load.nnz != 1 or responses.size < 2:
         return None
     own, level = int(load.row[0]), levels(seen.measured[:, responses])[:, None, :]
-    places = _places(dofs, own, MOST_PLACES // responses.size)
+    places = _places(dofs, own, MOST_HITS // responses.size)
     left = np.full(places.size, np.inf)
     with suppress(LrbcError):
         ports = _reciprocal_ports(seen, places, responses)
@@ -216,10 +212,17 @@ def _reciprocal_ports(seen: Seen, places: Integers, responses: Integers) -> Port
     """FRFs of what forces at the sensors do at places, responses running faster; solved once for all jobs on the same lines."""
     key = b"places" + responses.tobytes() + seen.s.tobytes()
     if key not in seen.known:
+        # Transposed: what forces at places do at the sensors, by one solve a sensor. Of a structure without a cavity it is the same.
         model, count = seen.inputs.model, responses.size
+        K, C, M = (A.T.tocsc() for A in (model.K, model.C, model.M))
+        terms = replace(model.terms, left=model.terms.right, right=model.terms.left)
         entries = np.ones(places.size * count), (np.arange(places.size * count), np.repeat(places, count))
         turned = replace(
             model,
+            K=K,
+            C=C,
+            M=M,
+            terms=terms,
             B=model.L[responses].T.tocsc(),
             L=sp.csc_array(entries, (places.size * count, model.size)),
             output_power=np.tile(model.output_power[responses], places.size),
@@ -258,11 +261,6 @@ def sensor_text(seen: Seen, response: int) -> str:
 
 def _work(inputs: Inputs, lines: int) -> float:
     return reduction_cost(inputs)[0].line * lines
-
-
-def _reciprocal(inputs: Inputs) -> bool:
-    model = inputs.model
-    return not model.is_acoustic.any() and model.terms.symmetric and all(asymmetry(A) < _SYMMETRIC for A in (model.K, model.C, model.M))
 
 
 def _places(dofs: DofTable, own: int, most: int) -> Integers:

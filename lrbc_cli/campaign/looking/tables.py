@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, levels, spread
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.places import POWERS
@@ -43,44 +43,66 @@ def other_tables(
     # Between the units, too: what is far off, loose or as good as clamped comes as near there.
     powers = np.array([-2, -1, 1, 2, *POWERS])
     unit, ways = np.isin(powers, POWERS), []
-    for where, files, names in _tables(inputs, parameters):
-        left, _ = _moved(source, measured, s, parameters, where, powers)
+    for where, signs, files, names in _tables(inputs, parameters):
+        left, _ = _moved(source, measured, s, parameters, where, powers[:, None] * signs)
         # As good as free, or clamped, are all those beyond: the nearest factor that does is meant.
         close = np.flatnonzero(unit & (left <= _ALIKE * left.min()))
         best = int(close[np.argmin(np.abs(powers[close]))]) if close.size else int(left.argmin())
         if unit[best] and left[best] < min(MOST_LEFT, CLEARLY * before, _NEARER * left[~unit].min()):
-            ways.append((float(left[best]), int(powers[best]), where, files, names))
+            ways.append((float(left[best]), powers[best] * signs, where, files, names))
     if ways:
-        after, power, where, files, names = min(ways, key=lambda way: way[0])
-        times, stated = f"{10.0**power:g}", inputs.campaign.unit_system.text
+        after, moved, where, files, names = min(ways, key=lambda way: way[0])
+        times, stated = f"{10.0 ** moved[0]:g}", inputs.campaign.unit_system.text
+        if (moved < 0).any() and (moved > 0).any():
+            both = {turns: f"{10.0 ** moved[_turning(inputs, parameters)[where] == turns][0]:g}" for turns in (False, True)}
+            times = f"{both[False]}, those of rotations times {both[True]}"
         found = f"{after:.1f} dB apart with all stiffnesses of {files} times {times}, {before:.1f} dB as it is"
-        fix = f"in another unit than `units: {stated}` says, it seems: multiply the stiffnesses there by {times}"
-        if np.abs(parameters.initial[where] + power).max() < 1.0:
+        fix = f"in another unit than `units: {stated}` says, it seems: multiply the stiffnesses there by {times.replace('times', 'by')}"
+        if np.abs(parameters.initial[where] + moved).max() < 1.0:
             keys = ", ".join(f"parameters.{name}.initial: 0" for name in names)
             fix = f"what the table says is right, the start value is not: write {keys}"
         return {("table",): f"measured and computed FRFs are {found}, constants taken out: {fix}"}
     return _material(inputs, source, measured, s, before, parameters)
 
 
-def _tables(inputs: Inputs, parameters: Parameterisation) -> Iterator[tuple[Integers, str, list[str]]]:
-    """Parameters of each table of springs, and of all of them, with the names of files and groups."""
+def _tables(inputs: Inputs, parameters: Parameterisation) -> Iterator[tuple[Integers, Integers, str, list[str]]]:
+    """Parameters of each table of springs, and of all of them, which way a factor goes, and the names of files and groups."""
     every = []
     for group, where, _ in parameters.placed:
         file = next(g.config.select.bushings for g in inputs.groups if g.name == group.name)
         if file is not None:
             every.append((np.arange(where.start, where.stop), file.name, [group.name]))
-    yield from every
+    for at, name, groups in every:
+        yield at, np.ones(at.size, dtype=np.int64), name, groups
+    if not every:
+        return
+    at, files = np.concatenate([at for at, _, _ in every]), " and ".join(dict.fromkeys(file for _, file, _ in every))
+    names, turning = [name for *_, names in every for name in names], _turning(inputs, parameters)[at]
     if len(every) > 1:
-        files = " and ".join(dict.fromkeys(file for _, file, _ in every))
-        yield np.concatenate([at for at, _, _ in every]), files, [name for *_, names in every for name in names]
+        yield at, np.ones(at.size, dtype=np.int64), files, names
+    if turning.any() and not turning.all():
+        # N/mm and N mm/rad: what is a thousand of the one is a thousandth of the other.
+        yield at, np.where(turning, -1, 1), files, names
+
+
+def _turning(inputs: Inputs, parameters: Parameterisation) -> Bools:
+    """(size,) values of springs that resist rotations alone."""
+    found = np.zeros(parameters.size, dtype=bool)
+    if inputs.dofs is None:
+        return found
+    left, rotation = inputs.model.terms.left, np.char.startswith(inputs.dofs.component.astype(str), "ROT")
+    for group, where, _ in parameters.placed:
+        for term, parameter in zip(group.terms.tolist(), group.parameter.tolist(), strict=True):
+            found[where.start + parameter] = rotation[left[:, [term]].nonzero()[0]].all()
+    return found
 
 
 def _moved(
     source: FrfSource, measured: Complexes, s: Complexes, parameters: Parameterisation, where: Integers, powers: Floats
 ) -> tuple[Floats, Floats]:
-    """How far levels are apart, constants taken out, and by which constant, with these parameters moved by so many decades each."""
-    values = np.tile(parameters.initial, (powers.size, 1))
-    values[:, where] += powers[:, None]
+    """How far levels are apart, constants taken out, and by which constant, with these parameters moved by rows of decades."""
+    values = np.tile(parameters.initial, (powers.shape[0], 1))
+    values[:, where] += powers
     difference = levels(measured) - levels(source.model(s, parameters).nearby(parameters.initial)(values))
     return np.median(spread(difference, 1), axis=1), np.nanmedian(difference, axis=(1, 2))
 
@@ -92,7 +114,7 @@ def _material(
     where = [np.arange(at.start, at.stop) for group, at, _ in parameters.placed if group.kind == "stiffness"]
     if not where:
         return {}
-    left, level = _moved(source, measured, s, parameters, np.concatenate(where), _SOFTER)
+    left, level = _moved(source, measured, s, parameters, np.concatenate(where), _SOFTER[:, None])
     best = int(np.argmin(left))
     off = float(level[best])
     if left[best] > min(MOST_LEFT, CLEARLY * before) or abs(off) < _LEAST_LEVEL or abs(20.0 * _SOFTER[best] - off) > _OFF_LEVEL:

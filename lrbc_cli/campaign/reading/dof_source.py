@@ -332,3 +332,17 @@ def _other_orders(dofs: DofTable) -> list[tuple[str, Integers]]:
 
 def _distances(xyz: Floats, one: Integers, two: Integers) -> Floats:
     return np.asarray(np.linalg.norm(xyz[one] - xyz[two], axis=1))
+
+
+def unfitting(lines: int, rows: int) -> str:
+    """What to do about a DOF table with so many lines beside matrices with so many rows."""
+    other = "else export matrices and DOF table of one model in one run"
+    if lines > rows:
+        return (
+            f"it has {lines - rows} lines more than the matrices have rows: those of fixed or tied DOFs, it seems, which matrices do not "
+            f"hold. Take these lines out and number the others from 0, in the order of the rows; {other}"
+        )
+    return (
+        f"it has {rows - lines} lines fewer than the matrices have rows: it lacks DOFs, as of nodes or fields that were left out, or the "
+        f"matrices hold fixed ones. List every row; {other}"
+    )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.reading.doubts.astray import beside_their_dofs, beside_their_springs
-from lrbc_cli.campaign.reading.joints import apart, bolts_of_terms, bushing_vectors, joint_notes, owners, require_free
+from lrbc_cli.campaign.reading.joints import aside_text, bolts_of_terms, bushing_vectors, joint_notes, owners, require_free
 from lrbc_cli.campaign.reading.places import require_near
 from lrbc_cli.campaign.reading.reader import ModelReader, Parts
 from lrbc_cli.config.structure import Damping, GroupConfig, GroupDampingConfig
@@ -263,12 +263,8 @@ class GroupReader(ModelReader):
         table = replace(table, stiffness=table.stiffness * unit.force * np.where(turns, unit.length, 1.0 / unit.length))
         require_free(table, self.dofs, self.held)
         vectors, places = bushing_vectors(table, self.dofs)
-        count, gap = apart(table, self.dofs)
-        if count:
-            self.warn(
-                f"{file.name}: the nodes of {count} spring{'s' if count > 1 else ''} lie up to {1e3 * gap:.3g} mm aside of its axis: it "
-                "holds them also where both turn as one rigid piece; join nodes on the axis, or export rigid arms to it"
-            )
+        if aside := aside_text(table, self.dofs):
+            self.warn(f"{file.name}: {aside}")
         astray = None if self.bolts is None or self.disordered else beside_their_springs(self.bolts, places, table.bolt, self.unit.length)
         if astray:
             self.beside.setdefault(astray, []).append(file.name)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.protect import require_inputs_apart
-from lrbc_cli.campaign.reading.dof_source import added_nodes, numbering, order_doubt
+from lrbc_cli.campaign.reading.dof_source import added_nodes, numbering, order_doubt, unfitting
 from lrbc_cli.campaign.reading.doubts.rigid import digits_doubt, rigid_doubts
 from lrbc_cli.campaign.reading.doubts.settings import guesses
 from lrbc_cli.campaign.reading.drift import check_drift, load_shift
@@ -394,7 +394,7 @@ def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, ND
             file=source.dofs if isinstance(source.dofs, Path) else source.stiffness.path,
             expected=f"{n} DOFs",
             found=f"{reader.labels.size}",
-            hint="export matrices and DOF table of one model in one run",
+            hint=unfitting(reader.labels.size, n),
         )
     require_apart(source, stiffness=K, mass=M)
     K, M = reader.scale(K, M)

@@ -19,6 +19,9 @@ from lrbc_cli.model.selection import at_node
 #: Direction cosines below this are rounding of an axis.
 ROUNDING = 1e-9
 
+#: Springs that are told one by one.
+MOST_NAMED = 4
+
 #: What to do about a node that has coordinates and no DOFs.
 HELD = (
     "it has coordinates, but no DOFs in the matrices: it was fixed there when they were exported, and what is fixed neither moves nor "
@@ -190,17 +193,37 @@ def _dof(table: BushingTable, dofs: DofTable, k: int, column: str, node: int, na
     )
 
 
-def apart(table: BushingTable, dofs: DofTable) -> tuple[int, float]:
-    """Number of springs that hold their nodes where both turn as one rigid piece, and the longest arm of their axes about a node [m]."""
+def aside_text(table: BushingTable, dofs: DofTable) -> str:
+    """What to say of springs that hold their nodes where both turn as one rigid piece; empty where the nodes of all lie on their axes."""
     place = {int(node): dofs.xyz[at] for at, node in enumerate(dofs.node.tolist()) if not dofs.is_acoustic[at]}
-    arms = []
+    arms = dict[int, float]()
     for k, (a, b) in enumerate(zip(table.node_a.tolist(), table.node_b, strict=True)):
         family, axis = divmod(COMPONENTS.index(table.component[k]), 3)
         if b is not None and family == 0:
-            arms.append(float(np.linalg.norm(np.cross(place[b] - place[a], table.axes[k, axis]))))
+            arms[k] = float(np.linalg.norm(np.cross(place[b] - place[a], table.axes[k, axis])))
     least = 1e-6 * float(np.ptp(dofs.xyz, axis=0).max())
-    far = [arm for arm in arms if arm > least]
-    return len(far), max(far, default=0.0)
+    far = [k for k, arm in arms.items() if arm > least]
+    if not far:
+        return ""
+    count, longest = len(far), max(arms[k] for k in far)
+    text = f"the nodes of {count} spring{'s' if count > 1 else ''} lie up to {1e3 * longest:.3g} mm aside of its axis"
+    if 2 * count >= len(arms):
+        return f"{text}: it holds them also where both turn as one rigid piece; join nodes on the axis, or export rigid arms to it"
+    named = [f"line {table.lines[k]}, {_joined(table, k)}" for k in far[:MOST_NAMED]]
+    more = f" and {count - MOST_NAMED} more" if count > MOST_NAMED else ""
+    return (
+        f"{text}, those of the others on it: is a node mistyped? Check {'; '.join(named)}{more}. A spring beside its axis holds its nodes "
+        "also where both turn as one rigid piece: join nodes on the axis, or export rigid arms to it"
+    )
+
+
+def _joined(table: BushingTable, k: int) -> str:
+    """The bolt and the nodes of a spring, and other bolts that have one of these."""
+    said, own = [], table.bolt[k]
+    for node in (int(table.node_a[k]), table.node_b[k]):
+        others = sorted({bolt for bolt, *ends in zip(table.bolt, table.node_a.tolist(), table.node_b, strict=True) if node in ends} - {own})
+        said.append(f"{node}{f' (also of {others[0]})' if others else ''}")
+    return f"{own}{' with' if own else ''} nodes {' and '.join(said)}".lstrip()
 
 
 def bolts_of_terms(groups: Sequence[tuple[str, Sequence[str] | None, Floats | None]]) -> PointTable | None:

@@ -392,9 +392,11 @@ def grouped(offsets: Sequence[Offset], quantities: Sequence[str]) -> tuple[Commo
         Of all responses.
     """
     named = [o for o in offsets if o.named]
-    # One front end, one file: where all may share a factor, what is clear of some is meant of all.
+    # One front end, one file: what is clear of some is meant of all, where it is nearer to the others than no factor is.
     middle = float(np.median([o.db for o in offsets])) if offsets else 0.0
-    alike = all(o.power == named[0].power and abs(o.db - middle) <= MOST_REACH + LEAST_REACH for o in offsets) if named else False
+    reach = MOST_REACH + LEAST_REACH
+    limits = [max(reach, o.half) if o.named else max(reach, o.half, abs(o.db)) for o in offsets]
+    alike = bool(named) and all(o.power == named[0].power and abs(o.db - middle) <= most for o, most in zip(offsets, limits, strict=True))
     shared = alike and len({quantities[o.response] for o in offsets}) == 1
     left = sorted(offsets if shared else named, key=lambda o: (not o.named, o.half, o.response))
     found = []

@@ -146,8 +146,7 @@ def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> dict[tu
         # What leaves most of the misfit wherever it is seen is no unit and no gain.
         if firm.intersection(common.responses)
     }
-    silent = not inputs.method.residual.phase
-    tail = "; magnitudes in dB do not feel it, so that the fit is not affected" if silent else ""
+    tail = sign_tail(inputs)
     turned = [o.response for o in offsets if o.reversed]
     if turned:
         what = "hammer or of all sensors" if len(turned) == len(offsets) else "sensor"
@@ -175,9 +174,14 @@ def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> dict[tu
     return found
 
 
+def sign_tail(inputs: Inputs) -> str:
+    """What follows what is said of phases alone."""
+    return "" if inputs.method.residual.phase else "; magnitudes in dB do not feel it, so that the fit is not affected"
+
+
 def sideways_text(inputs: Inputs, how: str, job: str) -> str:
     """What to say of phases across those of the model; ``how`` of ``likeness.sideways``."""
-    tail = "; magnitudes in dB do not feel it, so that the fit is not affected" if not inputs.method.residual.phase else ""
+    tail = sign_tail(inputs)
     if how == "exchanged":
         return (
             "real and imaginary parts stand in each other's place, it seems: phases of all responses are 90 degrees less the model's; "

@@ -199,7 +199,25 @@ def exchanged(inputs: Inputs, measured: Complexes, states: Sequence[Complexes] |
         ways = ((0.0, limits.exchanged_share), (lacking, limits.exchanged_share**2))
         if any(stated - own > len(at) * limits.exchanged_db and changed - own < share * (stated - own) for own, share in ways):
             found.append(cycle)
+    # Cables in each other's place are so wherever the hammer hits: where that is clear of one point, it need not be of the others.
+    for clear in tuple(found):
+        for also in _elsewhere(inputs, clear):
+            at, to = list(also), [*also[1:], also[0]]
+            if not {i for own in found for i in own}.intersection(at) and nearest[at, to].sum() < nearest[at, at].sum():
+                found.append(also)
     return found
+
+
+def _elsewhere(inputs: Inputs, cycle: Sequence[int]) -> Iterator[tuple[int, ...]]:
+    """The same sensors hit at each of the other points, where all of them were measured there."""
+    places: dict[tuple[object, ...], int] = {
+        (r.node, r.direction, r.quantity, r.input): i for i, r in enumerate(inputs.responses) if r.node is not None
+    }
+    own = [inputs.responses[i] for i in cycle]
+    for at in sorted({r.input for r in inputs.responses} - {own[0].input}):
+        others = [places.get((r.node, r.direction, r.quantity, at)) for r in own]
+        if all(i is not None for i in others):
+            yield tuple(i for i in others if i is not None)
 
 
 def _cycles(order: Sequence[int]) -> Iterator[tuple[int, ...]]:
