@@ -35,7 +35,7 @@ ALLOWED = {
     },
     "warnings and refusals of input that is in doubt: units, bands, places": {
         *("PARTS", "LEAST_LINES", "LEAST_OFFSET", "LEFT", "LEAST_REACH", "MOST_REACH", "BETTER", "POWERS", "ALIKE", "TURNED"),
-        *("LATE", "LATER", "DELAY_LINES", "MOST_PLACES", "_MOST_NODES", "_SYMMETRIC", "_NODES"),
+        *("LATE", "LATER", "DELAY_LINES", "MOST_PLACES", "MOST_HITS", "MOST_NAMED", "_MOST_NODES", "_NODES"),
         *(
             "PLAUSIBLE",
             "FAR_ABOVE_NOISE",

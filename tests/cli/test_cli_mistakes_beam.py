@@ -83,6 +83,32 @@ MISTAKES = {
         "a3: measured over computed +20.02 dB",
         "likely a sensitivity or a range ten times off: jobs.ref.scale: {a3: 0.1}; the same in loose",
     ),
+    "hammer against its direction": (
+        frfs(lambda hz, y: (hz, -y)),
+        0,
+        "reversed sign, it seems: all responses: measured phases are 180 degrees from the model's in all jobs",
+        "likely the direction of the hammer or of all sensors: excitation.hammer.scale: -1",
+    ),
+    "a sensor upside down": (
+        frfs(lambda hz, y: (hz, y * [1, 1, -1, 1, 1])),
+        0,
+        "reversed sign, it seems: a3: measured phases are 180 degrees from the model's in all jobs",
+        "likely the direction of the sensor: responses.a3.scale: -1",
+    ),
+    "pounds of force": (
+        frfs(lambda hz, y: (hz, 4.4482216 * y)),
+        0,
+        "all responses (a1, a2, a3, a4, a5): measured over computed +12.9",
+        "likely FRFs per lbf: jobs.ref.format.unit: m/s2/lbf, or jobs.ref.scale: 0.224809; the same in loose",
+    ),
+    "sensors counted from the other end": (
+        lambda folder: [
+            text("campaign.yaml", f"near: [{x:g}, 0, 0]", f"near: [{beam.LENGTH - x:.6g}, 0, 0]")(folder) for x in beam.SENSORS.values()
+        ],
+        0,
+        "job ref: all sensors are stated with x counted from the other side, it seems",
+        "correct the places of all responses, responses.a1: near: [0.1, 0, 0] and so on",
+    ),
     "hammer elsewhere in one job": (
         elsewhere,
         0,
@@ -93,7 +119,7 @@ MISTAKES = {
         text("campaign.yaml", "near: [0.14, 0, 0]", "near: [0.41, 0, 0]"),
         0,
         "the hammer hit elsewhere, it seems: at or near node 15, 0.27 m away",
-        "correct excitation.hammer: near: [0.14, 0, 0], component: UZ; the same in loose",
+        "correct excitation.hammer: near: [0.14, 0, 0], component: UZ",
     ),
     "place of a sensor": (
         text("campaign.yaml", "a3: {near: [0.55, 0, 0]", "a3: {near: [0.05, 0, 0]"),
@@ -164,4 +190,4 @@ def test_what_would_take_long_is_not_looked_for(tmp_path: Path, cache: Path, mon
         damage(tmp_path)
         told = lrbc("check", file, "--cache", cache).stdout
         assert "elsewhere" not in told
-        assert "to the ground beside" not in told
+        assert "to the ground beside the terms" not in told

@@ -30,7 +30,7 @@ from lrbc_cli.campaign.looking.axes import stretched_text
 from lrbc_cli.campaign.looking.common import OfJob, Told, told_of_all
 from lrbc_cli.campaign.looking.coordinates import coordinates_texts, mirrored_text
 from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, strike_text
-from lrbc_cli.campaign.looking.held import held_text
+from lrbc_cli.campaign.looking.held import held_text, supports_text
 from lrbc_cli.campaign.looking.moved import Seen, hammer_text, hammers_text, sensor_text, unmoved_text
 from lrbc_cli.campaign.looking.rescaled import overdamped_text, rescaled_text, softness_text
 from lrbc_cli.campaign.looking.states import beside_model, few_lines, looked_at, nearest_states, reach_of_one, states_of, values_of
@@ -321,9 +321,11 @@ def _placed(seen: Seen, states: Complexes, told: Told) -> Told:
     """
     away = apart(seen.measured, states)
     every = np.median(away, axis=1)
-    # Of sensors that all are mirrored some seem exchanged.
-    several = sum(kind[0] == "exchanged" for kind in told) > 1 or ("unlike",) in told or not told
-    if seen.reference and several and float(every[0]) > LEAST_DIFFERENCE and (mirrored := mirrored_text(seen, states[0])):
+    # Of sensors that all are mirrored some seem exchanged, and the others are far off, too.
+    involved = {i for kind in told if kind[0] == "exchanged" for cycle in kind[1:] if isinstance(cycle, tuple) for i in cycle}
+    others = np.setdiff1d(np.arange(away.shape[1]), list(involved))
+    beyond = not told or ("unlike",) in told or (involved and (not others.size or float(np.median(away[0, others])) > LEAST_DIFFERENCE))
+    if seen.reference and beyond and float(every[0]) > LEAST_DIFFERENCE and (mirrored := mirrored_text(seen, states[0])):
         return {("mirrored",): mirrored}
     # Bolts may be in another state than those that are looked at: the model is as near as that where it is right.
     # A reference job that is neither near nor far is looked at, too: nothing is loose there that could be the reason.
@@ -333,6 +335,8 @@ def _placed(seen: Seen, states: Complexes, told: Told) -> Told:
         dynamic = seen.parameters.dynamic(seen.parameters.initial, seen.s)
         if seen.reference and (text := held_text(seen.inputs, seen.s, seen.measured, dynamic, float(every[0]))):
             return {("held",): text}
+        if seen.reference and ("unlike",) in told:
+            told = told | {("unlike",): told["unlike",] + supports_text(seen.inputs)}
     if not seen.reference:
         return told
     told = _stated(seen, states[0], told)

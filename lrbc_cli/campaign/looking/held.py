@@ -63,6 +63,26 @@ def held_text(inputs: Inputs, s: Complexes, measured: Complexes, dynamic: Comple
     return None
 
 
+def supports_text(inputs: Inputs) -> str:
+    """That the model holds nodes beside the terms, as a cause of what is unlike; empty where it holds none, or that cannot be told."""
+    dofs, model = inputs.dofs, inputs.model
+    if dofs is None or model.is_acoustic.any():
+        return ""
+    rows = _held(model.K, dofs, np.unique(model.terms.left.indices))
+    nodes, first = np.unique(dofs.node[rows], return_index=True)
+    if not nodes.size:
+        return ""
+    xyz, unit = dofs.xyz[rows[first]], inputs.campaign.unit_system.length
+    spans, own = np.ptp(dofs.xyz, axis=0), np.ptp(xyz, axis=0)
+    common = [f"{'xyz'[k]} = {xyz[0, k] / unit:.4g}" for k in range(3) if own[k] < 1e-6 * spans.max() < spans[k]]
+    alike = f", all at {', '.join(common)}" if common and nodes.size > 2 else ""
+    named = ", ".join(str(node) for node in nodes[:4].tolist()) + (" ..." if nodes.size > 4 else "")
+    return (
+        f"; the model is held to the ground beside the bolts (at or next to {nodes.size} node{'s' if nodes.size > 1 else ''}{alike}: "
+        f"{named}): is the structure held so on the test bench, too?"
+    )
+
+
 def _held(K: sp.csc_array, dofs: DofTable, terms: Integers) -> Integers:
     """Rows of no term at which a rigid translation, or a rotation about the own node, meets forces."""
     size = np.abs(K) @ np.ones(dofs.size)

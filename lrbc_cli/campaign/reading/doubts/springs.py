@@ -27,7 +27,7 @@ def held_springs(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup]
         if text is not None:
             yield text
         elif group.config.baseline < 1.0 and group.config.kind == "stiffness":
-            shares = [float(np.median(share)) for turns, share in held if not turns and share.size]
+            shares = [float(np.median(share)) for _, share in held if share.size]
             if any(abs(share - 1.0) < HELD for share in shares):
                 wrong = (
                     f"a share of {1.0 - group.config.baseline:g} stays when one is gone" if group.config.baseline else "they count twice"
