@@ -80,3 +80,18 @@ def test_sensors_in_each_others_place_beside_a_model_that_lacks_something() -> N
 
 def test_nothing_is_said_where_places_are_right() -> None:
     assert told(frame()[2], 8.0) == {}
+
+
+def test_cables_in_each_others_place_are_so_at_every_hammer_point() -> None:
+    """Clear of one point, and of the other nearer than as stated: both are told."""
+    inputs, _, stated, _ = frame()
+    points = [replace(response, input=at) for at in (0, 1) for response in inputs.responses]
+    two = replace(inputs)
+    object.__setattr__(two, "responses", tuple(points))
+    rng = np.random.default_rng(4)
+    both = np.concatenate([stated, stated * 10.0 ** (rng.normal(0.0, 12.0, stated.shape) / 20.0)], axis=1)
+    model = np.concatenate([stated, stated], axis=1)
+    assert exchanged(two, both, [model]) == []
+    assert exchanged(two, both[:, [1, 0, 2, 3, 5, 4, 6, 7]], [model]) == [(0, 1), (4, 5)]
+    # Exchanged at one point alone, as of records: that one.
+    assert exchanged(two, both[:, [1, 0, 2, 3, 4, 5, 6, 7]], [model]) == [(0, 1)]

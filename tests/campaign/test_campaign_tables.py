@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
 from lrbc_cli.campaign.looking.tables import other_tables
 
@@ -29,10 +30,18 @@ def campaign() -> tuple[Any, Any, Any]:
     tables = [
         SimpleNamespace(name=n, config=SimpleNamespace(select=SimpleNamespace(bushings=Path(f"{n}.csv")))) for n in ("axial", "rocking")
     ]
-    inputs = SimpleNamespace(groups=tables, campaign=SimpleNamespace(unit_system=SimpleNamespace(text="SI")))
-    placed = [(SimpleNamespace(name=group.name, kind="stiffness"), slice(i, i + 1), None) for i, group in enumerate(tables)]
+    inputs = SimpleNamespace(
+        groups=tables,
+        campaign=SimpleNamespace(unit_system=SimpleNamespace(text="SI")),
+        dofs=SimpleNamespace(component=np.array(["UZ", "ROTY"])),
+        model=SimpleNamespace(terms=SimpleNamespace(left=sp.csc_array(np.eye(2)))),
+    )
+    placed = [
+        (SimpleNamespace(name=group.name, kind="stiffness", terms=np.array([i]), parameter=np.zeros(1, dtype=int)), slice(i, i + 1), None)
+        for i, group in enumerate(tables)
+    ]
     model = SimpleNamespace(nearby=lambda _: lambda values: np.array([frf(row) for row in values]))
-    return inputs, SimpleNamespace(model=lambda s, parameters: model), SimpleNamespace(initial=np.zeros(2), placed=placed)
+    return inputs, SimpleNamespace(model=lambda s, parameters: model), SimpleNamespace(initial=np.zeros(2), placed=placed, size=2)
 
 
 def told(measured: np.ndarray) -> str:
@@ -43,6 +52,13 @@ def told(measured: np.ndarray) -> str:
 def test_one_table_or_all_of_them_in_another_unit() -> None:
     assert "with all stiffnesses of axial.csv times 1000" in told(frf(np.array([3.0, 0.0])))
     assert "with all stiffnesses of axial.csv and rocking.csv times 1000" in told(frf(np.array([3.0, 3.0])))
+
+
+def test_a_table_in_newtons_per_millimetre() -> None:
+    """A thousandth of N/m, and of N m/rad a thousand times."""
+    text = told(frf(np.array([3.0, -3.0])))
+    assert "with all stiffnesses of axial.csv and rocking.csv times 1000, those of rotations times 0.001" in text
+    assert "multiply the stiffnesses there by 1000, those of rotations by 0.001" in text
 
 
 def test_a_model_of_another_material() -> None:
