@@ -90,10 +90,11 @@ def mirrored_text(seen: Seen, model: Complexes) -> str:
     few = seen.few()
     ways = [way for axis in range(3) if (way := _mirrored(inputs, dofs, axis))]
     with suppress(LrbcError):
+        each = iter(_misfits(few, [other for others in ways for other in others], float(np.abs(model).max())))
         for others in ways:
             own = [i for other in others for i in other.responses]
             before = float(np.median(apart(few.measured[:, own], model[np.isin(seen.s, few.s)][:, own])))
-            after = float(np.median(np.concatenate(_misfits(few, others, float(np.abs(model).max())))))
+            after = float(np.median(np.concatenate([next(each) for _ in others])))
             if before > LEAST_DIFFERENCE and after <= min(MOST_LEFT, CLEARLY * before):
                 unit, first = inputs.campaign.unit_system.length, others[0]
                 xyz = ", ".join(f"{value:.6g}" for value in dofs.xyz[first.dof] / unit)
