@@ -95,6 +95,18 @@ MISTAKES = {
         "reversed sign, it seems: a3: measured phases are 180 degrees from the model's in all jobs",
         "likely the direction of the sensor: responses.a3.scale: -1",
     ),
+    "a sensitivity ten times off in the reference job": (
+        frfs(lambda hz, y: (hz, y * [1, 1, 10, 1, 1]), "ref"),
+        0,
+        "job ref: not in the model's units, it seems: a3: measured over computed +19.99 dB",
+        "likely a sensitivity or a range ten times off: jobs.ref.scale: {a3: 0.1}\n",
+    ),
+    "a sensor turned over after the reference job": (
+        frfs(lambda hz, y: (hz, y * [1, 1, -1, 1, 1]), "loose"),
+        0,
+        "job loose: reversed sign, it seems: a3: measured phases are 180 degrees from the model's; likely the direction of the sensor",
+        "jobs.loose.scale: {a3: -1}",
+    ),
     "pounds of force": (
         frfs(lambda hz, y: (hz, 4.4482216 * y)),
         0,

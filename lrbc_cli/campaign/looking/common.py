@@ -12,7 +12,17 @@ import numpy as np
 
 from lrbc_cli.campaign.identification.compared.doubts import offset_texts, sign_tail
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.updating.comparison.scale import LEAST_ALIKE, LEAST_OFFSET, LEAST_REACH, LEFT, MEDIAN_SPREAD, MOST_REACH, STUDENT, Offset
+from lrbc_cli.updating.comparison.scale import (
+    ALIKE,
+    LEAST_ALIKE,
+    LEAST_OFFSET,
+    LEAST_REACH,
+    LEFT,
+    MEDIAN_SPREAD,
+    MOST_REACH,
+    STUDENT,
+    Offset,
+)
 from lrbc_cli.updating.robust import scatter
 
 #: What is told of a job, each text under what tells whether another job has it, too.
@@ -95,6 +105,8 @@ def _factors(jobs: Sequence[Sequence[Offset]], own: Sequence[Offset]) -> tuple[O
         half = float(STUDENT * MEDIAN_SPREAD * scatter(db) / np.sqrt(db.size)) if db.size > 3 else min(o.half for o in same)
         middle, before, after = (float(np.median(of)) for of in (db, [o.before for o in same], [o.after for o in same]))
         clear = any(o.named for o in same) and (usual != 0 or abs(middle) >= max(LEAST_OFFSET, half)) and after <= LEFT * before
+        # Of one job alone it is no factor of all.
+        clear = clear and 2 * sum(abs(o.db - middle) <= max(MOST_REACH, o.half) for o in same) > len(every)
         nearest = min(same, key=lambda o: abs(o.db - middle))
         half = max(half, LEAST_REACH)
         found.append(replace(nearest, db=middle, half=half, before=before, after=after, named=clear, reversed=False))
@@ -102,13 +114,16 @@ def _factors(jobs: Sequence[Sequence[Offset]], own: Sequence[Offset]) -> tuple[O
 
 
 def _cosines(jobs: Sequence[Sequence[Offset]]) -> dict[int, float]:
-    """How alike measured and computed phases are as they stand: mean cosine of each response, by its median over the jobs."""
+    """How alike measured and computed phases are as they stand: mean cosine of each response, by its median over the jobs.
+
+    By the largest where phases of some job clearly are alike: what is reversed in others is not so in all.
+    """
     found: dict[int, list[float]] = {}
     for offsets in jobs:
         for o in offsets:
             if (False, False) in o.phases:
                 found.setdefault(o.response, []).append(o.phases[False, False])
-    return {response: float(np.median(cosines)) for response, cosines in found.items()}
+    return {response: max(cosines) if max(cosines) >= ALIKE else float(np.median(cosines)) for response, cosines in found.items()}
 
 
 @dataclass(frozen=True)
