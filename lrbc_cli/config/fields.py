@@ -10,6 +10,7 @@ import zlib
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from types import UnionType
 from typing import Annotated, Any, Literal, NoReturn, TypeVar
 
 from pydantic import (
@@ -145,13 +146,14 @@ def _to_path(value: object, info: ValidationInfo) -> object:
 FilePath = Annotated[Path, BeforeValidator(_to_path), WithJsonSchema({"type": "string", "minLength": 1})]
 
 
-def _number_or_auto(value: object) -> str:
-    return "form:auto" if isinstance(value, str) else "form:number"
+def told_apart(kinds: type | UnionType, form: str, other: str) -> Discriminator:
+    """Two forms of a value by their tags: ``form:`` and one word for what is of the kinds, another for what is not."""
+    return Discriminator(lambda value: f"form:{form if isinstance(value, kinds) else other}")
 
 
 Auto = Literal["auto"]
 #: A number, or the word auto.
-NumberOrAuto = Annotated[Annotated[float, Tag("form:number")] | Annotated[Auto, Tag("form:auto")], Discriminator(_number_or_auto)]
+NumberOrAuto = Annotated[Annotated[float, Tag("form:number")] | Annotated[Auto, Tag("form:auto")], told_apart(str, "auto", "number")]
 
 
 def check_ordered(value: tuple[float, float]) -> tuple[float, float]:
@@ -171,7 +173,7 @@ Range = Annotated[tuple[float, float], AfterValidator(check_ordered)]
 Point = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]
 #: A number above 0, or the word auto.
-PositiveOrAuto = Annotated[Annotated[Positive, Tag("form:number")] | Annotated[Auto, Tag("form:auto")], Discriminator(_number_or_auto)]
+PositiveOrAuto = Annotated[Annotated[Positive, Tag("form:number")] | Annotated[Auto, Tag("form:auto")], told_apart(str, "auto", "number")]
 Quantity = Literal["pressure", "displacement", "velocity", "acceleration"]
 
 
@@ -203,13 +205,9 @@ def check_unique(values: tuple[T, ...]) -> tuple[T, ...]:
     return values
 
 
-def _number_or_pair(value: object) -> str:
-    return "form:pair" if isinstance(value, list | tuple) else "form:number"
-
-
 #: A number, or [real, imaginary].
 ComplexFactor = Annotated[
-    Annotated[float, Tag("form:number")] | Annotated[tuple[float, float], Tag("form:pair")], Discriminator(_number_or_pair)
+    Annotated[float, Tag("form:number")] | Annotated[tuple[float, float], Tag("form:pair")], told_apart(list | tuple, "pair", "number")
 ]
 
 #: Formats of matrix files that can be forced.

@@ -20,6 +20,7 @@ from lrbc_cli.config.fields import (
     Strict,
     check_unique,
     problem,
+    told_apart,
 )
 from lrbc_cli.config.structure import Record
 
@@ -218,12 +219,9 @@ def _separator(value: str) -> str:
     return SEPARATORS.get(value, value)
 
 
-def _column_form(value: object) -> str:
-    return "form:name" if isinstance(value, str) else "form:number"
-
-
 Column = Annotated[
-    Annotated[str, Field(min_length=1), Tag("form:name")] | Annotated[int, Field(ge=1), Tag("form:number")], Discriminator(_column_form)
+    Annotated[str, Field(min_length=1), Tag("form:name")] | Annotated[int, Field(ge=1), Tag("form:number")],
+    told_apart(str, "name", "number"),
 ]
 
 
@@ -306,12 +304,10 @@ def files_of(value: Path | MeasuredFile | tuple[Path | MeasuredFile, ...] | None
     return tuple(entry.file if isinstance(entry, MeasuredFile) else entry for entry in entries_of(value))
 
 
-def _scale_form(value: object) -> str:
-    return "form:names" if isinstance(value, Mapping) else "form:number"
-
-
 #: Factors on measured FRFs: one for all, or by response.
-Scale = Annotated[Annotated[float, Tag("form:number")] | Annotated[NameMap[float], Tag("form:names")], Discriminator(_scale_form)]
+Scale = Annotated[
+    Annotated[float, Tag("form:number")] | Annotated[NameMap[float], Tag("form:names")], told_apart(Mapping, "names", "number")
+]
 
 
 class JobConfig(Strict):

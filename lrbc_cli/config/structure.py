@@ -28,6 +28,7 @@ from lrbc_cli.config.fields import (
     check_smoothing_sum,
     check_unique,
     problem,
+    told_apart,
 )
 
 NodeNumber = Annotated[int, Field(ge=0)]
@@ -131,11 +132,9 @@ class DofSource(Strict):
     )
 
 
-def _dofs_form(value: object) -> str:
-    return "form:source" if isinstance(value, dict | DofSource) else "form:file"
-
-
-Dofs = Annotated[Annotated[FilePath, Tag("form:file")] | Annotated[DofSource, Tag("form:source")], Discriminator(_dofs_form)]
+Dofs = Annotated[
+    Annotated[FilePath, Tag("form:file")] | Annotated[DofSource, Tag("form:source")], told_apart(dict | DofSource, "source", "file")
+]
 
 
 class ModelConfig(Strict):
@@ -258,14 +257,10 @@ def _check_box(value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, flo
     return value
 
 
-def _nodes_form(value: object) -> str:
-    return "form:file" if isinstance(value, str | Path) else "form:list"
-
-
 Nodes = Annotated[
     Annotated[FilePath, Tag("form:file")]
     | Annotated[tuple[NodeNumber, ...], Field(min_length=1), AfterValidator(check_unique), Tag("form:list")],
-    Discriminator(_nodes_form),
+    told_apart(str | Path, "file", "list"),
 ]
 
 
@@ -347,20 +342,12 @@ class GroupDampingConfig(Strict):
         return self
 
 
-def _tied_form(value: object) -> str:
-    return "form:none" if isinstance(value, str) else "form:damping"
-
-
 TiedDamping = Annotated[
-    Annotated[GroupDampingConfig, Tag("form:damping")] | Annotated[Literal["none"], Tag("form:none")], Discriminator(_tied_form)
+    Annotated[GroupDampingConfig, Tag("form:damping")] | Annotated[Literal["none"], Tag("form:none")], told_apart(str, "none", "damping")
 ]
 
 
-def _bounds_form(value: object) -> str:
-    return "form:auto" if isinstance(value, str) else "form:range"
-
-
-Bounds = Annotated[Annotated[Range, Tag("form:range")] | Annotated[Auto, Tag("form:auto")], Discriminator(_bounds_form)]
+Bounds = Annotated[Annotated[Range, Tag("form:range")] | Annotated[Auto, Tag("form:auto")], told_apart(str, "auto", "range")]
 
 #: Nothing is as stiff; what is above it is a stiffness, not its logarithm.
 LARGEST_LOG10 = 20.0

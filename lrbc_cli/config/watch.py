@@ -8,9 +8,9 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import AfterValidator, Discriminator, Field, Tag
+from pydantic import AfterValidator, Field, Tag
 
-from lrbc_cli.config.fields import FilePath, Name, Strict, check_unique, problem
+from lrbc_cli.config.fields import FilePath, Name, Strict, check_unique, problem, told_apart
 
 #: Endings of files that analysers write.
 MEASURED = {
@@ -31,10 +31,6 @@ def _check_pattern(value: str) -> str:
 Pattern = Annotated[str, AfterValidator(_check_pattern)]
 
 
-def _form(value: object) -> str:
-    return "form:one" if isinstance(value, str) else "form:list"
-
-
 class WatchConfig(Strict):
     """A folder of measurements: each file in it is a job, named as the file is."""
 
@@ -42,7 +38,7 @@ class WatchConfig(Strict):
     pattern: Annotated[
         Annotated[Pattern, Tag("form:one")]
         | Annotated[tuple[Pattern, ...], Field(min_length=1), AfterValidator(check_unique), Tag("form:list")],
-        Discriminator(_form),
+        told_apart(str, "one", "list"),
     ] = Field(
         default=("*.uff", "*.unv", "*.csv", "*.txt", "*.h5", "*.hdf5", "*.mat"),
         description="Files in it that are measurements: a pattern or several; capitals and small letters are alike.",
