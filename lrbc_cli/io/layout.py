@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.io.units import Unit, numerator_quantity, parse_unit, response_quantity
-from lrbc_cli.model.frf import QUANTITIES
-
-REPRESENTATIONS = ("real-imag", "magnitude-phase", "db-phase")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,37 +42,22 @@ class TextLayout:
         Record name to the name or number (from 1) of its two columns; all other columns are left out.
     """
 
-    delimiter: str | None = None
-    decimal: str | None = None
+    delimiter: Literal[",", ";", "\t", " "] | None = None
+    decimal: Literal[".", ","] | None = None
     skip: int | None = None
     frequency: str | int | None = None
-    frequency_unit: str | None = None
-    representation: str | None = None
-    phase: str | None = None
+    frequency_unit: Literal["Hz", "kHz", "rad/s"] | None = None
+    representation: Literal["real-imag", "magnitude-phase", "db-phase"] | None = None
+    phase: Literal["deg", "rad"] | None = None
     unit: str | None = None
-    quantity: str | None = None
+    quantity: Literal["pressure", "displacement", "velocity", "acceleration"] | None = None
     coherence: str | int | None = None
     columns: Mapping[str, tuple[str | int, str | int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check the choices."""
-        choices: tuple[tuple[str, object, tuple[str, ...]], ...] = (
-            ("delimiter", self.delimiter, (",", ";", "\t", " ")),
-            ("decimal", self.decimal, (".", ",")),
-            ("frequency_unit", self.frequency_unit, ("Hz", "kHz", "rad/s")),
-            ("representation", self.representation, REPRESENTATIONS),
-            ("phase", self.phase, ("deg", "rad")),
-            ("quantity", self.quantity, tuple(QUANTITIES)),
-        )
-        for name, value, allowed in choices:
-            if value is not None and value not in allowed:
-                raise ConfigError(
-                    "this is not a layout that is read", place=f"format.{name}", expected=", ".join(map(repr, allowed)), found=repr(value)
-                )
+        """Check what the keys say of one another: those of a job and of its file come together here."""
         if self.delimiter is not None and self.delimiter == self.decimal:
             raise ConfigError("delimiter and decimal sign are the same", place="format", expected="two signs", found=repr(self.delimiter))
-        if self.skip is not None and self.skip < 0:
-            raise ConfigError("lines to skip cannot be negative", place="format.skip", expected="0 or more", found=self.skip)
         stated = self.si_unit
         if stated is not None and self.quantity not in (None, response_quantity(stated)):
             raise ConfigError(

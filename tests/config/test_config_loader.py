@@ -203,6 +203,17 @@ CASES = [
     (swap("frf/bolts-00.uff", "{file: a.csv, unit: g/N}"), "jobs.bolts-00.frf.unit", ["it is known as jobs.NAME.format.unit"]),
     (swap("frf/bolts-00.uff", "[{file: a.csv, format: {unit: 3}}]"), "jobs.bolts-00.frf[0].format.unit", ["put it in quotes"]),
     (swap("frf/bolts-00.uff", "a.csv, format: {delimiter: comma}"), "jobs.bolts-00.format.delimiter", ["';'", "the text 'comma'"]),
+    *(
+        (swap("frf/bolts-00.uff", f"a.csv, format: {{{key}: {value}}}"), f"jobs.bolts-00.format.{key}", [allowed])
+        for key, value, allowed in (
+            ("decimal", "';'", "','"),
+            ("skip", "-1", "at least 0"),
+            ("frequency_unit", "rpm", "'kHz'"),
+            ("representation", "polar", "'real-imag'"),
+            ("phase", "grad", "'rad'"),
+            ("quantity", "force", "'pressure'"),
+        )
+    ),
     (swap("frf/bolts-00.uff", "a.csv, format: {columns: {a: [0, 1]}}"), "jobs.bolts-00.format.columns.a[0]", ["at least 1"]),
     (swap("frf/bolts-00.uff", "a.csv, format: {columns: {a: [1]}}"), "jobs.bolts-00.format.columns.a", ["exactly 2"]),
     (swap("frf/bolts-00.uff", "a.csv, format: {decimal: ',', delimiter: ','}"), "jobs.bolts-00.format.delimiter", ["the same"]),

@@ -214,17 +214,10 @@ def test_wrong_columns_in_the_layout(tmp_path):
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"delimiter": "|"},
-        {"decimal": ";"},
         {"delimiter": ",", "decimal": ","},
-        {"skip": -1},
-        {"representation": "polar"},
-        {"phase": "grad"},
-        {"quantity": "force"},
         {"unit": "furlong"},
         {"unit": "s"},
         {"unit": "Pa/N", "quantity": "velocity"},
-        {"frequency_unit": "rpm"},
     ],
 )
 def test_a_wrong_layout_is_an_error_of_the_campaign_file(wrong):
