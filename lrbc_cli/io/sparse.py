@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csc_array, csr_array, issparse
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import check_dimensions
+from lrbc_cli.io.common import check_dimensions, listing
 from lrbc_cli.model.dofs import DofLabels
 
 
@@ -187,6 +187,45 @@ def require_square(matrix: Any, path: Path, place: str) -> None:
     rows, columns = matrix.shape
     if rows != columns or rows == 0:
         raise DataError("the matrix is not square", file=path, place=place, expected="as many rows as columns", found=f"{rows} x {columns}")
+
+
+def only_matrix(names: list[str], path: Path, notes: list[str], *, holder: str = "file", beside: list[str], hint: str | None) -> str:
+    """Name of the only matrix of a file, where none is asked for; it is noted.
+
+    Parameters
+    ----------
+    names : list of str
+        Matrices of the file.
+    path : Path
+    notes : list of str
+    holder : str
+        What the file is, in messages.
+    beside : list of str
+        What it holds instead, where it holds no matrix.
+    hint : str or None
+        What to do then.
+
+    Raises
+    ------
+    DataError
+        If there is none, or several.
+    """
+    if len(names) != 1:
+        raise DataError(
+            "it is not clear which matrix is meant" if names else f"the {holder} holds no matrix",
+            file=path,
+            expected="exactly one matrix, or its name after '#'",
+            found=listing(names or beside),
+            hint="write file#name" if names else hint,
+        )
+    notes.append(f"took {names[0]!r}, the only matrix in the file")
+    return names[0]
+
+
+def no_such_matrix(name: str, names: list[str], path: Path, holder: str = "file") -> DataError:
+    """Error for a name that none of a file's matrices has."""
+    problem, hint = f"the {holder} holds no such matrix", "name one of these after '#'"
+    return DataError(problem, file=path, place=name, expected=repr(name), found=listing(names), hint=hint)
 
 
 def stored_triangle(matrix: Any, field: NDArray[Any] | None = None) -> str | None:

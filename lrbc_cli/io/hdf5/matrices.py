@@ -12,7 +12,7 @@ import numpy as np
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import listing
 from lrbc_cli.io.hdf5.tools import load, lookup, open_hdf5, read_safely, shape_attribute, text_attribute
-from lrbc_cli.io.sparse import MatrixFile, canonical, from_compressed
+from lrbc_cli.io.sparse import MatrixFile, canonical, from_compressed, no_such_matrix, only_matrix
 
 _VERSIONS = ("0.1.0",)
 
@@ -75,20 +75,12 @@ def _read(path: Path, group: str | None, arrays: ArrayNames | None) -> MatrixFil
         if not group and arrays is not None:
             group = "/"
         if not group:
-            group = _only_matrix(file, path)
-            notes.append(f"took {group!r}, the only matrix in the file")
+            beside, hint = [f"{key!r}" for key in file], "see the README for the layouts that are read"
+            group = only_matrix(_candidates(file), path, notes, beside=beside, hint=hint)
         try:
             node = lookup(file, group if group in file else group.replace(".", "/"), path)
         except KeyError:
-            found = listing(_candidates(file))
-            raise DataError(
-                "the file holds no such matrix",
-                file=path,
-                place=group,
-                expected=repr(group),
-                found=found,
-                hint="name one of these after '#'",
-            ) from None
+            raise no_such_matrix(group, _candidates(file), path) from None
         matrix = _read_node(node, group, path, matlab, notes) if arrays is None else _read_arrays(node, group, path, arrays, notes)
     return MatrixFile(matrix=matrix, format="mat-v7.3" if matlab else "hdf5", notes=tuple(notes))
 
@@ -128,19 +120,6 @@ def _candidates(file: h5py.File) -> list[str]:
 
     file.visititems(visit)
     return names
-
-
-def _only_matrix(file: h5py.File, path: Path) -> str:
-    names = _candidates(file)
-    if len(names) != 1:
-        raise DataError(
-            "it is not clear which matrix is meant" if names else "the file holds no matrix",
-            file=path,
-            expected="exactly one matrix, or its name after '#'",
-            found=listing(names or [f"{key!r}" for key in file]),
-            hint="write file#name" if names else "see the README for the layouts that are read",
-        )
-    return names[0]
 
 
 def _mapping(node: Any) -> str | None:

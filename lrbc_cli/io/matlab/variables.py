@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from scipy.sparse import issparse
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import check_allocation, damaged, listing, require_file
-from lrbc_cli.io.sparse import MatrixFile, canonical, from_compressed
+from lrbc_cli.io.common import check_allocation, damaged, require_file
+from lrbc_cli.io.sparse import MatrixFile, canonical, from_compressed, no_such_matrix, only_matrix
 
 _HEADER_BYTES = 128
 _MATRIX, _COMPRESSED = 14, 15
@@ -165,19 +165,9 @@ def read_mat5_matrix(path: Path, group: str | None = None) -> MatrixFile:
     names = [name for name, shape, kind in variables if kind in ("sparse", "double", "single") and len(shape) == 2]
     notes: list[str] = []
     if not group:
-        if len(names) != 1:
-            raise DataError(
-                "it is not clear which matrix is meant" if names else "the file holds no matrix",
-                file=path,
-                expected="exactly one matrix, or its name after '#'",
-                found=listing(names or [f"{name} ({kind})" for name, _, kind in variables]),
-                hint="write file#name" if names else None,
-            )
-        group = names[0]
-        notes.append(f"took {group!r}, the only matrix in the file")
+        group = only_matrix(names, path, notes, beside=[f"{name} ({kind})" for name, _, kind in variables], hint=None)
     if group not in names:
-        hint = "name one of these after '#'"
-        raise DataError("the file holds no such matrix", file=path, place=group, expected=repr(group), found=listing(names), hint=hint)
+        raise no_such_matrix(group, names, path)
     value = load_variables(path, [group])[group]
     if not issparse(value):
         notes.append(f"{group!r} is stored dense")

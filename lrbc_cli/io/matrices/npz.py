@@ -11,7 +11,7 @@ import numpy as np
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import check_allocation, damaged, listing, require_file
-from lrbc_cli.io.sparse import MatrixFile, canonical, from_compressed, from_coordinates
+from lrbc_cli.io.sparse import MatrixFile, canonical, from_compressed, from_coordinates, no_such_matrix, only_matrix
 
 SIGNATURE = b"PK\x03\x04"
 
@@ -45,23 +45,11 @@ def read_npz_matrix(path: Path, group: str | None = None) -> MatrixFile:
             return MatrixFile(matrix=_sparse(archive, names, path, size), format="npz")
         notes = ["stored dense"]
         if not group:
-            if len(names) != 1:
-                expected = "exactly one matrix, or its name after '#'"
-                problem = "it is not clear which matrix is meant" if names else "the archive holds no matrix"
-                packed = [name for name in archive.namelist() if not name.endswith("/")]
-                hint = "write file#name" if names else f"unpack it, and name the matrix file that it holds: {listing(packed, 4)}"
-                raise DataError(problem, file=path, expected=expected, found=listing(names), hint=hint)
-            group = names[0]
-            notes.append(f"took {group!r}, the only matrix in the file")
+            packed = [name for name in archive.namelist() if not name.endswith("/")]
+            hint = f"unpack it, and name the matrix file that it holds: {listing(packed, 4)}"
+            group = only_matrix(names, path, notes, holder="archive", beside=[], hint=hint)
         if group not in names:
-            raise DataError(
-                "the archive holds no such matrix",
-                file=path,
-                place=group,
-                expected=repr(group),
-                found=listing(names),
-                hint="name one of these after '#'",
-            )
+            raise no_such_matrix(group, names, path, holder="archive")
         values = _member(archive, group, path, size)
         if values.ndim not in (1, 2):
             raise DataError("this is not a matrix", file=path, place=group, expected="two dimensions", found=f"shape {values.shape}")
