@@ -46,7 +46,7 @@ def read_columns(body: bytes, width: int, path: Path, first_line: int, expected:
         For the first line that holds anything else.
     """
     plain = body.translate(_PLAIN).strip()
-    numbers = _numbers(plain) if plain else np.zeros(0)
+    numbers = parsed(plain)
     if numbers is None or numbers.size % width or not words_a_line(plain, width):
         raise _bad_line(body, width, path, first_line, expected)
     return numbers.reshape(-1, width)
@@ -58,11 +58,14 @@ def read_fixed(text: bytes, width: int) -> Floats | None:
     spaced = np.full((cells.shape[0], width + 1), ord(" "), dtype=np.uint8)
     spaced[:, :width] = cells
     plain = spaced.tobytes().translate(_PLAIN)
-    numbers = _numbers(plain)
-    return _numbers(_LONG_EXPONENT.sub(rb"E\1", plain)) if numbers is None else numbers
+    numbers = parsed(plain)
+    return parsed(_LONG_EXPONENT.sub(rb"E\1", plain)) if numbers is None else numbers
 
 
-def _numbers(text: bytes) -> Floats | None:
+def parsed(text: bytes) -> Floats | None:
+    """Numbers that blanks divide; None where there is other text."""
+    if not text:
+        return np.zeros(0)
     with warnings.catch_warnings():
         # Newer versions of numpy raise where older ones warn.
         warnings.simplefilter("error", DeprecationWarning)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import gzip
 import io
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,10 +25,11 @@ from lrbc_cli.io.common import (
     check_expansion,
     damaged,
     ends_early,
+    head,
     require_file,
 )
 from lrbc_cli.io.encoding import unfinished
-from lrbc_cli.io.matrices.columns import is_number, words_a_line
+from lrbc_cli.io.matrices.columns import is_number, parsed, words_a_line
 from lrbc_cli.io.sparse import MatrixFile, canonical, from_coordinates
 
 BANNER = b"%%matrixmarket"
@@ -65,30 +65,32 @@ def is_matrix_market(start: bytes) -> bool:
     return start[: len(BANNER)].lower() == BANNER
 
 
-def read_matrix_market(path: Path) -> MatrixFile:
+def read_matrix_market(path: Path, group: str | None = None) -> MatrixFile:
     """Read a matrix in coordinate or array layout; the banner's symmetry is honoured.
 
     Parameters
     ----------
     path
         A ``.mtx`` file, or one compressed with gzip.
+    group
+        Must be left out.
 
     Raises
     ------
     DataError
         If the banner, sizes or entries are wrong, or the file holds a pattern without values.
     """
+    if group:
+        raise DataError("a Matrix Market file holds one matrix without a name", file=path, place=group, hint=f"leave out '#{group}'")
     size = require_file(path)
-    with path.open("rb") as stream:
-        packed = stream.read(2) == b"\x1f\x8b"
+    packed = head(path, 2) == b"\x1f\x8b"
     with damaged(path, "gzip file" if packed else "Matrix Market file"):
         content = _unpacked(path, size) if packed else path.read_bytes()
     header = _header(content, path)
     body = content[header.offset :].strip()
-    width = header.width
     # The shortest number takes one digit and a blank.
-    check_allocation(2 * width * header.entries - 1, len(content), path, f"line {header.line}")
-    numbers = _numbers(body, header, width, path)
+    check_allocation(2 * header.width * header.entries - 1, len(content), path, f"line {header.line}")
+    numbers = _numbers(body, header, path)
     warnings = []
     if not packed and unfinished(content):
         # A packed file has a checksum.
@@ -98,8 +100,8 @@ def read_matrix_market(path: Path) -> MatrixFile:
         matrix = canonical(_unpack(values.ravel(), header), path, "matrix")
     else:
         check_dimensions(header.shape, size, path, f"line {header.line}")
-        if not words_a_line(body, width):
-            raise _bad_line(body, header, width, path)
+        if not words_a_line(body, header.width):
+            raise _bad_line(body, header, path)
         matrix = _assemble(numbers, body, header, path, size)
         if header.symmetry == "general" and (double := _doubles(numbers, matrix, header)):
             warnings.append(f"{path.name}: {double} of {header.entries} entries have the place of an earlier one and are added to it")
@@ -127,20 +129,12 @@ def _unpacked(path: Path, size: int) -> bytes:
         return start + rest
 
 
-def _numbers(body: bytes, header: _Header, width: int, path: Path) -> NDArray[np.float64]:
+def _numbers(body: bytes, header: _Header, path: Path) -> NDArray[np.float64]:
     """All numbers after the size line, (entries, width)."""
-    numbers = np.empty(0)
-    if body:
-        with warnings.catch_warnings():
-            # Newer versions of numpy raise where older ones warn.
-            warnings.simplefilter("error", DeprecationWarning)
-            try:
-                numbers = np.fromstring(body, dtype=np.float64, sep=" ")
-            except (ValueError, DeprecationWarning):
-                raise _bad_line(body, header, width, path) from None
-    if numbers.size != width * header.entries:
-        raise _bad_line(body, header, width, path)
-    return numbers.reshape(header.entries, width)
+    numbers = parsed(body)
+    if numbers is None or numbers.size != header.width * header.entries:
+        raise _bad_line(body, header, path)
+    return numbers.reshape(header.entries, header.width)
 
 
 def _doubles(numbers: NDArray[np.float64], matrix: Any, header: _Header) -> int:
@@ -151,7 +145,7 @@ def _doubles(numbers: NDArray[np.float64], matrix: Any, header: _Header) -> int:
     return int(places.size - np.unique(places).size)
 
 
-def _bad_line(body: bytes, header: _Header, width: int, path: Path) -> DataError:
+def _bad_line(body: bytes, header: _Header, path: Path) -> DataError:
     """Error for the first line that is wrong, or for lines too many or too few."""
     expected = "row, column, " + ("real and imaginary part" if header.parts == 2 else "value")
     if header.layout == "array":
@@ -159,9 +153,9 @@ def _bad_line(body: bytes, header: _Header, width: int, path: Path) -> DataError
     lines = _entry_lines(body, header)
     for count, (number, line) in enumerate(lines, start=1):
         words = line.split()
-        if len(words) != width or not all(is_number(word) for word in words):
+        if len(words) != header.width or not all(is_number(word) for word in words):
             found = repr(line[:60].decode("latin-1"))
-            if count == len(lines) <= header.entries and len(words) <= width and all(map(is_number, words[:-1])):
+            if count == len(lines) <= header.entries and len(words) <= header.width and all(map(is_number, words[:-1])):
                 return ends_early(path, f"line {number}", f"{header.entries} entries", f"{count - 1} entries, then {found}")
             return DataError("an entry cannot be read", file=path, place=f"line {number}", expected=expected, found=found)
     found = f"{len(lines)} entries"

@@ -23,16 +23,9 @@ from lrbc_cli.io.matrices.op4 import is_op4, op4_names, read_op4
 from lrbc_cli.io.matrices.triplets import read_triplets, triplets_format
 from lrbc_cli.io.sparse import MatrixFile, require_square
 
-
-def _matrix_market(path: Path, group: str | None) -> MatrixFile:
-    if group:
-        raise DataError("a Matrix Market file holds one matrix without a name", file=path, place=group, hint=f"leave out '#{group}'")
-    return read_matrix_market(path)
-
-
 #: Reader of each format; a new format is a module, a line here, one in ``detect_format`` and its name in ``config.fields.MatrixFormat``.
 FORMATS: dict[str, Callable[[Path, str | None], MatrixFile]] = {
-    "matrix-market": _matrix_market,
+    "matrix-market": read_matrix_market,
     "hdf5": read_hdf5_matrix,
     "mat-v7.3": read_hdf5_matrix,
     "mat-v5": read_mat5_matrix,
