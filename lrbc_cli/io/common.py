@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
@@ -22,6 +23,9 @@ ROOM = 256 * 2**20
 
 #: Characters that one number of a text file may take: a double printed to its last digit and padded takes 30.
 LONGEST_NUMBER = 100
+
+#: Exponents that Fortran writes without a letter.
+_BARE = re.compile(r"(?<=[\d.])([+-]\d+)$")
 
 #: Arrays below this size need no proof that the file could hold them.
 SMALL_ALLOCATION = 64 * 2**20
@@ -193,6 +197,12 @@ def damaged(path: Path, what: str, place: str | None = None) -> Iterator[None]:
             found=found,
             hint="the file is damaged; export it again",
         ) from error
+
+
+def fortran_number(cell: str) -> float:
+    """A number as Fortran writes it, with D for E or an exponent without a letter (1.5-3); zero where it is left out."""
+    text = cell.strip().upper().replace("D", "E")
+    return float(text if "E" in text else _BARE.sub(r"E\1", text)) if text else 0.0
 
 
 def listing(names: list[str] | tuple[str, ...], limit: int = 20) -> str:

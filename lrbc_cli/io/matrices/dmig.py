@@ -10,14 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import listing, whole
+from lrbc_cli.io.common import fortran_number, listing, whole
 from lrbc_cli.io.sparse import MatrixFile, from_coordinates, mirrored
 from lrbc_cli.model.dofs import COMPONENTS, DofLabels
 
 _SQUARE = (1, 6)
 _COMPLEX = (3, 4)
-#: Exponents that Fortran writes without a letter: 1.5-10.
-_BARE = re.compile(r"(?<=[\d.])([+-]\d+)$")
 
 
 @dataclass
@@ -109,7 +107,7 @@ def _parse(path: Path) -> dict[str, _Entries]:
             elif line.startswith("*") and current is not None:
                 current.rows.append((int(line[8:24]), int(line[24:40])))
                 current.columns.append(column)
-                current.values.append(complex(_real(line[40:56]), _real(line[56:72])))
+                current.values.append(complex(fortran_number(line[40:56]), fortran_number(line[56:72])))
         except (ValueError, KeyError) as error:
             raise DataError(
                 "an entry cannot be read",
@@ -126,8 +124,3 @@ def _require_parts(polar: str) -> None:
     """Refuse complex numbers as magnitude and phase."""
     if polar.strip() not in ("", "0"):
         raise ValueError("complex numbers as real and imaginary part, POLAR 0")
-
-
-def _real(text: str) -> float:
-    text = text.strip().upper().replace("D", "E")
-    return float(text if "E" in text else _BARE.sub(r"e\1", text)) if text else 0.0

@@ -11,7 +11,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import damaged, head, require_file
+from lrbc_cli.io.common import damaged, fortran_number, head, require_file
 from lrbc_cli.io.encoding import read_lines
 from lrbc_cli.io.reader_process import read_apart
 from lrbc_cli.io.text.tables import read_table
@@ -22,8 +22,6 @@ _Cells = tuple[int, list[str]]
 _KEYWORD = re.compile(r"\*NODE\s*(,|$)")
 _GRID = re.compile(r"GRID[*,\s]")
 _FORMAT = re.compile(r"\s*\((\d+)I(\d+),\s*\d+E(\d+)")
-#: Exponents that Nastran writes without a letter: 1.5-3.
-_BARE = re.compile(r"(?<=[\d.])([+-]\d+)$")
 
 
 def read_nodes(path: Path) -> tuple[Integers, Floats, str]:
@@ -58,18 +56,12 @@ def read_nodes(path: Path) -> tuple[Integers, Floats, str]:
     for line, cells in nodes:
         try:
             numbers.append(np.int64(int(cells[0])))
-            places.append([_coordinate(cell) for cell in (*cells[1:4], "", "", "")[:3]])
+            places.append([fortran_number(cell) for cell in (*cells[1:4], "", "", "")[:3]])
         except (ValueError, OverflowError):
             raise _wrong(path, line, what, "a node number and three coordinates", repr(lines[line - 1][:72])) from None
     if not numbers:
         raise DataError(f"this {what} holds no nodes", file=path, expected="nodes with coordinates", found="none")
     return _checked(np.array(numbers, dtype=np.int64), np.array(places), path, what)
-
-
-def _coordinate(cell: str) -> float:
-    """A number; zero where it is left out."""
-    text = cell.strip().upper().replace("D", "E")
-    return float(text if "E" in text else _BARE.sub(r"E\1", text)) if text else 0.0
 
 
 def _wrong(path: Path, line: int, what: str, expected: str, found: str, hint: str | None = None) -> DataError:
