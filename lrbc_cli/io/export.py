@@ -19,12 +19,9 @@ import scipy.io
 
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.io.atomic import atomic_write
-from lrbc_cli.io.hdf5.tools import hdf5_image
+from lrbc_cli.io.hdf5.tools import SIGNATURE, hdf5_image
 
 VERSION = "0.1.0"
-
-#: First bytes of an HDF5 file.
-SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
 def write_export(path: Path, tree: Mapping[str, Any], encoding: str) -> None:

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import listing
+from lrbc_cli.io.common import head, listing
 from lrbc_cli.io.hdf5.tools import load, lookup, open_hdf5, read_safely, shape_attribute, text_attribute
 from lrbc_cli.io.sparse import MatrixFile, canonical, from_compressed, no_such_matrix, only_matrix
 
@@ -86,10 +86,8 @@ def _read(path: Path, group: str | None, arrays: ArrayNames | None) -> MatrixFil
 
 
 def _is_matlab(file: h5py.File, path: Path) -> bool:
-    if file.userblock_size:
-        with path.open("rb") as stream:
-            if stream.read(10) == b"MATLAB 7.3":
-                return True
+    if file.userblock_size and head(path, 10) == b"MATLAB 7.3":
+        return True
     hard = (file[name] for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink))
     return any("MATLAB_class" in node.attrs or "MATLAB_sparse" in node.attrs for node in hard)
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import coo_array
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import damaged, require_file
+from lrbc_cli.io.common import damaged, head, require_file
 from lrbc_cli.io.reader_process import read_apart
 from lrbc_cli.io.sparse import MatrixFile, canonical, mirrored
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, COMPONENTS, DofLabels
@@ -38,9 +38,8 @@ def read_ansys_full(path: Path, group: str | None = None) -> MatrixFile:
         raise DataError(
             "an Ansys .full file holds several matrices", file=path, place=group, expected="file.full#K or file.full#M", found=group
         )
-    with path.open("rb") as stream:
-        if not is_ansys_full(stream.read(16)):
-            raise DataError("this is no Ansys .full file", file=path, expected="its standard header", found="other data")
+    if not is_ansys_full(head(path, 16)):
+        raise DataError("this is no Ansys .full file", file=path, expected="its standard header", found="other data")
     # It is written in C, and trusts what it reads.
     return read_apart(_read, path, group)
 
