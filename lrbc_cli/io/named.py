@@ -177,11 +177,11 @@ class _NamedFrfs:
         vector = array.size > 1 and array.size == max(array.shape)
         return vector and (key == str(wanted) or _last(key) == str(wanted) if wanted is not None else fold(_last(key)) in _AXES)
 
-    def cut(self, most: int = 2) -> str:
+    def cut(self) -> str:
         """That frequencies and FRFs differ by a line or two, so that one of them was cut alone; empty where they do not."""
         for key, axis in self.named.arrays.items():
             for name, array in self.named.arrays.items() if self._is_axis(key, axis) else ():
-                near = [size for size in array.shape if array.dtype.kind == "c" and 0 < abs(size - axis.size) <= most]
+                near = [size for size in array.shape if array.dtype.kind == "c" and 0 < abs(size - axis.size) <= 2]
                 if near and _group(key) in (_group(name), ""):
                     return (
                         f"{key} has {axis.size} entries, {name} {near[0]} lines: one of them was cut without the other, often of the "

@@ -195,7 +195,7 @@ def lookup(file: h5py.Group, name: str, path: Path) -> Any:
     return node
 
 
-def load(dataset: Any, path: Path, *, file_size: int | None = None) -> Any:
+def load(dataset: Any, path: Path) -> Any:
     """Read a dataset whole, after checking its claimed size against the bytes that are there.
 
     Raises
@@ -212,8 +212,7 @@ def load(dataset: Any, path: Path, *, file_size: int | None = None) -> Any:
         )
     if dataset.shape is None:
         return np.empty((0,))
-    size = path.stat().st_size if file_size is None else file_size
-    stored = min(int(dataset.id.get_storage_size()), size)
+    stored = min(int(dataset.id.get_storage_size()), path.stat().st_size)
     nominal = int(np.prod([float(n) for n in dataset.shape])) * dataset.dtype.itemsize
     if nominal > stored and nominal > SMALL_ALLOCATION // 64:
         check_allocation(nominal, stored, path, place, compressed=dataset.compression is not None or dataset.chunks is not None)

@@ -195,10 +195,10 @@ def _fields(variable: _Variable, path: Path, elements: bool, depth: int = 1) -> 
     count = math.prod(variable.shape) if variable.kind == "struct" else 0
     if depth > _DEEPEST or not (count == 1 or (elements and 1 < count <= _MOST_STRUCTURES)):
         return
-    data, order = variable.element, variable.order
+    order = variable.order
     if variable.compressed:
-        check_allocation(variable.unpacked, len(data), path, variable.name, compressed=True)
-        data = _unpack(data, 8 + variable.unpacked)[8:]
+        check_allocation(variable.unpacked, len(variable.element), path, variable.name, compressed=True)
+    data = _plain(variable)
     width, position = _read_element(data, variable.values_at, order)
     names, position = _read_element(data, position, order)
     size = int(width[0])
