@@ -6,8 +6,11 @@ part decides which rows and cells there are, so its few words do not become easi
 
 from __future__ import annotations
 
+import base64
+import hashlib
 from collections.abc import Iterable, Sequence
 from html import escape
+from importlib.resources import files
 from urllib.parse import quote
 
 
@@ -116,3 +119,36 @@ def figure(drawing: Markup, title: str, note: str, files: Markup | None = None, 
     caption = tag("figcaption", tag("b", title), tag("span", note) if note else None, links)
     plot = tag("div", drawing, class_="plot", tabindex="0", role="group", aria_label=f"{title}, {note}" if note else title)
     return tag("figure", caption, plot, markup=None, **attributes)
+
+
+def document(title: str, *body: Markup, colours: str, scripts: Sequence[str]) -> str:
+    """Return a whole page in which its style sheet and scripts stand, and that may load nothing else.
+
+    Parameters
+    ----------
+    title
+        Of the window.
+    *body
+        What is shown.
+    colours
+        Stands before the style sheet of all pages.
+    scripts
+        Files of this package, run one after another.
+    """
+    script, sheet = "\n".join(map(resource, scripts)), colours + resource("page.css")
+    allowed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    policy = f"default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-{allowed}'; base-uri 'none'; form-action 'none'"
+    head = tag(
+        "head",
+        tag("meta", charset="utf-8"),
+        tag("meta", name="viewport", content_="width=device-width, initial-scale=1"),
+        tag("meta", http_equiv="Content-Security-Policy", content_=policy),
+        tag("title", title),
+        tag("style", Markup(sheet)),
+    )
+    return "<!doctype html>\n" + tag("html", head, tag("body", *body, tag("script", Markup(script))), lang="en") + "\n"
+
+
+def resource(name: str) -> str:
+    """Return the text of a file of this package."""
+    return files("lrbc_cli.report").joinpath(name).read_text(encoding="utf-8")

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import re
 from collections.abc import Iterable
 from datetime import datetime
-from importlib.resources import files
 
 from lrbc_cli.report.content import Content
 from lrbc_cli.report.drawing.chart import Chart
 from lrbc_cli.report.drawing.style import css
 from lrbc_cli.report.drawing.svg import drawn, legend
-from lrbc_cli.report.html import Markup, beside, details, tag
+from lrbc_cli.report.html import Markup, beside, details, document, tag
 from lrbc_cli.report.parts import tables
 from lrbc_cli.report.parts.calibration import calibration_parts
 from lrbc_cli.report.parts.certificate import certificate_parts
@@ -46,25 +43,10 @@ def render(content: Content, written: datetime | None = None, *, live: bool = Fa
     live
         The page loads itself anew while ``lrbc watch`` runs.
     """
-    resources = files("lrbc_cli.report")
-    scripts = ["page.js", "structure.js", *(["live.js"] if live else [])]
-    script = "\n".join(resources.joinpath(name).read_text(encoding="utf-8") for name in scripts)
-    sheet = css() + resources.joinpath("page.css").read_text(encoding="utf-8")
-    allowed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    policy = f"default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-{allowed}'; base-uri 'none'; form-action 'none'"
     sections = [part for part in _sections(content) if part is not None]
     links = [tag("li", tag("a", re.split(":| of ", title)[0], href=f"#{anchor}")) for anchor, title, _ in sections]
-    name = content.campaign.campaign
-    head = tag(
-        "head",
-        tag("meta", charset="utf-8"),
-        tag("meta", name="viewport", content_="width=device-width, initial-scale=1"),
-        tag("meta", http_equiv="Content-Security-Policy", content_=policy),
-        tag("title", f"{name} – boundary conditions identified from FRFs"),
-        tag("style", Markup(sheet)),
-    )
-    body = tag(
-        "body",
+    return document(
+        f"{content.campaign.campaign} – boundary conditions identified from FRFs",
         tag("a", "Skip to the verdicts", href="#verdicts", class_="skip"),
         header(content, written or datetime.now().astimezone()),
         tag("nav", tag("ul", *links), aria_label="Parts of this report"),
@@ -74,9 +56,9 @@ def render(content: Content, written: datetime | None = None, *, live: bool = Fa
             f"Written by {content.tool} from the result files beside this page; nothing was computed for it anew. ",
             "What each part means: lrbc guide page.",
         ),
-        tag("script", Markup(script)),
+        colours=css(),
+        scripts=["page.js", "structure.js", *(["live.js"] if live else [])],
     )
-    return "<!doctype html>\n" + tag("html", head, body, lang="en") + "\n"
 
 
 def _sections(content: Content) -> Iterable[_Section | None]:

@@ -16,7 +16,8 @@ from fake_campaign import campaign_of
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.report.drawing.structure import Camera, scene_of
-from lrbc_cli.report.parts.structure import script, structure_chart, structure_page, structure_parts
+from lrbc_cli.report.html import resource
+from lrbc_cli.report.parts.structure import structure_chart, structure_page, structure_parts
 from lrbc_cli.report.write import write_report, write_structure
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.shapes import ShapesRecord
@@ -211,7 +212,7 @@ def test_names_do_not_stand_on_one_another_on_a_narrow_page(output: Path, camera
     assert data is not None
     page = output / "turned.html"
     turned = text.replace(data[0], f'"camera":[{camera}]')
-    page.write_text(f"<meta charset=utf-8><body style='width:360px'>{turned}<script>{script()}</script>", encoding="utf-8")
+    page.write_text(f"<meta charset=utf-8><body style='width:360px'>{turned}<script>{resource('structure.js')}</script>", encoding="utf-8")
     line = [str(BROWSER), "--headless", "--no-sandbox", "--disable-gpu", "--window-size=390,800", "--virtual-time-budget=20000"]
     for _ in range(5):
         done = subprocess.run([*line, "--dump-dom", page.as_uri()], capture_output=True, text=True, timeout=60, check=True)

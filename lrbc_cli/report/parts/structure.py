@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import base64
-import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -19,7 +17,7 @@ from lrbc_cli.report.drawing.shapes import DEFLECTION, points_of, shape_label
 from lrbc_cli.report.drawing.structure import Scene, layers, mark_names, marks_at, panel_of, scene_of
 from lrbc_cli.report.drawing.style import css
 from lrbc_cli.report.drawing.svg import legend, markup_of, own_size, svg
-from lrbc_cli.report.html import Markup, tag
+from lrbc_cli.report.html import Markup, document, tag
 from lrbc_cli.report.parts.strip import bolt_items, bolt_signs, letter_size, told, verdict_key
 from lrbc_cli.report.parts.tables import loose_of
 from lrbc_cli.results.job import Bolt, JobRecord
@@ -212,25 +210,8 @@ def _shapes(bolt: Bolt, job: JobRecord) -> list[Shape]:
     return shapes
 
 
-def script() -> str:
-    """Return the script that turns the picture."""
-    return files("lrbc_cli.report").joinpath("structure.js").read_text(encoding="utf-8")
-
-
 def structure_page(record: StructureRecord) -> str:
     """Return a self-contained page with the turnable picture alone."""
-    code = script()
-    sheet = css() + files("lrbc_cli.report").joinpath("page.css").read_text(encoding="utf-8")
-    allowed = base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()
-    policy = f"default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-{allowed}'; base-uri 'none'; form-action 'none'"
-    head = tag(
-        "head",
-        tag("meta", charset="utf-8"),
-        tag("meta", name="viewport", content_="width=device-width, initial-scale=1"),
-        tag("meta", http_equiv="Content-Security-Policy", content_=policy),
-        tag("title", f"{record.campaign} – the structure"),
-        tag("style", Markup(sheet)),
-    )
     heading = tag("header", tag("h1", record.campaign), tag("p", "The structure, its bolts, sensors and updated terms", class_="meta"))
-    body = tag("body", heading, tag("main", tag("section", *structure_parts(record))), tag("script", Markup(code)))
-    return "<!doctype html>\n" + tag("html", head, body, lang="en") + "\n"
+    main = tag("main", tag("section", *structure_parts(record)))
+    return document(f"{record.campaign} – the structure", heading, main, colours=css(), scripts=["structure.js"])
