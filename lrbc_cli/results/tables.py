@@ -143,12 +143,7 @@ def require_files(folder: Path, hashes: Mapping[str, str]) -> None:
         file = folder / name
         if Path(name).name != name or name in ("", ".", ".."):
             raise DataError("this result file is damaged", file=folder / "result.json", place="provenance.files", found=name, hint=HINT)
-        try:
-            found = hashlib.sha256(file.read_bytes()).hexdigest()
-        except FileNotFoundError:
-            raise DataError("this result file is missing", file=file, hint=HINT) from None
-        except OSError as error:
-            raise DataError(f"this result file cannot be read: {error.strerror}", file=file, hint=HINT) from None
+        found = hashlib.sha256(_content(file)).hexdigest()
         if found != digest:
             problem = "this file was not written with the result.json beside it"
             raise DataError(problem, file=file, expected=f"SHA-256 {digest}", found=f"SHA-256 {found}", hint=hint)
@@ -156,13 +151,17 @@ def require_files(folder: Path, hashes: Mapping[str, str]) -> None:
 
 def _read(file: Path) -> dict[str, Floats]:
     """Columns of a file of numbers with a header line; empty cells become NaN."""
+    content = _content(file)
+    return dict(_tables.of(content, lambda: _columns(file, content)))
+
+
+def _content(file: Path) -> bytes:
     try:
-        content = file.read_bytes()
+        return file.read_bytes()
     except FileNotFoundError:
         raise DataError("this result file is missing", file=file, hint=HINT) from None
     except OSError as error:
         raise DataError(f"this result file cannot be read: {error.strerror}", file=file, hint=HINT) from None
-    return dict(_tables.of(content, lambda: _columns(file, content)))
 
 
 def _columns(file: Path, content: bytes) -> dict[str, Floats]:
