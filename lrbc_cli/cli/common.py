@@ -6,7 +6,7 @@ import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -18,7 +18,9 @@ from lrbc_cli.config import Campaign, load_campaign
 from lrbc_cli.results.fields import plain
 
 if TYPE_CHECKING:
+    from lrbc_cli.campaign.reading.factors import CalibrationUse
     from lrbc_cli.campaign.reading.inputs import Inputs
+    from lrbc_cli.results.model import CalibrationNews
 
 __all__ = ["cache_folder", "load", "progress", "say_json", "tell_calibration"]
 
@@ -50,29 +52,13 @@ def read(campaign: Campaign, *, calibration: bool | None = True, warn: bool = Tr
     return inputs
 
 
-class CalibrationSaid(Protocol):
-    """What became of a stored calibration."""
-
-    @property
-    def used(self) -> bool:
-        """Its factors are in the model."""
-
-    @property
-    def stale(self) -> bool:
-        """It does not fit."""
-
-    @property
-    def text(self) -> str:
-        """In words."""
-
-
 def tell_warnings(warnings: Sequence[str]) -> None:
     """Say on stderr what is doubtful about files and model."""
     for warning in warnings if verbosity.level >= 0 else ():
         remark(warning, kind="warning")
 
 
-def tell_calibration(use: CalibrationSaid | None, *, wanted: bool) -> None:
+def tell_calibration(use: CalibrationUse | CalibrationNews | None, *, wanted: bool) -> None:
     """Say on stderr what became of a stored calibration; that there is none is no news but for those who left it out."""
     if use is not None and verbosity.level >= (0 if use.used or use.stale or not wanted else 1):
         remark(f"calibration: {use.text}", kind="warning" if use.stale else "")
