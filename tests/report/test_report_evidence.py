@@ -15,7 +15,7 @@ from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.drawing import style
 from lrbc_cli.report.drawing.chart import Area, Curve, Marks, Span, Tiles, Word
 from lrbc_cli.report.drawing.layout import Line, lay_out, swatch
-from lrbc_cli.report.parts import figures, strip, tables
+from lrbc_cli.report.parts import figures, tables
 from lrbc_cli.report.parts.calibration import calibration_charts
 from lrbc_cli.report.parts.correlation import fdac_chart
 from lrbc_cli.report.parts.strip import level_of, map_chart, strip_chart
@@ -564,4 +564,4 @@ def test_many_bolts_and_jobs_stay_legible(finished):
     ticks = [where for where, _ in chart.panels[0].x.ticks]
     assert np.min(np.diff(ticks)) * cell > 0.55 * 9.0 * len("bolt-000")
     assert chart.left < 220
-    assert strip._shortened("x" * 50).endswith("…")
+    assert fmt.shortened("x" * 50, 30) == "x" * 29 + "…"

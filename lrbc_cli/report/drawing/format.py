@@ -24,6 +24,11 @@ def signed(value: float | None, digits: int = 1) -> str:
     return text.replace("-", "−") if float(text) else text[1:]
 
 
+def shortened(name: str, limit: int) -> str:
+    """Write a name in at most so many characters."""
+    return name if len(name) <= limit else name[: limit - 1] + "…"
+
+
 def over_force(unit: str) -> str:
     """Write the unit of an FRF, a quotient over a force, so that it can be read in one way: (m/s²)/N."""
     above, slash, below = unit.rpartition("/")

@@ -11,6 +11,7 @@ import numpy as np
 from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.drawing.chart import Axis, Chart, Curve, Item, LevelLine, Marks, Panel, Tiles, Word, linear_axis, number
 from lrbc_cli.report.drawing.layout import BOTTOM, RIGHT, SMALL, TOP
+from lrbc_cli.report.drawing.names import GLYPH
 from lrbc_cli.report.drawing.svg import drawn, legend, own_size
 from lrbc_cli.report.html import Cell, Markup, beside, table, tag
 from lrbc_cli.results.plan import Excitation, PlannedBolt, PlannedLoss, PlanRecord, Visibility, Worst, Worth
@@ -20,7 +21,8 @@ VERDICTS: tuple[Visibility, ...] = ("detectable", "marginal", "not detectable")
 
 #: Height of the panel of bolts and of a bar of the ranking [points]; bars beyond this number are left to the table.
 _BOLTS, _BAR, _BARS = 190.0, 15.0, 40
-_GLYPH = 0.6
+#: Characters of a response's name beside its bar.
+_NAME = 24
 _ALL = "with the planned responses and with all"
 #: What the columns of responses are.
 _BITS = "bits: what a response tells of the bolts, if added to the planned ones or left out of them; alone: by itself"
@@ -84,7 +86,7 @@ def _wrong(plan: PlanRecord) -> str:
 def plan_chart(plan: PlanRecord) -> Chart:
     """Return the probability of a right verdict on every bolt at each loss, and below it what every response is worth."""
     shown = plan.responses[:_BARS]
-    left = max(50.0, 16.0 + _GLYPH * SMALL * max((len(_cut(entry.name)) for entry in shown), default=1))
+    left = max(50.0, 16.0 + GLYPH * SMALL * max((len(fmt.shortened(entry.name, _NAME)) for entry in shown), default=1))
     count = sum(len(edge) for edge in _along(plan)) + 0.5 * (len(_along(plan)) - 1)
     width = float(np.clip(left + RIGHT + 36.0 * count, 560.0, 900.0))
     ranked = 20.0 + _BAR * max(len(shown), 1)
@@ -92,12 +94,8 @@ def plan_chart(plan: PlanRecord) -> Chart:
     how = f"{_draws(plan.draws)} each" if plan.rehearsed else "linearised"
     subtitle = f"{_counts(plan)} · {how} · errors of {number(plan.noise.sigma_db, 2)} dB a line"
     alt = " ".join(f"{word}: {', '.join(b.name for b in plan.bolts if b.verdict == word) or 'none'}." for word in VERDICTS)
-    title = f"Each bolt {_moved(plan)} alone: right verdicts · {_cut(plan.campaign, 40)}"
+    title = f"Each bolt {_moved(plan)} alone: right verdicts · {fmt.shortened(plan.campaign, 40)}"
     return Chart(title=title, subtitle=subtitle, alt=alt, panels=panels, width=width, height=_BOLTS + ranked + TOP + 2 * BOTTOM, left=left)
-
-
-def _cut(name: str, limit: int = 24) -> str:
-    return name if len(name) <= limit else name[: limit - 1] + "…"
 
 
 def _state(plan: PlanRecord) -> str:
@@ -114,7 +112,7 @@ def _bolts(plan: PlanRecord, cell: float, weight: float) -> Panel:
     ticks: list[tuple[float, str]] = []
     bar, at = _FILLED / len(plan.losses), 0.0
     for edge in _along(plan):
-        every = max(1, math.ceil((_GLYPH * SMALL * max(len(bolt.name) for bolt in edge) + 3.0) / cell))
+        every = max(1, math.ceil((GLYPH * SMALL * max(len(bolt.name) for bolt in edge) + 3.0) / cell))
         for index, bolt in enumerate(edge):
             for k, loss in enumerate(bolt.losses):
                 x = at + 0.5 * (1.0 - _FILLED) + k * bar
@@ -169,7 +167,9 @@ def _ranking(shown: Sequence[Worth], weight: float) -> Panel:
         Tiles("plan-planned", np.array(boxes[True]).reshape(-1, 4), "below: a planned one, what is lost without it" if boxes[True] else ""),
     ]
     x_axis = linear_axis("worth of each response: information about the bolts [bits]", 0.0, 1.12 * top, 6)
-    y_axis = Axis("", float(max(len(shown), 1)), 0.0, tuple((row + 0.5, _cut(entry.name)) for row, entry in enumerate(shown)))
+    y_axis = Axis(
+        "", float(max(len(shown), 1)), 0.0, tuple((row + 0.5, fmt.shortened(entry.name, _NAME)) for row, entry in enumerate(shown))
+    )
     return Panel(x=x_axis, y=y_axis, items=(*items, *words), weight=weight)
 
 

@@ -42,7 +42,7 @@ def strip_chart(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Chart | 
     # A gap of half a cell sets edges apart.
     column = {name: index + 0.5 * edge for edge, index, name in _numbered(edges)}
     count = len(names) + 0.5 * (len(edges) - 1)
-    labels = [_shortened(job.job) for job in shown]
+    labels = [fmt.shortened(job.job, 30) for job in shown]
     left = 16.0 + GLYPH * SMALL * max(len(label) for label in labels)
     cell = float(np.clip((_WIDTH - left - RIGHT) / count, _NARROW, _WIDE))
     items = [*verdict_key(shown), *_cells(shown, column, cell)]
@@ -126,10 +126,6 @@ def verdict_key(jobs: Sequence[JobRecord]) -> list[Item]:
 def _numbered(edges: Sequence[Sequence[str]]) -> list[tuple[int, int, str]]:
     flat = [(edge, name) for edge, names in enumerate(edges) for name in names]
     return [(edge, index, name) for index, (edge, name) in enumerate(flat)]
-
-
-def _shortened(name: str, limit: int = 30) -> str:
-    return name if len(name) <= limit else name[: limit - 1] + "…"
 
 
 def _hatching(boxes: Floats, cell: float) -> Curve:
