@@ -84,6 +84,11 @@ class Drawing:
     around: tuple[Shape, ...]
     frames: tuple[Frame, ...]
 
+    @property
+    def shapes(self) -> list[Shape]:
+        """All of them, in the order in which they are drawn."""
+        return [*self.around, *(shape for frame in self.frames for shape in frame.shapes)]
+
 
 def lay_out(chart: Chart, *, header: bool, title: bool = True) -> Drawing:
     """Place everything.

@@ -84,8 +84,7 @@ def _figure(drawing: Drawing, scale: float) -> Figure:
     unit = scale / 72
     figure = Figure(figsize=(drawing.width * unit, drawing.height * unit), dpi=DPI, facecolor="white")
     transform = Affine2D().scale(unit, -unit).translate(0, drawing.height * unit) + figure.dpi_scale_trans
-    shapes = [*drawing.around, *(shape for frame in drawing.frames for shape in frame.shapes)]
-    for order, shape in enumerate(shapes):
+    for order, shape in enumerate(drawing.shapes):
         artist = _artist(shape, transform, scale)
         artist.set_zorder(order)
         figure.add_artist(artist)
@@ -100,7 +99,7 @@ def is_current(chart: Chart, file: Path) -> bool:
 def _digest(drawing: Drawing) -> str:
     """Hash everything that the picture depends on, to the last stroke."""
     sink = hashlib.sha256(_BACKEND.encode())
-    for shape in [*drawing.around, *(shape for frame in drawing.frames for shape in frame.shapes)]:
+    for shape in drawing.shapes:
         if isinstance(shape, Text):
             sink.update(repr(shape).encode())
         else:

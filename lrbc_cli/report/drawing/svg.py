@@ -54,8 +54,7 @@ def with_rows(chart: Chart) -> Markup:
 
 def least_width(drawing: Drawing) -> float:
     """Width in pixels at which the smallest letters of a drawing have `_LEAST` pixels; narrower screens scroll it."""
-    shapes = [*drawing.around, *(shape for frame in drawing.frames for shape in frame.shapes)]
-    sizes = [shape.size for shape in shapes if isinstance(shape, Text)]
+    sizes = [shape.size for shape in drawing.shapes if isinstance(shape, Text)]
     return math.ceil(drawing.width * _LEAST / min(sizes)) if sizes else 0.0
 
 
