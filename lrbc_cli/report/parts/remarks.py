@@ -115,15 +115,8 @@ def _job_notes(jobs: Sequence[JobRecord]) -> Markup | None:
     for job in jobs:
         for note in job.notes:
             where.setdefault(note, []).append(job.job)
-    return _folded("Notes on jobs", ["Jobs", "Note"], [[_jobs(found, len(jobs)), note] for note, found in where.items()], 2)
-
-
-def _jobs(found: Sequence[str], every: int) -> str:
-    return "all" if len(found) == every and every > 1 else names_of(found)
-
-
-def _folded(title: str, head: Sequence[str | Cell], rows: Sequence[Sequence[str | Cell]], columns: int) -> Markup | None:
-    if not rows:
+    if not where:
         return None
-    made = table(title, head, rows, text_columns=columns, class_="notes")
-    return made if len(rows) <= _MANY else details(f"{title} ({len(rows)})", made)
+    rows = [["all" if 1 < len(found) == len(jobs) else names_of(found), note] for note, found in where.items()]
+    made = table("Notes on jobs", ["Jobs", "Note"], rows, text_columns=2, class_="notes")
+    return made if len(rows) <= _MANY else details(f"Notes on jobs ({len(rows)})", made)
