@@ -304,9 +304,9 @@ def check_smoothing(value: tuple[float, ...]) -> tuple[float, ...]:
     return value
 
 
-def check_smoothing_sum(weights: tuple[float, ...] | None, normalised: bool, *, most: float = 10.0) -> None:
-    """Weights that sum to more than ``most`` shift all values by a decade from what they are called."""
-    if weights is None or normalised or sum(weights) <= most:
+def check_smoothing_sum(weights: tuple[float, ...] | None, normalised: bool) -> None:
+    """Weights that sum to more than ten shift all values by a decade from what they are called."""
+    if weights is None or normalised or sum(weights) <= 10.0:
         return
     own = ", ".join(f"{weight / 100.0:g}" for weight in weights)
     raise problem(

@@ -99,9 +99,9 @@ def _cell(element: str, entry: str | Cell, *, scope: str | None, kind: str | Non
     return tag(element, *cell.content, scope=scope, class_=classes, title=cell.title, colspan=None if cell.span is None else str(cell.span))
 
 
-def details(summary: str, *content: str | None, open_: bool = False, **attributes: str | bool | None) -> Markup:
+def details(summary: str, *content: str | None, **attributes: str | bool | None) -> Markup:
     """Return a part that opens and closes."""
-    return tag("details", tag("summary", summary), *content, markup=None, open=open_, **attributes)
+    return tag("details", tag("summary", summary), *content, markup=None, **attributes)
 
 
 def beside(*places: tuple[str, str], text: str | None = None) -> Markup:

@@ -187,14 +187,14 @@ def linear_axis(label: str, low: float, high: float, count: int = 6) -> Axis:
     return Axis(label, float(low), float(high), tuple((float(tick), number(tick + 0.0)) for tick in ticks))
 
 
-def decade_axis(label: str, low: float, high: float, count: int = 6) -> Axis:
+def decade_axis(label: str, low: float, high: float) -> Axis:
     """Return an axis for decadic logarithms, whole decades marked as powers of ten."""
     if not np.isfinite([low, high]).all():
         low, high = 0.0, 1.0
     if high - low < 1.0:
         middle = (low + high) / 2
         low, high = middle - 0.6, middle + 0.6
-    every = max(1, int(np.ceil((high - low) / count)))
+    every = max(1, int(np.ceil((high - low) / 6)))
     decades = range(int(np.ceil(low - 1e-9)), int(np.floor(high + 1e-9)) + 1)
     ticks = tuple((float(k), "10" + str(k).translate(_SUPERSCRIPT)) for k in decades if k % every == 0)
     return Axis(label, float(low), float(high), ticks, powers=True)
