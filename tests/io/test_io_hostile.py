@@ -26,6 +26,7 @@ from lrbc_cli.io import common, reader_process
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.io.hdf5 import tools as hdf5_tools
 from lrbc_cli.io.matrices import matrix_market
+from lrbc_cli.io.matrices.columns import parsed, read_fixed
 from lrbc_cli.io.matrices.read import read_vectors
 from lrbc_cli.io.uff import datasets as uff_datasets
 from lrbc_cli.model.frf import FrfRecord, FrfSet
@@ -353,3 +354,11 @@ def test_letters_that_only_look_alike(tmp_path, word):
     """Case-insensitive patterns take the long s for an s."""
     (tmp_path / "a.csv").write_text(f"f,{word}(x),{word}(x)\n{ROWS}", encoding="utf-8")
     assert [record.name for record in read_frf(tmp_path / "a.csv").records] == [f"{word}(x)"]
+
+
+def test_blanks_are_no_number():
+    """Of text of blanks alone numpy makes -1: a matrix with one entry would have had it."""
+    assert parsed(b"  \n ").size == 0
+    assert parsed(b" 2 \n").tolist() == [2.0]
+    found = read_fixed(b" " * 20, 20)
+    assert found is None or found.size == 0

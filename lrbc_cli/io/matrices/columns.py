@@ -64,7 +64,8 @@ def read_fixed(text: bytes, width: int) -> Floats | None:
 
 def parsed(text: bytes) -> Floats | None:
     """Numbers that blanks divide; None where there is other text."""
-    if not text:
+    # Of blanks alone numpy makes -1.
+    if not text or text.isspace():
         return np.zeros(0)
     with warnings.catch_warnings():
         # Newer versions of numpy raise where older ones warn.
