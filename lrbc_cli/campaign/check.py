@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.campaign.beside import passed_over, unnamed
-from lrbc_cli.campaign.identification.compared.chains import chain_doubt, noise_doubt
+from lrbc_cli.campaign.identification.compared.chains import chain_doubt, coherence_doubt, noise_doubt
 from lrbc_cli.campaign.identification.compared.copies import Earlier, pasted
 from lrbc_cli.campaign.identification.records import MIN_BAND, Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
@@ -351,6 +351,8 @@ def _other_chains(inputs: Inputs, readable: dict[str, Measurement]) -> list[str]
         if text := chain_doubt(inputs, own, tight, reference):
             found.append(f"job {name}: {text} (a result says so again unless the bolts that are identified explain it)")
         if text := noise_doubt(own, tight, reference):
+            found.append(f"job {name}: {text}")
+        if text := coherence_doubt(inputs, own, tight, reference):
             found.append(f"job {name}: {text}")
     return found
 

@@ -7,8 +7,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 import scipy.sparse as sp
 
+from lrbc_cli.campaign.looking import tables
 from lrbc_cli.campaign.looking.tables import other_tables
 
 S = 2j * np.pi * np.linspace(20.0, 300.0, 200)
@@ -27,18 +29,18 @@ def frf(springs: np.ndarray, times: float = 1.0) -> np.ndarray:
 
 def campaign() -> tuple[Any, Any, Any]:
     """Inputs, source and parameters of that beam, a table of springs for each group."""
-    tables = [
+    groups = [
         SimpleNamespace(name=n, config=SimpleNamespace(select=SimpleNamespace(bushings=Path(f"{n}.csv")))) for n in ("axial", "rocking")
     ]
     inputs = SimpleNamespace(
-        groups=tables,
+        groups=groups,
         campaign=SimpleNamespace(unit_system=SimpleNamespace(text="SI")),
         dofs=SimpleNamespace(component=np.array(["UZ", "ROTY"])),
         model=SimpleNamespace(terms=SimpleNamespace(left=sp.csc_array(np.eye(2)))),
     )
     placed = [
         (SimpleNamespace(name=group.name, kind="stiffness", terms=np.array([i]), parameter=np.zeros(1, dtype=int)), slice(i, i + 1), None)
-        for i, group in enumerate(tables)
+        for i, group in enumerate(groups)
     ]
     model = SimpleNamespace(nearby=lambda _: lambda values: np.array([frf(row) for row in values]))
     return inputs, SimpleNamespace(model=lambda s, parameters: model), SimpleNamespace(initial=np.zeros(2), placed=placed, size=2)
@@ -52,6 +54,18 @@ def told(measured: np.ndarray) -> str:
 def test_one_table_or_all_of_them_in_another_unit() -> None:
     assert "with all stiffnesses of axial.csv times 1000" in told(frf(np.array([3.0, 0.0])))
     assert "with all stiffnesses of axial.csv and rocking.csv times 1000" in told(frf(np.array([3.0, 3.0])))
+
+
+def test_the_nearest_unit_is_meant(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Springs that clamp as good as all: a million times leaves no more than a thousand times does."""
+    left = dict.fromkeys((-12, -9, -6, -3, -2, -1, 1), 14.6) | {2: 11.1, 3: 5.1, 6: 3.4, 9: 3.4, 12: 3.4}
+
+    def moved(*arguments: Any) -> tuple[np.ndarray, np.ndarray]:
+        powers = arguments[-1][:, 0]
+        return np.array([left.get(power, 14.6) for power in powers.tolist()]), np.zeros(powers.size)
+
+    monkeypatch.setattr(tables, "_moved", moved)
+    assert "times 1000, " in told(frf(np.array([6.0, 0.0])))
 
 
 def test_a_table_in_newtons_per_millimetre() -> None:

@@ -86,13 +86,19 @@ MISTAKES = {
     "hammer against its direction": (
         frfs(lambda hz, y: (hz, -y)),
         0,
-        "reversed sign, it seems: all responses: measured phases are 180 degrees from the model's in all jobs",
+        "reversed sign, it seems: all responses: measured phases are 180 degrees from the model's",
         "likely the direction of the hammer or of all sensors: excitation.hammer.scale: -1",
+    ),
+    "the other sign of time": (
+        frfs(lambda hz, y: (hz, y.conj())),
+        0,
+        "phases run the other way, it seems: all responses (a1, a2, a3, a4, a5)",
+        "conjugate the FRF file (imaginary parts, or phases, times -1)",
     ),
     "a sensor upside down": (
         frfs(lambda hz, y: (hz, y * [1, 1, -1, 1, 1])),
         0,
-        "reversed sign, it seems: a3: measured phases are 180 degrees from the model's in all jobs",
+        "reversed sign, it seems: a3: measured phases are 180 degrees from the model's",
         "likely the direction of the sensor: responses.a3.scale: -1",
     ),
     "a sensitivity ten times off in the reference job": (

@@ -161,7 +161,7 @@ def _sign_texts(inputs: Inputs, found: _Reversed, count: int) -> Told:
     """What to say of them, of so many responses that were compared."""
     texts: Told = {}
     names = list(inputs.campaign.excitation)
-    said = "measured phases are 180 degrees from the model's in all jobs"
+    said = "measured phases are 180 degrees from the model's"
     if found.excitations:
         own = [r.name for i, r in enumerate(inputs.responses) if r.input in found.excitations and i in found.responses]
         every = len(own) == count
@@ -178,3 +178,37 @@ def _sign_texts(inputs: Inputs, found: _Reversed, count: int) -> Told:
             f"reversed sign, it seems: {', '.join(own)}: {said}; likely the direction of the sensor: {fix}{sign_tail(inputs)}"
         )
     return texts
+
+
+def pooled(found: Mapping[str, Told], reference: str | None) -> dict[str, Told]:
+    """What is wrong in the reference job, in all jobs: others, in which bolts are loose, show part of it, or what looks like part of it."""
+    own = found.get(reference or "", {})
+    units_there = any(kind[0] == "units" for kind in own)
+    stated_wrong = {i for kind in own if kind[0] in {"alone", "coordinates"} for i in kind[1:]}
+    shared: dict[str, Told] = {}
+    exchanges: list[tuple[object, ...]] = []
+    for name, told in found.items():
+        shared[name] = {}
+        for kind, text in told.items():
+            if kind[0] == "exchanged":
+                # Of a sensor that is elsewhere, or has another direction, any other fits better in some state of the bolts.
+                if name != reference and stated_wrong.intersection(i for cycle in kind[1:] if isinstance(cycle, tuple) for i in cycle):
+                    continue
+                # Of cables that are exchanged in other jobs a job with loose bolts may show one hammer point only.
+                kind = next((other for other in exchanges if set(kind[1:]) < set(other[1:])), kind)
+                exchanges.append(kind)
+            # Velocities for accelerations: phases alone say that their levels are right, which nobody knows of a job with loose bolts.
+            if not (units_there and kind[0] == "sideways"):
+                shared[name][kind] = text
+    return shared
+
+
+def each_once(found: Mapping[str, Told]) -> list[str]:
+    """Each finding once, with the jobs that share it."""
+    jobs: dict[str, list[str]] = {}
+    first: dict[str, str] = {}
+    for name, told in found.items():
+        for kind, text in told.items():
+            at = first.setdefault(repr(kind), f"job {name}: {text}")
+            jobs.setdefault(at, []).append(name)
+    return [text + (f"; the same in {', '.join(names[1:])}" if len(names) > 1 else "") for text, names in jobs.items()]

@@ -21,13 +21,14 @@ from lrbc_cli.campaign.identification.compared.likeness import (
     off_level,
     other_reading,
     outlying,
+    run_backwards,
     sideways,
     turned,
 )
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.looking.axes import stretched_text
-from lrbc_cli.campaign.looking.common import OfJob, Told, told_of_all
+from lrbc_cli.campaign.looking.common import OfJob, Told, each_once, pooled, told_of_all
 from lrbc_cli.campaign.looking.coordinates import coordinates_texts, mirrored_text
 from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, strike_text
 from lrbc_cli.campaign.looking.held import held_text, supports_text
@@ -135,10 +136,10 @@ def first_look(
             progress(f"comparing {name} with the model, job {len(found) + 1} of {len(order)}")
             found[name] = _looked_at(inputs, source, {job: measurements[job] for job in order}, name, tight)
         told = told_of_all(inputs, found, reference or "")
-        pooled = _pooled(told, reference)
-        kinds = {name: {kind for kind in own if kind[0] in _OF_NUMBERS} for name, own in pooled.items()}
+        shared = pooled(told, reference)
+        kinds = {name: {kind for kind in own if kind[0] in _OF_NUMBERS} for name, own in shared.items()}
         return FirstLook(
-            tuple(_told(pooled)),
+            tuple(each_once(shared)),
             rescaled=("rescaled",) in told.get(reference or "", {}),
             doubted=frozenset(name for name, of in kinds.items() if of != kinds.get(reference or "", set())),
         )
@@ -212,8 +213,11 @@ def _looked_at(
     leads = name == reference
     # Where all bolts are taken as tight, none is to blame.
     reach = (0.0, 0.0) if leads or name in taken_as_tight(inputs) else reach_of_one(source, parameters, s, states[0])
-    told, offsets = _channels(inputs, few, states, near, name, reach[0])
-    if not told and (how := sideways(few.values, states)):
+    # Real and imaginary parts in each other's place run backwards, too.
+    how = sideways(few.values, states)
+    backwards = not how and run_backwards(measurement.frequency_hz, measurement.values)
+    told, offsets = _channels(inputs, few, states, near, name, reach[0], backwards=backwards)
+    if not told and how:
         return OfJob({("sideways", how): sideways_text(inputs, how, name)})
     if not told and name == inputs.campaign.update.reference:
         told |= other_tables(inputs, source, few.values, s, states[0], parameters) or _unlike(
@@ -230,16 +234,19 @@ def _looked_at(
 
 
 def _channels(
-    inputs: Inputs, few: Measurement, states: Complexes, near: list[Complexes], name: str, movable: Floats | float
+    inputs: Inputs, few: Measurement, states: Complexes, near: list[Complexes], name: str, movable: Floats | float, *, backwards: bool
 ) -> tuple[Told, tuple[Offset, ...]]:
     """Channels in each other's place, and factors and phases of the others; beside (S, F, R) states and the nearest of them.
 
-    A factor that is no larger than what one loosened bolt does to the level, ``movable``, (R,) or of all [dB], may be a loosened bolt.
+    A factor that is no larger than what one loosened bolt does to the level, ``movable``, (R,) or of all [dB], may be a loosened bolt. Of
+    FRFs that run backwards the phases say nothing else.
     """
     exchanges = exchanged(inputs, few.values, nearest_states(few, states, NEAREST))
     offsets = factors_of(inputs, few, near)
     involved = {i for cycle in exchanges for i in cycle}
     by_bolt = np.broadcast_to(movable, len(inputs.responses))
+    if backwards:
+        offsets = tuple(replace(o, conjugate=True, reversed=False) for o in offsets)
     offsets = tuple(
         replace(o, named=o.named and trusted(o, offsets) and (o.power != 0 or abs(o.db) > by_bolt[o.response]))
         for o in offsets
@@ -409,35 +416,3 @@ def _alone(inputs: Inputs, every: Floats, of: str, job: str | None = None) -> To
             f"{float(np.median(every)):.1f} dB: {causes}"
         )
     return told
-
-
-def _pooled(found: Mapping[str, Told], reference: str | None) -> dict[str, Told]:
-    """What is wrong in the reference job, in all jobs: others, in which bolts are loose, show part of it, or what looks like part of it."""
-    own = found.get(reference or "", {})
-    reversed_there = next((kind for kind in own if kind[0] == "reversed"), None)
-    units_there = any(kind[0] == "units" for kind in own)
-    pooled: dict[str, Told] = {}
-    exchanges: list[tuple[object, ...]] = []
-    for name, told in found.items():
-        pooled[name] = {}
-        for kind, text in told.items():
-            same = reversed_there is not None and kind[0] == "reversed" and set(kind[1:]) <= set(reversed_there[1:])
-            if kind[0] == "exchanged":
-                # Of cables that are exchanged in other jobs a job with loose bolts may show one hammer point only.
-                kind = next((other for other in exchanges if set(kind[1:]) < set(other[1:])), kind)
-                exchanges.append(kind)
-            # Velocities for accelerations: phases alone say that their levels are right, which nobody knows of a job with loose bolts.
-            if not (units_there and kind[0] == "sideways"):
-                pooled[name][reversed_there if same and reversed_there is not None else kind] = text
-    return pooled
-
-
-def _told(found: Mapping[str, Mapping[tuple[object, ...], str]]) -> list[str]:
-    """Each finding once, with the jobs that share it."""
-    jobs: dict[str, list[str]] = {}
-    first: dict[str, str] = {}
-    for name, told in found.items():
-        for kind, text in told.items():
-            at = first.setdefault(repr(kind), f"job {name}: {text}")
-            jobs.setdefault(at, []).append(name)
-    return [text + (f"; the same in {', '.join(names[1:])}" if len(names) > 1 else "") for text, names in jobs.items()]

@@ -17,7 +17,7 @@ from lrbc_cli.model.terms import Parameterisation
 _SOFTER = np.linspace(-1.5, 1.5, 31)
 
 #: A factor of a unit leaves less than this share of what factors between the units leave, and nearly as little as any.
-_NEARER, _ALIKE = 0.7, 1.2
+_NEARER, _ALIKE = 0.7, 1.5
 
 #: Least levels by which FRFs differ where the whole model is of another material, and how far springs may say another one [dB].
 _LEAST_LEVEL, _OFF_LEVEL = 4.0, 2.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from lrbc_cli.campaign.identification.compared.doubts import FAR_ABOVE_NOISE
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -32,6 +34,43 @@ def noise_doubt(own: Measurement, tight: Measurement, reference: str, *, least: 
         f"noise of {noise:.0%} of the size of each line, in the median over all lines, {other:.1%} in {reference}: too few averages, a "
         "weak or a double blow, or noise of the surroundings; expected: what is measured in the other jobs. Measure it again with more "
         "averages, each blow looked at"
+    )
+
+
+def coherence_doubt(
+    inputs: Inputs, own: Measurement, tight: Measurement, reference: str, *, least: float = 0.01, times: float = 100.0
+) -> str | None:
+    """What to say of responses whose noise, by the coherence, has risen alone against the reference job; None where none has.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    own, tight : Measurement
+        On the same lines, or nothing is compared.
+    reference : str
+        Name of the reference job.
+    least, times : float
+        Noise over signal, ``(1 - g²) / g²`` in the median over the lines, from which it counts, and how many times more of it there is than
+        in the reference job, by the median of all responses. On virtual rigs loosened bolts raise that of single responses up to 44 times;
+        clipping at half or a third of the peak made it 250 times as large.
+    """
+    if own.coherence.shape != tight.coherence.shape or unlike(own.frequency_hz, tight.frequency_hz):
+        return None
+    told = np.flatnonzero(np.isfinite(own.coherence).any(axis=0) & np.isfinite(tight.coherence).any(axis=0))
+    if told.size < 3:
+        return None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        noise, before = (np.nanmedian((1.0 - g) / g, axis=0) for g in (own.coherence[:, told], tight.coherence[:, told]))
+        risen = noise / np.maximum(before, 1e-12)
+        far = told[(noise >= least) & (risen > times * np.median(risen))]
+    if not far.size or 2 * far.size > told.size:
+        return None
+    names = ", ".join(inputs.responses[i].name for i in far)
+    here, there = (", ".join(f"{np.nanmedian(g[:, i]):.4g}" for i in far) for g in (own.coherence, tight.coherence))
+    return (
+        f"the coherence of {names} is {here} in the median over the lines, {there} in {reference}, and of no other response it fell so: "
+        "was a channel overloaded, or a sensor or its cable loose? Look at the time signals, raise the range, and measure it again, or "
+        "leave the response out of this job"
     )
 
 

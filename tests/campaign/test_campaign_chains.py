@@ -1,0 +1,71 @@
+"""What FRFs and their coherence say of the chain that measured them, without a model."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from pads import S, pads_model, pads_ports
+
+from lrbc_cli.campaign.identification.compared.chains import coherence_doubt
+from lrbc_cli.campaign.identification.compared.likeness import run_backwards
+from lrbc_cli.updating.misfit.frf import port_model
+
+HZ = S.imag / (2 * np.pi)
+
+
+def frfs() -> np.ndarray:
+    model, parameters = pads_model()
+    return np.asarray(port_model(pads_ports(model), parameters).frf(parameters.initial))
+
+
+def measurement(noise: np.ndarray) -> Any:
+    """Noise over signal of four responses, the same at all lines."""
+    return SimpleNamespace(frequency_hz=HZ, coherence=np.tile(1.0 / (1.0 + noise), (HZ.size, 1)))
+
+
+TIGHT = np.array([1e-4, 2e-4, 1e-4, 3e-4])
+INPUTS: Any = SimpleNamespace(responses=[SimpleNamespace(name=f"a{k}") for k in range(1, 5)])
+
+
+def said(noise: np.ndarray) -> str | None:
+    return coherence_doubt(INPUTS, measurement(noise), measurement(TIGHT), "tight")
+
+
+def test_a_response_whose_coherence_fell_alone() -> None:
+    text = said(TIGHT * np.array([1.0, 300.0, 1.0, 1.0]))
+    assert text is not None
+    assert text.startswith("the coherence of a2 is 0.9434 in the median over the lines, 0.9998 in tight, and of no other")
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        pytest.param([1.0, 40.0, 1.0, 1.0], id="as a loosened bolt may"),
+        pytest.param([200.0, 200.0, 200.0, 200.0], id="a noisier job"),
+        pytest.param([1.0, 200.0, 200.0, 200.0], id="most of them"),
+    ],
+)
+def test_other_noise_is_no_fault_of_one_channel(times: list[float]) -> None:
+    assert said(TIGHT * np.array(times)) is None
+
+
+def test_without_coherence_nothing_is_said() -> None:
+    empty = replace_coherence(measurement(TIGHT))
+    assert coherence_doubt(INPUTS, empty, measurement(TIGHT), "tight") is None
+
+
+def replace_coherence(own: Any) -> Any:
+    return SimpleNamespace(frequency_hz=own.frequency_hz, coherence=np.full_like(own.coherence, np.nan))
+
+
+def test_conjugates_answer_before_the_blow() -> None:
+    y = frfs()
+    assert not run_backwards(HZ, y)
+    assert run_backwards(HZ, y.conj())
+    # Reversed sensors are none, nor is a response without values; of uneven lines nothing is known.
+    assert not run_backwards(HZ, y * np.array([1.0, -1.0, 1.0, -1.0]))
+    assert run_backwards(HZ, np.column_stack([y.conj(), np.full(HZ.size, np.nan)]))
+    assert not run_backwards(HZ**2, y.conj())
