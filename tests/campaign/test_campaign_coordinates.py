@@ -9,17 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from looking import seen
 from samples import reduced_cache, sample
 
 from lrbc_cli.campaign.identification.compared.likeness import exchanged
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.looking.coordinates import coordinates_texts
-from lrbc_cli.campaign.looking.moved import Seen
 from lrbc_cli.campaign.reduced.stage import FrfSource, obtain_reduction
 from lrbc_cli.model.selection import nearest
 from lrbc_cli.reduction.problem.full import full_ports
 
-S = 2j * np.pi * np.arange(40.0, 500.0, 6.0)
+HZ = np.arange(40.0, 500.0, 6.0)
+S = 2j * np.pi * HZ
 
 
 @cache
@@ -51,8 +52,8 @@ def told(measured: np.ndarray, error_db: float, *, twice: bool = False) -> dict[
         inputs = replace(inputs, model=replace(model, L=L, output_power=model.output_power[order], extras={}))
         object.__setattr__(inputs, "responses", tuple(inputs.responses[i] for i in order))
         measured, stated = measured[:, order], stated[:, order]
-    seen = Seen(inputs=inputs, s=S, measured=measured, parameters=parameters, reference=True, known={})
-    return coordinates_texts(seen, stated, unlike=False)[0]
+    job = seen(measured, stated[None], hz=HZ, inputs=inputs, parameters=parameters)
+    return coordinates_texts(job, unlike=False)[0]
 
 
 @pytest.mark.slow

@@ -7,15 +7,18 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from looking import seen
 from samples import reduced_cache, sample
 
 from lrbc_cli.campaign.identification.compared.likeness import apart
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, strike_text
+from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reduced.stage import FrfSource, obtain_reduction
 from lrbc_cli.config.settings import JobConfig
 
-S = 2j * np.pi * np.arange(40.0, 500.0, 2.0)
+HZ = np.arange(40.0, 500.0, 2.0)
+S = 2j * np.pi * HZ
 
 
 @cache
@@ -45,8 +48,14 @@ def measured(theta: np.ndarray, error: np.ndarray) -> np.ndarray:
     return np.asarray(y * error * (1.0 + 0.02 * (noise[0] + 1j * noise[1])))
 
 
+def loosened(own: np.ndarray, tight: np.ndarray) -> Seen:
+    _, source, parameters = plate()
+    states = source.model(S, parameters).frf(parameters.initial)[None]
+    return seen(own, states, hz=HZ, job="loose", source=source, parameters=parameters, tight=tight)
+
+
 def test_it_finds_bolts_though_sensors_are_exchanged() -> None:
-    inputs, source, parameters = plate()
+    inputs, _, parameters = plate()
     rng = np.random.default_rng(4)
     error = 10.0 ** (rng.normal(0.0, 1.0, (1, len(inputs.responses))) / 20.0) * np.ones((S.size, 1))
     names = list(inputs.bolts.name)
@@ -54,12 +63,13 @@ def test_it_finds_bolts_though_sensors_are_exchanged() -> None:
     assert np.median(apart(own, tight)) > 4.0
     order = np.arange(own.shape[1])
     order[[0, 3]] = 3, 0
-    theta = fitted_theta(inputs, source, S, own[:, order], tight, parameters)
+    exchanged = loosened(own[:, order], tight)
+    theta = fitted_theta(exchanged)
     assert theta is not None
-    left = apart(own, expected_frf(inputs, source, S, theta, tight, parameters))
+    left = apart(own, expected_frf(exchanged, theta))
     # What each sensor would have measured at its own place.
     assert left.max() < 2.0, left
-    wrong = apart(own[:, order], expected_frf(inputs, source, S, theta, tight, parameters))
+    wrong = apart(own[:, order], expected_frf(exchanged, theta))
     assert wrong[[0, 3]].min() > 5.0, wrong
 
 
@@ -67,9 +77,13 @@ def test_a_response_that_the_tight_state_lacks_is_expected_as_computed() -> None
     inputs, source, parameters = plate()
     tight = measured(parameters.initial, np.ones((1, len(inputs.responses))))
     tight[:, 2] = np.nan
-    expected = expected_frf(inputs, source, S, parameters.initial, tight, parameters)
+    expected = expected_frf(loosened(tight, tight), parameters.initial)
     np.testing.assert_allclose(expected[:, 2], source.model(S, parameters).frf(parameters.initial)[:, 2])
     np.testing.assert_allclose(expected[:, [0, 1, 3]], tight[:, [0, 1, 3]], rtol=1e-12)
+
+
+def struck(inputs: Any, own: np.ndarray, expected: np.ndarray) -> str:
+    return strike_text(seen(own, expected[None], job="loose", inputs=inputs), expected)
 
 
 def two_hammers(seed: int = 1) -> tuple[Any, np.ndarray, np.ndarray]:
@@ -84,9 +98,9 @@ def two_hammers(seed: int = 1) -> tuple[Any, np.ndarray, np.ndarray]:
 
 def test_a_hammer_that_read_too_little_force() -> None:
     inputs, own, expected = two_hammers()
-    assert strike_text(inputs, own, expected, "loose") == ""
+    assert struck(inputs, own, expected) == ""
     own[:, :4] *= 10.0 ** (4.0 / 20.0)
-    text = strike_text(inputs, own, expected, "loose")
+    text = struck(inputs, own, expected)
     assert text.startswith("all FRFs of h1 lie ")
     assert " dB above " in text
     factor = float(text.rpartition("a3-h1: ")[2].rstrip("}"))
@@ -96,8 +110,8 @@ def test_a_hammer_that_read_too_little_force() -> None:
 def test_a_sensor_alone_is_no_hammer() -> None:
     inputs, own, expected = two_hammers()
     own[:, [1, 5]] *= 2.0
-    assert strike_text(inputs, own, expected, "loose") == ""
+    assert struck(inputs, own, expected) == ""
     # Nor is anything said where one sensor is all that a hammer has.
     inputs.input_of = np.array([0] * 7 + [1])
     own[:, 7] *= 4.0
-    assert strike_text(inputs, own, expected, "loose") == ""
+    assert struck(inputs, own, expected) == ""

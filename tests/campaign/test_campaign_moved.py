@@ -6,9 +6,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from looking import seen
 
 from lrbc_cli.campaign.identification.compared.likeness import by_sensors, exchanged_text
-from lrbc_cli.campaign.looking.first_look import _pooled
+from lrbc_cli.campaign.looking.common import pooled
 from lrbc_cli.campaign.looking.moved import hammers_text, unmoved_text
 
 
@@ -26,15 +27,15 @@ def two_hammers() -> tuple[Any, np.ndarray]:
 def test_two_hammers_in_each_others_place() -> None:
     inputs, states = two_hammers()
     measured = 1.1 * states[0][:, [4, 5, 6, 7, 0, 1, 2, 3]]
-    text = hammers_text(inputs, measured, states, "tight")
+    text = hammers_text(seen(measured, states, inputs=inputs))
     assert text.startswith("h1 and h2 in each other's place")
     assert "exchange the places of excitation.h1 and excitation.h2" in text
 
 
 def test_nothing_is_said_where_they_are_right_or_where_it_explains_nothing() -> None:
     inputs, states = two_hammers()
-    assert hammers_text(inputs, 1.1 * states[0], states, "tight") == ""
-    assert hammers_text(inputs, np.roll(states[0], 50, axis=0), states, "tight") == ""
+    assert hammers_text(seen(1.1 * states[0], states, inputs=inputs)) == ""
+    assert hammers_text(seen(np.roll(states[0], 50, axis=0), states, inputs=inputs)) == ""
 
 
 def test_what_other_hammers_leave_may_be_left_of_exchanged_ones() -> None:
@@ -49,11 +50,11 @@ def test_what_other_hammers_leave_may_be_left_of_exchanged_ones() -> None:
     states = 10.0 ** rng.normal(0.0, 1.0, (1, 400, 12)) + 0j
     errs = 10.0 ** (rng.normal(0.0, 5.0, (400, 12)) * np.sqrt(np.pi / 2.0) / 20.0)
     measured = states[0][:, [8, 9, 10, 11, 4, 5, 6, 7, 0, 1, 2, 3]] * errs
-    assert hammers_text(inputs, measured, states, "tight").startswith("h1 and h3 in each other's place")
-    assert hammers_text(inputs, states[0] * errs, states, "tight") == ""
+    assert hammers_text(seen(measured, states, inputs=inputs)).startswith("h1 and h3 in each other's place")
+    assert hammers_text(seen(states[0] * errs, states, inputs=inputs)) == ""
     # Right FRFs of the third say that the model does not leave so much.
     measured[:, 4:8] = states[0][:, 4:8]
-    assert hammers_text(inputs, measured, states, "tight") == ""
+    assert hammers_text(seen(measured, states, inputs=inputs)) == ""
 
 
 def test_cables_exchanged_are_one_finding_whatever_was_hit() -> None:
@@ -79,7 +80,7 @@ def test_cables_exchanged_are_one_finding_whatever_was_hit() -> None:
 
 def test_a_job_that_shows_part_of_an_exchange_shows_that_exchange() -> None:
     both, one = ("exchanged", (0, 1), (4, 5)), ("exchanged", (4, 5))
-    pooled = _pooled({"tight": {both: "of both"}, "loose": {one: "of one"}, "other": {("exchanged", (2, 3)): "of others"}}, "tight")
+    pooled = pooled({"tight": {both: "of both"}, "loose": {one: "of one"}, "other": {("exchanged", (2, 3)): "of others"}}, "tight")
     assert list(pooled["loose"]) == [both]
     assert list(pooled["other"]) == [("exchanged", (2, 3))]
 
@@ -88,16 +89,16 @@ def test_a_hammer_that_was_not_moved() -> None:
     inputs, states = two_hammers()
     measured = 1.1 * states[0]
     measured[:, 4:] = measured[:, :4] * (1.0 + 0.02 * np.random.default_rng(4).normal(size=(200, 4)))
-    text = unmoved_text(inputs, measured, states[0])
+    text = unmoved_text(seen(measured, states, inputs=inputs))
     assert text.startswith("the hammer was not moved, it seems: FRFs of h1 and of h2 are the same at all 4 sensors")
     assert "again at its own place" in text
 
 
 def test_places_that_are_alike_in_the_model_are_alike_when_measured() -> None:
     inputs, states = two_hammers()
-    assert unmoved_text(inputs, 1.1 * states[0], states[0]) == ""
+    assert unmoved_text(seen(1.1 * states[0], states, inputs=inputs)) == ""
     states[0][:, 4:] = states[0][:, :4]
-    assert unmoved_text(inputs, 1.1 * states[0], states[0]) == ""
+    assert unmoved_text(seen(1.1 * states[0], states, inputs=inputs)) == ""
 
 
 def test_records_exchanged_in_a_job_with_loosened_bolts_show_beside_a_fit() -> None:
@@ -110,7 +111,7 @@ def test_records_exchanged_in_a_job_with_loosened_bolts_show_beside_a_fit() -> N
         right = np.allclose(measured, loosened)
         return 1.05 * loosened if right else states[0]
 
-    assert hammers_text(inputs, exchanged, states, "loose") == ""
-    assert "jobs.loose.records" in hammers_text(inputs, exchanged, states, "loose", fitted)
-    assert hammers_text(inputs, loosened, np.concatenate([states, 1.05 * loosened[None]]), "loose", fitted) == ""
-    assert hammers_text(inputs, exchanged, states, "loose", lambda _: None) == ""
+    assert hammers_text(seen(exchanged, states, inputs=inputs, job="loose")) == ""
+    assert "jobs.loose.records" in hammers_text(seen(exchanged, states, inputs=inputs, job="loose"), fitted)
+    assert hammers_text(seen(loosened, np.concatenate([states, 1.05 * loosened[None]]), inputs=inputs, job="loose"), fitted) == ""
+    assert hammers_text(seen(exchanged, states, inputs=inputs, job="loose"), lambda _: None) == ""

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from looking import seen
 
 import lrbc_cli as lrbc
 from lrbc_cli.campaign.identification.compared.likeness import apart_there, off_level
@@ -46,7 +47,8 @@ def reach(bolt: list[int] | None) -> tuple[np.ndarray, np.ndarray]:
     P, ports = parameters(bolt), three_masses().reduction.model.ports(S)
     model = port_model(ports, P)
     source: Any = SimpleNamespace(model=lambda s, parameters: model, known={})
-    level, rest = reach_of_one(source, P, S, model.frf(P.initial))
+    states = model.frf(P.initial)[None]
+    level, rest = reach_of_one(seen(states[0], states, hz=HZ, source=source, parameters=P))
     return np.asarray(level), np.asarray(rest)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from looking import seen
 
 from lrbc_cli.campaign.looking import tables
 from lrbc_cli.campaign.looking.tables import other_tables
@@ -27,8 +28,8 @@ def frf(springs: np.ndarray, times: float = 1.0) -> np.ndarray:
     return modes @ SHAPES
 
 
-def campaign() -> tuple[Any, Any, Any]:
-    """Inputs, source and parameters of that beam, a table of springs for each group."""
+def campaign() -> tuple[Any, Any]:
+    """Source and parameters of that beam, a table of springs for each group."""
     groups = [
         SimpleNamespace(name=n, config=SimpleNamespace(select=SimpleNamespace(bushings=Path(f"{n}.csv")))) for n in ("axial", "rocking")
     ]
@@ -43,12 +44,13 @@ def campaign() -> tuple[Any, Any, Any]:
         for i, group in enumerate(groups)
     ]
     model = SimpleNamespace(nearby=lambda _: lambda values: np.array([frf(row) for row in values]))
-    return inputs, SimpleNamespace(model=lambda s, parameters: model), SimpleNamespace(initial=np.zeros(2), placed=placed, size=2)
+    return SimpleNamespace(inputs=inputs, model=lambda s, parameters: model), SimpleNamespace(initial=np.zeros(2), placed=placed, size=2)
 
 
 def told(measured: np.ndarray) -> str:
-    inputs, source, parameters = campaign()
-    return "; ".join(other_tables(inputs, source, measured, S, frf(np.zeros(2)), parameters).values())
+    source, parameters = campaign()
+    job = seen(measured, frf(np.zeros(2))[None], source=source, parameters=parameters)
+    return "; ".join(other_tables(job).values())
 
 
 def test_one_table_or_all_of_them_in_another_unit() -> None:

@@ -7,15 +7,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from looking import seen
 
 from lrbc_cli.campaign.looking import tightness
+from lrbc_cli.campaign.looking.states import Seen
 
 
-def job(spread_db: float, seed: int) -> Any:
+def job(spread_db: float, seed: int) -> np.ndarray:
     """FRFs whose levels are apart from a model of ones by so much in the mean."""
     levels = np.random.default_rng(seed).normal(size=(400, 3))
     levels *= spread_db / np.abs(levels - np.median(levels, axis=0)).mean(axis=0)
-    return SimpleNamespace(frequency_hz=np.arange(400.0), values=10.0 ** (levels / 20.0) + 0j)
+    return np.asarray(10.0 ** (levels / 20.0) + 0j)
 
 
 def campaign(*baselines: str) -> Any:
@@ -23,12 +25,16 @@ def campaign(*baselines: str) -> Any:
     return SimpleNamespace(campaign=SimpleNamespace(update=update, calibration=None))
 
 
+def beside(inputs: Any, name: str, measured: np.ndarray) -> Seen:
+    """A job beside that model."""
+    parameters, states = SimpleNamespace(placed=()), np.ones((1, 400, 3), dtype=complex)
+    return seen(measured, states, job=name, inputs=inputs, parameters=parameters, loosened=[np.zeros(0, dtype=np.int64)])
+
+
 def tighter(monkeypatch: pytest.MonkeyPatch, other_db: float, *baselines: str) -> str:
-    monkeypatch.setattr(tightness, "few_lines", lambda found: found)
-    monkeypatch.setattr(tightness, "parameterise", lambda *_: (None, {}))
-    monkeypatch.setattr(tightness, "states_of", lambda *_: (np.ones((1, 400, 3), dtype=complex), []))
-    jobs = {"tight": job(8.3, 1), "tight-2": job(other_db, 2)}
-    return tightness.tighter_text(campaign(*baselines), None, jobs, "tight")  # type: ignore[arg-type]
+    monkeypatch.setattr(tightness.Seen, "of", lambda _, name, whole: beside(campaign(*baselines), name, whole))
+    jobs: dict[str, Any] = {"tight": job(8.3, 1), "tight-2": job(other_db, 2)}
+    return tightness.tighter_text(beside(campaign(*baselines), "tight", jobs["tight"]), jobs)
 
 
 def test_a_baseline_that_is_nearer_to_the_tight_model_names_a_loose_bolt_in_the_reference_job(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -46,26 +52,19 @@ def test_two_tight_jobs_as_far_from_the_model_are_no_finding(monkeypatch: pytest
     assert tighter(monkeypatch, 5.9, "tight-2") == ""
 
 
+def weighed(own: np.ndarray, held: np.ndarray) -> str:
+    return tightness.not_tight(beside(campaign("tight-2"), "tight-2", own), held)
+
+
 def test_of_two_jobs_far_apart_the_one_nearer_to_the_tight_model_is_tight() -> None:
-    states, own = np.ones((1, 400, 3), dtype=complex), job(8.0, 3).values
-    fixes = campaign("tight-2")
-    parameters: Any = SimpleNamespace(placed=())
-    fits = {"tight": 6.5, "tight-2": 3.9}
-    text = tightness.not_tight(fixes, fits, own, states, [np.zeros(0, dtype=np.int64)], parameters)
+    text = weighed(job(3.9, 3), job(6.5, 4))
     assert "was a bolt loose in tight? Correct jobs.tight.frf" in text
-    fits = {"tight": 4.0, "tight-2": 3.9}
-    text = tightness.not_tight(fixes, fits, own, states, [np.zeros(0, dtype=np.int64)], parameters)
+    text = weighed(job(3.9, 3), 1.0 / job(4.0, 3))
     assert "was all tight there? Take it out of update.baselines" in text
 
 
 def test_a_baseline_near_the_reference_job_is_weighed_by_the_tight_model_too() -> None:
     """A loosened reference job need not lie 6 dB from a tight one."""
-    states, own = np.ones((1, 400, 3), dtype=complex), job(4.2, 3).values
-    parameters: Any = SimpleNamespace(placed=())
-
-    def text(**fits: float) -> str:
-        found = {"tight": fits["tight"], "tight-2": fits["other"]}
-        return tightness.not_tight(campaign("tight-2"), found, own, states, [np.zeros(0, dtype=np.int64)], parameters)
-
-    assert "nearer to the tight model (2.1 dB) than that (4.3 dB): was a bolt loose in tight?" in text(tight=4.3, other=2.1)
-    assert text(tight=2.6, other=2.1) == ""
+    text = weighed(job(2.1, 3), job(4.3, 4))
+    assert "nearer to the tight model (2.1 dB) than that (4.3 dB): was a bolt loose in tight?" in text
+    assert weighed(job(2.1, 3), job(2.6, 4)) == ""

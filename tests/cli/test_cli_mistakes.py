@@ -10,6 +10,8 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import h5py
 import numpy as np
@@ -19,6 +21,7 @@ import scipy.sparse as sp
 from campaigns import Folder, Result, lrbc
 from campaigns import frame as make_frame
 from campaigns import plate as make_plate
+from looking import seen
 from samples import reduced_cache
 
 from lrbc_cli.campaign.looking import rescaled
@@ -1823,14 +1826,14 @@ def test_factors_that_explain_nothing_cost_a_few_full_lines_each(tmp_path: Path,
 
     monkeypatch.setattr(rescaled, "full_ports", counted)
     inputs = make_plate(tmp_path).inputs()
-    s = 2j * np.pi * np.linspace(200.0, 800.0, 200)
-    noise, smooth = np.random.default_rng(0).normal(size=(200, 5)) + 0j, np.ones((200, 5), dtype=complex)
-    dynamic = np.ones((200, inputs.model.terms.size), dtype=complex)
-    assert rescaled.rescaled_text(inputs, s, 10.0**noise, smooth, dynamic, 6.0) is None
+    noise, smooth = np.random.default_rng(0).normal(size=(200, 5)) + 0j, np.ones((1, 200, 5), dtype=complex)
+    parameters: Any = SimpleNamespace(initial=None, dynamic=lambda _, s: np.ones((s.size, inputs.model.terms.size), dtype=complex))
+    job = seen(10.0**noise, smooth, hz=np.linspace(200.0, 800.0, 200), inputs=inputs, parameters=parameters)
+    assert rescaled.rescaled_text(job, 6.0) is None
     # Four units, one or two digits, two gravities.
     assert solved == [12] * 8
     monkeypatch.setattr(rescaled, "MOST_WORK", 1e3)
-    assert rescaled.rescaled_text(inputs, s, 10.0**noise, smooth, dynamic, 6.0) is None
+    assert rescaled.rescaled_text(job, 6.0) is None
     assert len(solved) == 8
 
 

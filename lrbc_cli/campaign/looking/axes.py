@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, MOST_LEFT, levels, spread
 from lrbc_cli.campaign.identification.records import MIN_BAND, Measurement, unlike
+from lrbc_cli.campaign.looking.states import Seen
 
 #: Rates of 44.1 to 51.2 kHz are taken for one another.
 RATES = 1.25
@@ -117,19 +117,18 @@ def shifted(own: Measurement, other: Measurement, *, most: float = 2.0) -> str:
     return f"{abs(aside):.3g} Hz {'higher' if aside > 0.0 else 'lower'}"
 
 
-def stretched_text(measurement: Measurement, frequency_hz: Floats, model: Complexes, *, most: float = 2.0, steps: int = 280) -> str | None:
+def stretched_text(measurement: Measurement, seen: Seen, *, most: float = 2.0, steps: int = 280) -> str | None:
     """By which factor all frequencies of a measurement are off from the model's, and what to do; None where no factor explains it.
 
     Parameters
     ----------
     measurement : Measurement
-        Of the tight state, which the model does not explain as it is.
-    frequency_hz, model : (F,) float and (F, R) complex arrays
-        Lines, and the model at the start values there.
+        Of the tight state, on all its lines, which the model does not explain as it is.
+    seen : Seen
     most, steps : float, int
         Factors from one over it to it, evenly spaced in their logarithm, so many to each side.
     """
-    own, here = levels(measurement.values), levels(model)
+    own, here, frequency_hz = levels(measurement.values), levels(seen.model), seen.measurement.frequency_hz
 
     def left(factor: float) -> float:
         read = np.column_stack([np.interp(frequency_hz * factor, measurement.frequency_hz, level, np.nan, np.nan) for level in own.T])

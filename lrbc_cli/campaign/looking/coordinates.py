@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, apart, apart_there
-from lrbc_cli.campaign.looking.moved import LINES, Seen
+from lrbc_cli.campaign.looking.moved import LINES
 from lrbc_cli.campaign.looking.rescaled import MOST_WORK
+from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.memory import reduction_cost
 from lrbc_cli.errors import LrbcError
@@ -40,29 +41,27 @@ class _Other:
     turned: bool = False
 
 
-def coordinates_texts(seen: Seen, model: Complexes, *, unlike: bool) -> tuple[dict[tuple[int, ...], str], Floats]:
+def coordinates_texts(seen: Seen, *, unlike: bool) -> tuple[dict[tuple[int, ...], str], Floats]:
     """What to say of sensors that come nearer with coordinates exchanged, by the responses of each, and the misfits then, (R,) [dB].
 
     Parameters
     ----------
     seen : Seen
-    model : (F, R) complex array
-        At the stated places, on the lines of ``seen``.
     unlike : bool
         Whether most responses are far from the model: then all sensors may be elsewhere.
     """
     inputs, dofs = seen.inputs, seen.inputs.dofs
-    left = apart(seen.measured, model)
+    left = apart(seen.measured, seen.model)
     if dofs is None or reduction_cost(inputs)[0].line * LINES > MOST_WORK:
         return {}, left
-    few = seen.few()
-    before = apart(few.measured, model[np.isin(seen.s, few.s)])
+    few = seen.few(LINES)
+    before = apart(few.measured, few.model)
     typical = FARTHER * float(np.median(before))
     least = LEAST_DIFFERENCE if unlike else max(LEAST_DIFFERENCE, typical)
     others = [other for other in _others(inputs, dofs) if before[list(other.responses)].mean() > least]
-    told: dict[tuple[int, ...], str] = {}
+    largest, told = float(np.abs(seen.model).max()), dict[tuple[int, ...], str]()
     with suppress(LrbcError):
-        each = sorted(zip(others, _misfits(few, others, float(np.abs(model).max())), strict=True), key=lambda pair: float(pair[1].mean()))
+        each = sorted(zip(others, _misfits(few, others, largest), strict=True), key=lambda pair: float(pair[1].mean()))
         for other, after in each:
             own = list(other.responses)
             # Where the model is far from most responses, it has to come near at the other place.
@@ -75,25 +74,18 @@ def coordinates_texts(seen: Seen, model: Complexes, *, unlike: bool) -> tuple[di
     return told, left
 
 
-def mirrored_text(seen: Seen, model: Complexes) -> str:
-    """What to say where all sensors together come near with one coordinate counted from the other side; empty where they do not.
-
-    Parameters
-    ----------
-    seen : Seen
-    model : (F, R) complex array
-        At the stated places, on the lines of ``seen``.
-    """
+def mirrored_text(seen: Seen) -> str:
+    """What to say where all sensors together come near with one coordinate counted from the other side; empty where they do not."""
     inputs, dofs = seen.inputs, seen.inputs.dofs
     if dofs is None or reduction_cost(inputs)[0].line * LINES > MOST_WORK:
         return ""
-    few = seen.few()
+    few = seen.few(LINES)
     ways = [way for axis in range(3) if (way := _mirrored(inputs, dofs, axis))]
     with suppress(LrbcError):
-        each = iter(_misfits(few, [other for others in ways for other in others], float(np.abs(model).max())))
+        each = iter(_misfits(few, [other for others in ways for other in others], float(np.abs(seen.model).max())))
         for others in ways:
             own = [i for other in others for i in other.responses]
-            before = float(np.median(apart(few.measured[:, own], model[np.isin(seen.s, few.s)][:, own])))
+            before = float(np.median(apart(few.measured[:, own], few.model[:, own])))
             after = float(np.median(np.concatenate([next(each) for _ in others])))
             if before > LEAST_DIFFERENCE and after <= min(MOST_LEFT, CLEARLY * before):
                 unit, first = inputs.campaign.unit_system.length, others[0]
@@ -144,7 +136,7 @@ def _misfits(seen: Seen, others: Sequence[_Other], largest: float) -> list[Float
     L = sp.csc_array((np.ones(at.size), (np.arange(at.size), at)), (at.size, model.size))
     moved = replace(model, L=L, output_power=model.output_power[responses], extras={})
     ports = full_ports(moved, seen.inputs.input_of[responses], seen.s, seen.inputs.campaign.reduction.band)
-    computed = ports.evaluate(seen.parameters.dynamic(seen.parameters.initial, seen.s))
+    computed = ports.evaluate(seen.dynamic)
     found = apart_there(seen.measured[:, responses], computed, largest)
     return np.split(found, np.cumsum([len(other.responses) for other in others])[:-1])
 

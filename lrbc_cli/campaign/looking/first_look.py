@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.compared.doubts import LEAST_BAND, factors_of, offset_texts, sideways_text, trusted
 from lrbc_cli.campaign.identification.compared.likeness import (
     CLEARLY,
@@ -26,15 +26,14 @@ from lrbc_cli.campaign.identification.compared.likeness import (
     turned,
 )
 from lrbc_cli.campaign.identification.records import Measurement
-from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.looking.axes import stretched_text
 from lrbc_cli.campaign.looking.common import OfJob, Told, each_once, pooled, told_of_all
 from lrbc_cli.campaign.looking.coordinates import coordinates_texts, mirrored_text
 from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, strike_text
 from lrbc_cli.campaign.looking.held import held_text, supports_text
-from lrbc_cli.campaign.looking.moved import Seen, hammer_text, hammers_text, sensor_text, unmoved_text
+from lrbc_cli.campaign.looking.moved import hammer_text, hammers_text, sensor_text, unmoved_text
 from lrbc_cli.campaign.looking.rescaled import overdamped_text, rescaled_text, softness_text
-from lrbc_cli.campaign.looking.states import beside_model, few_lines, looked_at, nearest_states, reach_of_one, states_of, values_of
+from lrbc_cli.campaign.looking.states import Seen, nearest_states, reach_of_one
 from lrbc_cli.campaign.looking.tables import other_tables
 from lrbc_cli.campaign.looking.tightness import UNLIKE, looser, not_tight, taken_as_tight, tighter_text
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -43,7 +42,6 @@ from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, reduction_cost
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, require_baselines
 from lrbc_cli.errors import DataError, LrbcError
-from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.build import reduce_model
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.updating.comparison.scale import Offset
@@ -134,7 +132,7 @@ def first_look(
             # What is wrong with the reference job, too, does not show beside it.
             tight = measurements.get(reference or "") if not own and name != reference else None
             progress(f"comparing {name} with the model, job {len(found) + 1} of {len(order)}")
-            found[name] = _looked_at(inputs, source, {job: measurements[job] for job in order}, name, tight)
+            found[name] = _looked_at(source, {job: measurements[job] for job in order}, name, tight)
         told = told_of_all(inputs, found, reference or "")
         shared = pooled(told, reference)
         kinds = {name: {kind for kind in own if kind[0] in _OF_NUMBERS} for name, own in shared.items()}
@@ -171,78 +169,62 @@ def _lacking(inputs: Inputs, source: FrfSource) -> list[str]:
     return []
 
 
-def _looked_at(
-    inputs: Inputs, source: FrfSource, measurements: Mapping[str, Measurement], name: str, tight: Measurement | None = None
-) -> OfJob:
+def _looked_at(source: FrfSource, measurements: Mapping[str, Measurement], name: str, tight: Measurement | None = None) -> OfJob:
     """What is found of one of the jobs.
 
     Beside the model, and the reference job if given.
     """
-    measurement, reference = measurements[name], str(inputs.campaign.update.reference)
-    lines, few = looked_at(measurement), few_lines(measurement)
-    s = 2j * np.pi * few.frequency_hz
-    parameters, _ = parameterise(inputs, source, s)
-    states, loosened = states_of(source, parameters, s)
-    beside = beside_model(measurement, tight, lines, states[0])
-    states = np.concatenate([states, *beside])
-    fitted = _fitted(inputs, source, s, few.values, states, tight.values[lines] if beside and tight is not None else None)
-    states = states if fitted is None else np.concatenate([states, fitted[None]])
-    reading = other_reading(inputs, few.frequency_hz, few.values, states, name)
-    if name == inputs.campaign.update.reference:
-        before = float(np.median(apart(few.values, states[0])))
+    seen = Seen.of(source, name, measurements[name], tight)
+    inputs, held = seen.inputs, seen.held
+    seen = seen.beside(held)
+    fitted = None if held is None or seen.left <= NEAR else _fit(seen)
+    seen = seen.beside(fitted)
+    reading = other_reading(inputs, seen.measurement.frequency_hz, seen.measured, seen.states, name)
+    if seen.reference:
+        before = float(np.median(apart(seen.measured, seen.model)))
         most = 0.0 if before < LEAST_DIFFERENCE else CLEARLY * before if reading is None else reading.after
-        text = overdamped_text(inputs, s, few.values, states[0], parameters.dynamic(parameters.initial, s), most) if most else None
-        if text is not None:
+        if most and (text := overdamped_text(seen, most)):
             return OfJob({("damping",): text})
     if reading is not None:
         return OfJob({("read",): reading.text})
-    if beside and name in taken_as_tight(inputs):
-        # What the model lacks in the reference job it lacks in another tight one, too.
-        own = few.values * np.where(beside[0][0] != 0, states[0] / np.where(beside[0][0] != 0, beside[0][0], 1.0), np.nan)
-        fits = {job: float(np.median(apart(values, states[0]))) for job, values in ((reference, beside[0][0]), (name, few.values))}
-        if loose := not_tight(inputs, fits, own, states, loosened, parameters):
-            return OfJob({("freed",): loose})
-    again = (
-        partial(_fit_exchanged, inputs, source, s, few.values, tight.values[lines]) if fitted is not None and tight is not None else None
-    )
-    if hammers := hammers_text(inputs, few.values, states, name, again) or unmoved_text(inputs, few.values, states[0]):
+    assumed = name in taken_as_tight(inputs)
+    if held is not None and assumed and (loose := not_tight(seen, held)):
+        return OfJob({("freed",): loose})
+    again = None if fitted is None else partial(_fit_exchanged, seen)
+    if hammers := hammers_text(seen, again) or unmoved_text(seen):
         return OfJob({("hammers",): hammers})
-    if fitted is not None and (strike := strike_text(inputs, few.values, fitted, name)):
+    if fitted is not None and (strike := strike_text(seen, fitted)):
         return OfJob({("strike",): strike})
-    near = [*nearest_states(few, states), *(state[0] for state in beside), *([] if fitted is None else [fitted])]
-    leads = name == reference
     # Where all bolts are taken as tight, none is to blame.
-    reach = (0.0, 0.0) if leads or name in taken_as_tight(inputs) else reach_of_one(source, parameters, s, states[0])
+    reach = (0.0, 0.0) if seen.reference or assumed else reach_of_one(seen)
     # Real and imaginary parts in each other's place run backwards, too.
-    how = sideways(few.values, states)
-    backwards = not how and run_backwards(measurement.frequency_hz, measurement.values)
-    told, offsets = _channels(inputs, few, states, near, name, reach[0], backwards=backwards)
+    how = sideways(seen.measured, seen.states)
+    backwards = not how and run_backwards(measurements[name].frequency_hz, measurements[name].values)
+    near = [*nearest_states(seen), *(state for state in (held, fitted) if state is not None)]
+    told, offsets = _channels(seen, near, reach[0], backwards=backwards)
     if not told and how:
         return OfJob({("sideways", how): sideways_text(inputs, how, name)})
-    if not told and name == inputs.campaign.update.reference:
-        told |= other_tables(inputs, source, few.values, s, states[0], parameters) or _unlike(
-            inputs, few.values, s, states, loosened, parameters, partial(tighter_text, inputs, source, measurements, name)
-        )
-        if ("unlike",) in told and (text := stretched_text(measurement, few.frequency_hz, states[0])):
+    if not told and seen.reference:
+        told |= other_tables(seen) or _unlike(seen, measurements)
+        if ("unlike",) in told and (text := stretched_text(measurements[name], seen)):
             told = {("stretched",): text}
-    told = _placed(Seen(inputs=inputs, s=s, measured=few.values, parameters=parameters, reference=leads, known=source.known), states, told)
-    if not told and beside:
-        told |= _beside_tight(inputs, few.values, beside[0][0], name, reach)
+    told = _placed(seen, told)
+    if not told and held is not None:
+        told |= _beside_tight(seen, held, reach)
         if not told and fitted is not None:
-            told |= _foreign(few.values, states, beside[0][0])
+            told |= _foreign(seen, held)
     return OfJob(told, offsets)
 
 
-def _channels(
-    inputs: Inputs, few: Measurement, states: Complexes, near: list[Complexes], name: str, movable: Floats | float, *, backwards: bool
-) -> tuple[Told, tuple[Offset, ...]]:
-    """Channels in each other's place, and factors and phases of the others; beside (S, F, R) states and the nearest of them.
+def _channels(seen: Seen, near: list[Complexes], movable: Floats | float, *, backwards: bool) -> tuple[Told, tuple[Offset, ...]]:
+    """Channels in each other's place, and factors and phases of the others; the latter beside the nearest states.
 
     A factor that is no larger than what one loosened bolt does to the level, ``movable``, (R,) or of all [dB], may be a loosened bolt. Of
     FRFs that run backwards the phases say nothing else.
     """
-    exchanges = exchanged(inputs, few.values, nearest_states(few, states, NEAREST))
-    offsets = factors_of(inputs, few, near)
+    inputs = seen.inputs
+    exchanges = exchanged(inputs, seen.measured, nearest_states(seen, NEAREST))
+    offsets = factors_of(inputs, seen.measurement, near)
     involved = {i for cycle in exchanges for i in cycle}
     by_bolt = np.broadcast_to(movable, len(inputs.responses))
     if backwards:
@@ -254,59 +236,45 @@ def _channels(
     )
     # A power of the frequency, a delay and the other convention turn phases, too.
     if not any(o.power or o.delay or o.conjugate or o.reversed for o in offsets):
-        opposite = turned(few.values, states)
+        opposite = turned(seen.measured, seen.states)
         offsets = tuple(replace(o, reversed=o.response in opposite) for o in offsets)
-    told = offset_texts(inputs, offsets, name)
-    return told | {("exchanged", *cycles): exchanged_text(inputs, cycles, name) for cycles in by_sensors(inputs, exchanges)}, offsets
+    told = offset_texts(inputs, offsets, seen.job)
+    return told | {("exchanged", *cycles): exchanged_text(inputs, cycles, seen.job) for cycles in by_sensors(inputs, exchanges)}, offsets
 
 
-def _fitted(
-    inputs: Inputs, source: FrfSource, s: Complexes, measured: Complexes, states: Complexes, tight: Complexes | None
-) -> Complexes | None:
-    """(F, R) what would be measured in the state of the bolts that comes nearest.
-
-    None where one of the states is near already, where no bolt has values, and without the tight state on the same lines.
-    """
-    if tight is None or float(np.median(apart(measured, states), axis=1).min()) <= NEAR:
-        return None
-    return _fit(inputs, source, s, measured, tight)
+def _fit(seen: Seen) -> Complexes | None:
+    """(F, R) what would be measured in the state of the bolts that comes nearest; None where no bolt has values, or without tight state."""
+    theta = fitted_theta(seen)
+    return None if theta is None else expected_frf(seen, theta)
 
 
-def _fit(inputs: Inputs, source: FrfSource, s: Complexes, measured: Complexes, tight: Complexes) -> Complexes | None:
-    """The same, however near another state is."""
-    parameters, _ = parameterise(inputs, source, s)
-    theta = fitted_theta(inputs, source, s, measured, tight, parameters)
-    return None if theta is None else expected_frf(inputs, source, s, theta, tight, parameters)
-
-
-def _fit_exchanged(
-    inputs: Inputs, source: FrfSource, s: Complexes, measured: Complexes, tight: Complexes, exchanged: Complexes, *, further: float = 1.1
-) -> Complexes | None:
+def _fit_exchanged(seen: Seen, exchanged: Complexes, *, further: float = 1.1) -> Complexes | None:
     """The same for records in each other's place; None where they are so much further from the tight state than as they stand.
 
     A fit takes half a second, and right records lie 1.3 to 5 times nearer than exchanged ones unless most bolts are loose.
     """
-    moved = np.flatnonzero((exchanged != measured).any(axis=0))
-    as_stated, now = (float(np.median(apart(values[:, moved], tight[:, moved]))) for values in (measured, exchanged))
-    return _fit(inputs, source, s, exchanged, tight) if now <= further * as_stated else None
+    assert seen.tight is not None
+    moved, tight = np.flatnonzero((exchanged != seen.measured).any(axis=0)), seen.tight
+    as_stated, now = (float(np.median(apart(values[:, moved], tight[:, moved]))) for values in (seen.measured, exchanged))
+    return _fit(seen.reading(exchanged)) if now <= further * as_stated else None
 
 
-def _beside_tight(inputs: Inputs, measured: Complexes, tight: Complexes, name: str, reach: tuple[Floats | float, Floats | float]) -> Told:
+def _beside_tight(seen: Seen, tight: Complexes, reach: tuple[Floats | float, Floats | float]) -> Told:
     """Responses that alone lie far from the reference job, (F, R) each, or have left their level there, by more than one bolt can do.
 
     ``reach`` is what that is, see ``reach_of_one``; distances count from twice that on, for a model errs.
     """
-    reference = str(inputs.campaign.update.reference)
-    away, every = off_level(inputs, measured, tight, reference, name, reach[0]), apart(measured, tight)
-    alone = _alone(inputs, every, f"that of {reference}", name)
+    reference = str(seen.inputs.campaign.update.reference)
+    away, every = off_level(seen.inputs, seen.measured, tight, reference, seen.job, reach[0]), apart(seen.measured, tight)
+    alone = _alone(seen.inputs, every, f"that of {reference}", seen.job)
     far = {i for i in range(every.size) if CLEARLY * every[i] > np.broadcast_to(reach[1], every.shape)[i]}
     return {key: text for key, text in alone.items() if key[1] in far} | {("level", i): text for i, text in away.items()}
 
 
-def _foreign(measured: Complexes, states: Complexes, tight: Complexes) -> Told:
+def _foreign(seen: Seen, tight: Complexes) -> Told:
     """What to say of a measurement that no state comes near, a fitted one among them, where the tight one comes near its own, the first."""
-    least = float(np.median(apart(measured, states), axis=1).min())
-    if least <= max(UNLIKE, float(np.median(apart(tight, states[0]))) / CLEARLY):
+    least = seen.left
+    if least <= max(UNLIKE, float(np.median(apart(tight, seen.model))) / CLEARLY):
         return {}
     text = (
         f"no state of the bolts that was tried comes near: levels are {least:.1f} dB apart at best, constants taken out, after a first, "
@@ -316,45 +284,36 @@ def _foreign(measured: Complexes, states: Complexes, tight: Complexes) -> Told:
     return {("foreign",): text}
 
 
-def _placed(seen: Seen, states: Complexes, told: Told) -> Told:
-    """What is told of a job, and places of the hammer or a sensor, or nodes that are held, where they explain what nothing else does.
-
-    Parameters
-    ----------
-    seen : Seen
-    states : (S, F, R) complex array
-        Of the model, at the start values first.
-    told : dict
-    """
-    away = apart(seen.measured, states)
+def _placed(seen: Seen, told: Told) -> Told:
+    """What is told of a job, and places of the hammer or a sensor, or nodes that are held, where they explain what nothing else does."""
+    away = apart(seen.measured, seen.states)
     every = np.median(away, axis=1)
     # Of sensors that all are mirrored some seem exchanged, and the others are far off, too.
     involved = {i for kind in told if kind[0] == "exchanged" for cycle in kind[1:] if isinstance(cycle, tuple) for i in cycle}
     others = np.setdiff1d(np.arange(away.shape[1]), list(involved))
     beyond = not told or ("unlike",) in told or (involved and (not others.size or float(np.median(away[0, others])) > LEAST_DIFFERENCE))
-    if seen.reference and beyond and float(every[0]) > LEAST_DIFFERENCE and (mirrored := mirrored_text(seen, states[0])):
+    if seen.reference and beyond and float(every[0]) > LEAST_DIFFERENCE and (mirrored := mirrored_text(seen)):
         return {("mirrored",): mirrored}
     # Bolts may be in another state than those that are looked at: the model is as near as that where it is right.
     # A reference job that is neither near nor far is looked at, too: nothing is loose there that could be the reason.
     if ("unlike",) in told or (not told and float(every.min()) > (LEAST_DIFFERENCE if seen.reference else UNLIKE)):
-        if text := hammer_text(seen, values_of(seen.parameters)[0], most=LEAST_DIFFERENCE, stated=away):
+        if text := hammer_text(seen, away):
             return {("hammer",): text}
-        dynamic = seen.parameters.dynamic(seen.parameters.initial, seen.s)
-        if seen.reference and (text := held_text(seen.inputs, seen.s, seen.measured, dynamic, float(every[0]))):
+        if seen.reference and (text := held_text(seen, float(every[0]))):
             return {("held",): text}
         if seen.reference and ("unlike",) in told:
-            told = told | {("unlike",): told["unlike",] + supports_text(seen.inputs)}
+            told = told | {("unlike",): told["unlike",] + supports_text(seen)}
     if not seen.reference:
         return told
-    told = _stated(seen, states[0], told)
+    told = _stated(seen, told)
     return {key: text + (sensor_text(seen, int(str(key[1]))) if key[0] == "alone" else "") for key, text in told.items()}
 
 
-def _stated(seen: Seen, model: Complexes, told: Told) -> Told:
+def _stated(seen: Seen, told: Told) -> Told:
     """What is told of the reference job, and sensors with coordinates exchanged, whose FRFs are not told otherwise then."""
     if not {kind for kind, *_ in told} <= {"unlike", "alone"}:
         return told
-    found, left = coordinates_texts(seen, model, unlike=("unlike",) in told)
+    found, left = coordinates_texts(seen, unlike=("unlike",) in told)
     elsewhere = {i for responses in found for i in responses}
     kept = {
         key: text
@@ -364,40 +323,30 @@ def _stated(seen: Seen, model: Complexes, told: Told) -> Told:
     return {("coordinates", *responses): text for responses, text in found.items()} | kept
 
 
-def _unlike(
-    inputs: Inputs,
-    measured: Complexes,
-    s: Complexes,
-    states: Complexes,
-    loosened: list[Integers],
-    parameters: Parameterisation,
-    tighter: Callable[[], str],
-) -> Told:
+def _unlike(seen: Seen, measurements: Mapping[str, Measurement]) -> Told:
     """What is said of a tight state that is not explained, though no factor and no sensor in another's place is to blame.
 
-    ``tighter`` tells which other jobs are nearer to the tight model.
+    Measurements of all jobs: others may be nearer to the tight model.
     """
-    model = states[0]
-    every = apart(measured, model)
+    inputs, every = seen.inputs, apart(seen.measured, seen.model)
     own = every[inputs.used]
     typical = float(np.median(every))
     told: Told = {}
     if typical > LEAST_DIFFERENCE:
-        text = rescaled_text(inputs, s, measured, model, parameters.dynamic(parameters.initial, s), typical)
+        text = rescaled_text(seen, typical)
         if text is not None:
             return {("rescaled",): text}
     if float(np.median(own)) > UNLIKE:
         causes = "the springs whose places are warned of may be the reason; else " if inputs.springs_doubt else ""
         causes += (
             "check the mass sum (units of the model), the material of each part, damping, start values, places and directions of hammer "
-            "and sensors (lrbc check --picture); errors of some per cent are what `lrbc calibrate` is for"
-            + softness_text(measured, model, s)
+            "and sensors (lrbc check --picture); errors of some per cent are what `lrbc calibrate` is for" + softness_text(seen)
         )
-        if free := looser(inputs, measured, states, loosened, parameters, typical):
+        if free := looser(seen, typical):
             causes = f"it is the reference job{free} Name a tight job under update.reference, or measure it again; else {causes}"
         told["unlike",] = (
             f"measured and computed FRFs have little in common, it seems: {min(own):.1f} to {max(own):.1f} dB apart at the start "
-            f"values, constants taken out: {tighter()}{causes}"
+            f"values, constants taken out: {tighter_text(seen, measurements)}{causes}"
         )
     return told | _alone(inputs, every, "the model")
 

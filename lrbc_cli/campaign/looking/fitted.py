@@ -7,9 +7,9 @@ import numpy as np
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, MOST_LEFT, apart, levels
 from lrbc_cli.campaign.identification.weights import correction
+from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.campaign.reduced.stage import FrfSource
-from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.comparison.scale import LEAST_LINES
 from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.search.descent import descend
@@ -21,30 +21,14 @@ from lrbc_cli.updating.unknowns.shapes import bolt_shapes, neighbouring_columns
 ANY_LEVEL_DB = 20.0
 
 
-def fitted_theta(
-    inputs: Inputs,
-    source: FrfSource,
-    s: Complexes,
-    measured: Complexes,
-    tight: Complexes,
-    parameters: Parameterisation,
-    *,
-    lines: int = 100,
-    iterations: int = 6,
-    kept: int = 2,
-) -> Floats | None:
-    """State of the bolts that comes nearest to a measurement; None where no bolt has values.
+def fitted_theta(seen: Seen, *, lines: int = 100, iterations: int = 6, kept: int = 2) -> Floats | None:
+    """State of the bolts that comes nearest to a measurement; None where no bolt has values, or no tight state is known.
 
     Levels of responses do not count, and large differences count by their size: a sensor in another's place does not draw the bolts to it.
 
     Parameters
     ----------
-    inputs : Inputs
-    source : FrfSource
-    s : (F,) complex array
-    measured, tight : (F, R) complex arrays
-        Of the job, and of the reference job.
-    parameters : Parameterisation
+    seen : Seen
     lines, iterations, kept : int
         That are fitted, about; of each descent; and how many states of the table are descended from.
 
@@ -52,17 +36,18 @@ def fitted_theta(
     -------
     (size,) float array or None
     """
+    inputs, source, parameters, s = seen.inputs, seen.source, seen.parameters, seen.s
     statistics, bolts = inputs.statistics, inputs.bolts
-    if bolts is None:
+    if bolts is None or seen.tight is None:
         return None
     shapes = bolt_shapes(parameters, bolts.xyz, statistics.values, statistics.bolts)
     if not (shapes.bolts >= 0).any():
         return None
     prior, few = parameters.initial, np.arange(0, s.size, max(1, s.size // lines))
-    factor = _factor(inputs, source.model(s, parameters, few).frf(prior), tight[few])
+    factor = _factor(inputs, source.model(s, parameters, few).frf(prior), seen.tight[few])
     misfit = Misfit(
         source.model(s, parameters, few, inputs.used),
-        (measured[few] * factor)[:, inputs.used],
+        (seen.measured[few] * factor)[:, inputs.used],
         prior,
         statistics.values.first_variance,
         shapes.penalty(),
@@ -76,36 +61,35 @@ def fitted_theta(
     return min(ends, key=lambda end: end.evaluation.total).theta
 
 
-def expected_frf(
-    inputs: Inputs, source: FrfSource, s: Complexes, theta: Floats, tight: Complexes, parameters: Parameterisation
-) -> Complexes:
+def expected_frf(seen: Seen, theta: Floats) -> Complexes:
     """(F, R) what would be measured in a state: the measured tight state, (F, R), and what the model changes from its start values."""
-    model = source.model(s, parameters)
-    return np.asarray(model.frf(theta) / _factor(inputs, model.frf(parameters.initial), tight))
+    assert seen.tight is not None
+    model = seen.source.model(seen.s, seen.parameters)
+    return np.asarray(model.frf(theta) / _factor(seen.inputs, model.frf(seen.parameters.initial), seen.tight))
 
 
 def _factor(inputs: Inputs, model: Complexes, tight: Complexes) -> Complexes:
     """(F, R) model over measurement in the tight state; one where that was not measured."""
     found = correction(model, tight, inputs.statistics.errors.most_correction_db)
-    return np.where(np.isfinite(found) & (found != 0), found, 1.0)
+    return np.where(measured_values(found), found, 1.0)
 
 
-def strike_text(inputs: Inputs, measured: Complexes, expected: Complexes, job: str, *, least: int = 3, apart_db: float = 1.0) -> str:
+def strike_text(seen: Seen, expected: Complexes, *, least: int = 3, apart_db: float = 1.0) -> str:
     """Which hammer point's FRFs all lie above or below those of the others, and what to write; empty where none do.
 
     Errors of the model move levels of single responses: they do not part those of one hammer point from all others.
 
     Parameters
     ----------
-    inputs : Inputs
-    measured, expected : (F, R) complex arrays
-        The latter in the state of the bolts that comes nearest.
-    job : str
+    seen : Seen
+    expected : (F, R) complex array
+        In the state of the bolts that comes nearest.
     least : int
         Responses of that point, and of the others.
     apart_db : float
         By which the nearest two of the one and the others are apart at least [dB].
     """
+    inputs, measured, job = seen.inputs, seen.measured, seen.job
     if float(np.median(apart(measured, expected))) > MOST_LEFT:
         return ""
     away = levels(measured) - levels(expected)

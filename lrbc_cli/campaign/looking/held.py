@@ -12,8 +12,8 @@ from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, levels, spread
 from lrbc_cli.campaign.looking.moved import LINES
 from lrbc_cli.campaign.looking.rescaled import MOST_LEFT, MOST_WORK
+from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.doubts.springs import turned_about
-from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.memory import reduction_cost
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
@@ -26,31 +26,27 @@ _ROUNDING = 1e-6
 _MOST_NODES = 1000
 
 
-def held_text(inputs: Inputs, s: Complexes, measured: Complexes, dynamic: Complexes, before: float) -> str | None:
+def held_text(seen: Seen, before: float) -> str | None:
     """Which nodes are held where the model without that explains the tight state, and what to do; None where it does not.
 
     Parameters
     ----------
-    inputs : Inputs
-    s : (F,) complex array
-    measured : (F, R) complex array
-    dynamic : (F, m) complex array
-        Of the terms at the start values.
+    seen : Seen
     before : float
         How far levels are apart as it is, constants taken out, in the median over the responses [dB].
     """
-    dofs, model = inputs.dofs, inputs.model
+    inputs, dofs, model = seen.inputs, seen.inputs.dofs, seen.inputs.model
     if dofs is None or model.is_acoustic.any() or reduction_cost(inputs)[0].line * LINES > MOST_WORK:
         return None
     rows = _held(model.K, dofs, np.unique(model.terms.left.indices))
     if not rows.size:
         return None
-    few = np.unique(np.linspace(0, s.size - 1, min(s.size, LINES)).round().astype(np.int64))
+    few = seen.few(LINES)
     # A damping that follows the stiffness holds the nodes, too; of one that follows the mass next to nothing is lost with it.
     free = {name: (A - sp.diags_array(_forces(A, dofs, rows), format="csc")).tocsc() for name, A in (("K", model.K), ("C", model.C))}
     with suppress(LrbcError):
-        ports = full_ports(replace(model, **free, extras={}), inputs.input_of, s[few], inputs.campaign.reduction.band)
-        left = float(np.median(spread(levels(measured[few]) - levels(ports.evaluate(dynamic[few])), 0)))
+        ports = full_ports(replace(model, **free, extras={}), inputs.input_of, few.s, inputs.campaign.reduction.band)
+        left = float(np.median(spread(levels(few.measured) - levels(ports.evaluate(few.dynamic)), 0)))
         if left <= min(MOST_LEFT, CLEARLY * before):
             nodes = np.unique(dofs.node[rows])
             named = ", ".join(str(node) for node in nodes[:6].tolist()) + (" ..." if nodes.size > 6 else "")
@@ -63,8 +59,9 @@ def held_text(inputs: Inputs, s: Complexes, measured: Complexes, dynamic: Comple
     return None
 
 
-def supports_text(inputs: Inputs) -> str:
+def supports_text(seen: Seen) -> str:
     """That the model holds nodes beside the terms, as a cause of what is unlike; empty where it holds none, or that cannot be told."""
+    inputs = seen.inputs
     dofs, model = inputs.dofs, inputs.model
     if dofs is None or model.is_acoustic.any():
         return ""

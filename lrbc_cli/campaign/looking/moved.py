@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
 
-from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.arrays import Complexes, Floats, Integers, spaced
 from lrbc_cli.campaign.identification.compared import likeness
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart, apart_there, levels
 from lrbc_cli.campaign.looking.rescaled import MOST_LEFT, MOST_WORK
+from lrbc_cli.campaign.looking.states import Seen, values_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.memory import reduction_cost
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
-from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.problem.full import full_ports
 from lrbc_cli.reduction.reduced.ports import PortFrf
 
@@ -29,36 +28,7 @@ LINES, MOST_PLACES, MOST_HITS = 24, 1000, 6000
 _AS_MUCH = 1.5
 
 
-@dataclass(frozen=True, kw_only=True)
-class Seen:
-    """A measurement that the model does not explain.
-
-    Attributes
-    ----------
-    inputs : Inputs
-    s : (F,) complex array
-    measured : (F, R) complex array
-    parameters : Parameterisation
-    reference : bool
-        Whether it is that of the reference job.
-    known : dict
-        What was solved already.
-    """
-
-    inputs: Inputs
-    s: Complexes
-    measured: Complexes
-    parameters: Parameterisation
-    reference: bool
-    known: dict[bytes, Any]
-
-    def few(self) -> Seen:
-        """On as many lines as are compared."""
-        at = np.unique(np.linspace(0, self.s.size - 1, min(self.s.size, LINES)).round().astype(np.int64))
-        return replace(self, s=self.s[at], measured=self.measured[at])
-
-
-def hammer_text(seen: Seen, states: Sequence[Floats], *, most: float, stated: Floats | None = None) -> str | None:
+def hammer_text(seen: Seen, stated: Floats) -> str | None:
     """Where the hammer hit, it seems, and what to do; None where no other place explains the measurement.
 
     By the transposed model: one solve a sensor tells what forces at all places where the hammer may have been do there.
@@ -66,28 +36,23 @@ def hammer_text(seen: Seen, states: Sequence[Floats], *, most: float, stated: Fl
     Parameters
     ----------
     seen : Seen
-    states : sequence of (p,) float arrays
-        Values of the parameters that may be: the nearest state counts.
-    most : float
-        How far levels may be apart from the nearest state as stated before anything is looked for [dB].
-    stated : (S, R) float array or None
-        How far levels are apart as stated, in states that may be [dB]: what other hammer points leave may be left.
+    stated : (S, R) float array
+        How far levels are from those of each state as stated [dB]: what other hammer points leave may be left.
     """
     if seen.inputs.dofs is None or _work(seen.inputs, LINES) > MOST_WORK:
         return None
 
     def left(at: int) -> float:
         others = np.flatnonzero(seen.inputs.input_of != at)
-        return (
-            MOST_LEFT if stated is None or not others.size else max(MOST_LEFT, _AS_MUCH * float(np.median(stated[:, others], axis=1).min()))
-        )
+        return max(MOST_LEFT, _AS_MUCH * float(np.median(stated[:, others], axis=1).min())) if others.size else MOST_LEFT
 
-    found = (_hammer_text(seen.few(), states, at, most, left(at)) for at in range(len(seen.inputs.excitations)))
+    few = seen.few(LINES)
+    found = (_hammer_text(few, at, left(at)) for at in range(len(seen.inputs.excitations)))
     return next((text for text in found if text), None)
 
 
-def _hammer_text(seen: Seen, states: Sequence[Floats], at: int, most: float, most_left: float) -> str | None:
-    """The same of one excitation, by the responses that belong to it; so much may be left."""
+def _hammer_text(seen: Seen, at: int, most_left: float) -> str | None:
+    """The same of one excitation, by the responses that belong to it, in the nearest state of the model; so much may be left."""
     inputs, dofs, load = seen.inputs, seen.inputs.dofs, seen.inputs.model.B[:, [at]].tocoo()
     responses = np.flatnonzero((inputs.input_of == at) & np.isfinite(levels(seen.measured)).all(axis=0))
     # Constants taken out, one response may look like anything, and a distributed load has no place.
@@ -101,7 +66,7 @@ def _hammer_text(seen: Seen, states: Sequence[Floats], at: int, most: float, mos
         some = ports.select(np.arange(seen.s.size), np.arange(responses.size))
         # A place has one row of ports, whichever sensor the force stands at.
         held, base = ports.H0p[:, :: responses.size], ports.H00.reshape(seen.s.size, places.size, responses.size)
-        for state in states:
+        for state in values_of(seen.parameters)[0]:
             values = base + held @ some.drive(seen.parameters.dynamic(state, seen.s))[1]
             # Of what is known throughout this is `spread`, in a tenth of the time.
             difference = level - levels(values)
@@ -110,7 +75,7 @@ def _hammer_text(seen: Seen, states: Sequence[Floats], at: int, most: float, mos
     before, best = float(left[places == own][0]), int(np.argmin(left))
     # Of three directions at its own node one fits by chance less often than of a thousand places.
     limit = likeness.MOST_LEFT if dofs.node[places[best]] == dofs.node[own] else most_left
-    if before <= most or left[best] > min(limit, CLEARLY * before):
+    if before <= LEAST_DIFFERENCE or left[best] > min(limit, CLEARLY * before):
         return None
     name = inputs.excitations[at]
     where, how = _place_text(inputs, dofs, int(places[best]), own)
@@ -121,22 +86,17 @@ def _hammer_text(seen: Seen, states: Sequence[Floats], at: int, most: float, mos
     )
 
 
-def hammers_text(
-    inputs: Inputs, measured: Complexes, states: Complexes, job: str, fitted: Callable[[Complexes], Complexes | None] | None = None
-) -> str:
+def hammers_text(seen: Seen, fitted: Callable[[Complexes], Complexes | None] | None = None) -> str:
     """Which two excitations with sensors in common are in each other's place, and what to write; empty where that explains nothing.
 
     Parameters
     ----------
-    inputs : Inputs
-    measured : (F, R) complex array
-    states : (S, F, R) complex array
-        FRFs of the model; the nearest counts.
-    job : str
+    seen : Seen
     fitted : callable or None
         What (F, R) measured FRFs are in the state of the bolts that comes nearest to them, where that is among the states already: with
         loosened bolts no other is near to records that are exchanged.
     """
+    inputs, measured, states = seen.inputs, seen.measured, seen.states
     for one in range(len(inputs.excitations)):
         for two in range(one):
             ways = ((one, two), (two, one))
@@ -159,31 +119,30 @@ def hammers_text(
                 return (
                     f"{first} and {second} in each other's place, it seems: FRFs of either are the model's of the other: exchange the "
                     f"places of excitation.{first} and excitation.{second}, or, where this job alone is wrong, its "
-                    f"records (jobs.{job}.records)"
+                    f"records (jobs.{seen.job}.records)"
                 )
     return ""
 
 
-def unmoved_text(inputs: Inputs, measured: Complexes, model: Complexes, *, same: float = 0.1, other: float = 0.5, least: int = 3) -> str:
+def unmoved_text(seen: Seen, *, same: float = 0.1, other: float = 0.5, least: int = 3) -> str:
     """Which two excitations gave the same FRFs at all sensors they share, though the model's differ, and what to do; empty where none did.
 
     Parameters
     ----------
-    inputs : Inputs
-    measured, model : (F, R) complex arrays
-        The latter in the tight state.
+    seen : Seen
     same, other : float
         Differences over the size, in the median over the lines: up to which measured FRFs are the same, from which the model's are not.
     least : int
         Sensors in common.
     """
+    inputs = seen.inputs
     for one in range(len(inputs.excitations)):
         for two in range(one):
             pairs = _shared(inputs, two, one)
             own, further = [i for i, _ in pairs], [k for _, k in pairs]
             if len(pairs) < least:
                 continue
-            away = [np.nan_to_num(_relative(H[:, further], H[:, own]), nan=np.inf) for H in (measured, model)]
+            away = [np.nan_to_num(_relative(H[:, further], H[:, own]), nan=np.inf) for H in (seen.measured, seen.model)]
             if away[0].max() <= same and np.median(away[1]) >= other:
                 first, second = inputs.excitations[two], inputs.excitations[one]
                 return (
@@ -211,7 +170,7 @@ def _relative(values: Complexes, others: Complexes) -> Floats:
 def _reciprocal_ports(seen: Seen, places: Integers, responses: Integers) -> PortFrf:
     """FRFs of what forces at the sensors do at places, responses running faster; solved once for all jobs on the same lines."""
     key = b"places" + responses.tobytes() + seen.s.tobytes()
-    if key not in seen.known:
+    if key not in seen.source.known:
         # Transposed: what forces at places do at the sensors, by one solve a sensor. Of a structure without a cavity it is the same.
         model, count = seen.inputs.model, responses.size
         K, C, M = (A.T.tocsc() for A in (model.K, model.C, model.M))
@@ -229,8 +188,8 @@ def _reciprocal_ports(seen: Seen, places: Integers, responses: Integers) -> Port
             extras={},
         )
         inputs_of = np.tile(np.arange(count), places.size)
-        seen.known[key] = full_ports(turned, inputs_of, seen.s, seen.inputs.campaign.reduction.band)
-    found: PortFrf = seen.known[key]
+        seen.source.known[key] = full_ports(turned, inputs_of, seen.s, seen.inputs.campaign.reduction.band)
+    found: PortFrf = seen.source.known[key]
     return found
 
 
@@ -239,7 +198,7 @@ def sensor_text(seen: Seen, response: int) -> str:
     inputs, dofs, point = seen.inputs, seen.inputs.dofs, seen.inputs.model.L[[response]].tocoo()
     if dofs is None or inputs.model.is_acoustic[point.col].any() or point.nnz == 0 or _work(inputs, seen.s.size) > MOST_WORK:
         return ""
-    seen, own = seen.few(), int(point.col[np.argmax(np.abs(point.data))])
+    seen, own = seen.few(LINES), int(point.col[np.argmax(np.abs(point.data))])
     places, model = _places(dofs, own, MOST_PLACES), inputs.model
     rows = sp.csc_array((np.ones(places.size), (np.arange(places.size), places)), (places.size, model.size))
     power = np.full(places.size, model.output_power[response])
@@ -250,7 +209,7 @@ def sensor_text(seen: Seen, response: int) -> str:
             seen.s,
             inputs.campaign.reduction.band,
         )
-        computed = ports.evaluate(seen.parameters.dynamic(seen.parameters.initial, seen.s))
+        computed = ports.evaluate(seen.dynamic)
         left = apart_there(np.broadcast_to(seen.measured[:, [response]], computed.shape), computed, float(np.abs(computed).max()))
         before, best = float(left[places == own][0]), int(np.argmin(left))
         if left[best] <= min(MOST_LEFT, CLEARLY * before):
@@ -272,7 +231,7 @@ def _places(dofs: DofTable, own: int, most: int) -> Integers:
     if alike.size > most:
         near = alike[: most // 2]
         rest = alike[most // 2 :]
-        alike = np.concatenate([near, rest[np.unique(np.linspace(0, rest.size - 1, most - near.size).round().astype(np.int64))]])
+        alike = np.concatenate([near, rest[spaced(rest.size, most - near.size)]])
     found: Integers = np.unique(np.concatenate([[own], here, alike]))
     return found
 

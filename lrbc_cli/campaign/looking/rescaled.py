@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes, Integers
+from lrbc_cli.arrays import Complexes, Integers, spaced
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, levels, spread
-from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.places import GRAVITIES, POWERS, mistake_text
 from lrbc_cli.campaign.reduced.memory import reduction_cost
 from lrbc_cli.errors import LrbcError
@@ -36,42 +36,37 @@ PROMINENCE = 3.0
 LINES, MOST_WORK = 12, 2e12
 
 
-def rescaled_text(inputs: Inputs, s: Complexes, measured: Complexes, computed: Complexes, dynamic: Complexes, before: float) -> str | None:
+def rescaled_text(seen: Seen, before: float) -> str | None:
     """Which matrix is off by which factor, and what to write; None where that explains nothing.
 
     A factor on the stiffness moves all frequencies as its reciprocal on the mass does; the level of the FRFs tells which of the two it is.
 
     Parameters
     ----------
-    inputs : Inputs
-    s : (F,) complex array
-    measured, computed : (F, R) complex arrays
-        The latter at the start values.
-    dynamic : (F, m) complex array
-        Of the terms at the start values.
+    seen : Seen
     before : float
         How far levels are apart as it is, constants taken out, in the median over the responses [dB].
     """
-    seen, here = resonances(measured), resonances(computed)
+    measured, computed = resonances(seen.measured), resonances(seen.model)
     # One more or less at an end of the band is chance.
-    if max(seen, here) + 1 < MORE * min(seen, here):
+    if max(measured, computed) + 1 < MORE * min(measured, computed):
         return None
     found: list[tuple[float, str, float, float]] = []
-    few = _spaced(s.size)
-    s, measured, dynamic = s[few], measured[few], dynamic[few]
-    line, spent = reduction_cost(inputs)[0].line * few.size, 0.0
+    few = seen.few(LINES)
+    inputs = seen.inputs
+    line, spent = reduction_cost(inputs)[0].line * few.s.size, 0.0
     factors = [10.0**power for power in (*sorted(POWERS, key=abs), *_FURTHER)]
     for factor in (*factors, *GRAVITIES, *(1.0 / gravity for gravity in GRAVITIES)):
         # A stiffer model has fewer resonances. Near a factor that explains the measurement only those matter that lie next to it.
-        if (factor > 1.0) != (here > seen):
+        if (factor > 1.0) != (computed > measured):
             continue
         if found and abs(np.log10(factor) - np.log10(min(found)[3])) > 1.0:
             continue
         spent += line * (2 if inputs.model.C.nnz else 1)
         if spent > MOST_WORK:
             break
-        for matrix, size, values, level in _cases(inputs, factor, s, dynamic):
-            difference = levels(measured) - levels(values)
+        for matrix, size, values, level in _cases(few, factor):
+            difference = levels(few.measured) - levels(values)
             left, off = float(np.median(spread(difference, 0))), float(np.nanmedian(difference)) - level
             if left < min(MOST_LEFT, CLEARLY * before) and abs(off) < MOST_OFF:
                 found.append((left, matrix, size, factor))
@@ -87,34 +82,34 @@ def rescaled_text(inputs: Inputs, s: Complexes, measured: Complexes, computed: C
     return f"{text}; measured and computed FRFs are {left:.1f} dB apart then, constants taken out, {before:.1f} dB as it is"
 
 
-def overdamped_text(inputs: Inputs, s: Complexes, measured: Complexes, computed: Complexes, dynamic: Complexes, most: float) -> str | None:
+def overdamped_text(seen: Seen, most: float) -> str | None:
     """By which factor the damping of the model is too large, and what to write; None where no factor of ten, or a power, leaves so little.
 
     Parameters
     ----------
-    inputs, s, measured, computed, dynamic
-        See ``rescaled_text``.
+    seen : Seen
     most : float
         How far levels may be apart then, constants taken out, in the median over the responses [dB].
     """
-    if resonances(measured) < MORE * resonances(computed):
+    if resonances(seen.measured) < MORE * resonances(seen.model):
         return None
+    inputs = seen.inputs
     plain, settings = inputs.model, inputs.campaign.reduction
     # Beside resonances damping changes little.
-    peaks = _peaks(measured)
-    few = np.union1d(_spaced(s.size), peaks[_spaced(peaks.size)])
-    s, measured, dynamic = s[few], measured[few], dynamic[few]
+    peaks = _peaks(seen.measured)
+    few = seen.on(np.union1d(spaced(seen.s.size, LINES), peaks[spaced(peaks.size, LINES)]))
+    dynamic = few.dynamic
     factors = [10.0**-power for power in range(1, max(POWERS) + 1)]
-    factors = factors[: int(MOST_WORK / (reduction_cost(inputs)[0].line * few.size))]
+    factors = factors[: int(MOST_WORK / (reduction_cost(inputs)[0].line * few.s.size))]
     found: list[tuple[float, float]] = []
     for factor in factors:
         stiffness = plain.K.real + 1j * factor * plain.K.imag if np.iscomplexobj(plain.K) else plain.K
         with suppress(LrbcError):
             less = replace(plain, K=stiffness, C=plain.C * factor)
-            ports = full_ports(less, inputs.input_of, s, settings.band, backend=settings.backend)
+            ports = full_ports(less, inputs.input_of, few.s, settings.band, backend=settings.backend)
             # Springs of bolts are damped as the structure.
             values = ports.evaluate(dynamic.real + 1j * factor * dynamic.imag)
-            found.append((float(np.median(spread(levels(measured) - levels(values), 0))), factor))
+            found.append((float(np.median(spread(levels(few.measured) - levels(values), 0))), factor))
         # Once there is next to none, less of it changes nothing.
         if len(found) > 1 and found[-1][0] >= found[-2][0]:
             break
@@ -123,12 +118,6 @@ def overdamped_text(inputs: Inputs, s: Complexes, measured: Complexes, computed:
     left, factor = min(found)
     text = mistake_text(inputs.campaign, "damping", 1.0 / factor)
     return f"{text}; levels of measured and computed FRFs are {left:.1f} dB apart then, constants taken out"
-
-
-def _spaced(count: int) -> Integers:
-    """So many of these indices as are compared, from the first to the last."""
-    found: Integers = np.unique(np.linspace(0, max(count - 1, 0), min(count, LINES)).round().astype(np.int64))
-    return found
 
 
 def _peaks(values: Complexes) -> Integers:
@@ -143,30 +132,32 @@ def resonances(values: Complexes) -> int:
     return max(_peaks(values).size, 1)
 
 
-def softness_text(measured: Complexes, computed: Complexes, s: Complexes) -> str:
-    """That the model has many more or fewer resonances than were measured, on lines s, in a clause; empty where the numbers are alike.
+def softness_text(seen: Seen) -> str:
+    """That the model has many more or fewer resonances than were measured, in a clause; empty where the numbers are alike.
 
     Where its lowest one does not lie on the same side, it is neither: heavy damping and noise hide resonances, or make some.
     """
-    seen, here = resonances(measured), resonances(computed)
-    first = [float(s[peaks[0]].imag) if peaks.size else np.nan for peaks in (_peaks(measured), _peaks(computed))]
-    soft = here > seen
-    if max(seen, here) < MORE * min(seen, here) or (first[1] >= first[0] if soft else first[1] <= first[0]):
+    peaks = [_peaks(values) for values in (seen.measured, seen.model)]
+    measured, computed = (max(own.size, 1) for own in peaks)
+    first = [float(seen.s[own[0]].imag) if own.size else np.nan for own in peaks]
+    soft = computed > measured
+    if max(measured, computed) < MORE * min(measured, computed) or (first[1] >= first[0] if soft else first[1] <= first[0]):
         return ""
     wrong = "soft or too heavy" if soft else "stiff or too light"
-    return f"; {here} resonances of the model stand beside {seen} measured ones: it is too {wrong} (density, modulus, thickness, supports)"
+    counts = f"{computed} resonances of the model stand beside {measured} measured ones"
+    return f"; {counts}: it is too {wrong} (density, modulus, thickness, supports)"
 
 
-def _cases(inputs: Inputs, factor: float, s: Complexes, dynamic: Complexes) -> Iterator[tuple[str, float, Complexes, float]]:
+def _cases(seen: Seen, factor: float) -> Iterator[tuple[str, float, Complexes, float]]:
     """Matrix, by how much it is too large, FRFs then, and level to take off.
 
     A mass divided by f is f (K + D + s C) in place of K + D + s C, and FRFs that are larger by f. Full solves: reduced models of what has
     thousands of modes in the band are as large as the model.
     """
-    plain, settings = inputs.model, inputs.campaign.reduction
+    plain, settings, dynamic = seen.inputs.model, seen.inputs.campaign.reduction, seen.dynamic
 
     def ports(model: FeModel) -> PortFrf:
-        return full_ports(model, inputs.input_of, s, settings.band, backend=settings.backend)
+        return full_ports(model, seen.inputs.input_of, seen.s, settings.band, backend=settings.backend)
 
     with suppress(LrbcError):
         stiff = ports(replace(plain, K=plain.K * factor))

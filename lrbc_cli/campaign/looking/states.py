@@ -1,16 +1,19 @@
-"""States that a measurement is compared with: of the model, with bolts loosened or not, and the measured tight one."""
+"""What a measurement is compared with: states of the model, with bolts loosened or not, and the measured tight one."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.arrays import Complexes, Floats, Integers, spaced
 from lrbc_cli.campaign.identification.compared.likeness import apart, levels, spread
-from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.identification.records import Measurement, unlike
+from lrbc_cli.campaign.identification.unknowns import parameterise
+from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.comparison.scale import LEAST_LINES, POWERS
 from lrbc_cli.updating.search.starts import LEVELS
 from lrbc_cli.updating.unknowns.shapes import joints_of
@@ -19,30 +22,104 @@ from lrbc_cli.updating.unknowns.shapes import joints_of
 LINES, MOST_STATES = 200, 150
 
 
-def few_lines(measurement: Measurement) -> Measurement:
-    """On as many lines as are looked at."""
-    lines = looked_at(measurement)
-    return replace(measurement, frequency_hz=measurement.frequency_hz[lines], values=measurement.values[lines])
+@dataclass(frozen=True, kw_only=True)
+class Seen:
+    """A job beside the model, on the lines that are looked at.
 
-
-def looked_at(measurement: Measurement) -> Integers:
-    """Lines of a measurement that are looked at."""
-    size = measurement.frequency_hz.size
-    found: Integers = np.unique(np.linspace(0, size - 1, min(size, LINES)).round().astype(np.int64))
-    return found
-
-
-def beside_model(measurement: Measurement, tight: Measurement | None, lines: Integers, model: Complexes) -> list[Complexes]:
-    """(1, F, R) measured tight state, where it has the same lines: nearer than the model, by the model discrepancy.
-
-    A response that was not measured there is the model's, ``model`` (F, R).
+    Attributes
+    ----------
+    source : FrfSource
+        FRFs of the model; keeps what was solved already.
+    job : str
+    measurement : Measurement
+        On these lines.
+    parameters : Parameterisation
+    states : (S, F, R) complex array
+        What it is compared with: the model at the start values first, then with loosened bolts, then what lies nearer.
+    loosened : list of int arrays
+        Which values are at their lower bounds in each of the first states.
+    tight : (F, R) complex array or None
+        What the reference job measured, where the job is compared with it; NaN where it has no value.
     """
-    axis = measurement.frequency_hz
-    if tight is None or axis.shape != tight.frequency_hz.shape or not np.allclose(axis, tight.frequency_hz, rtol=1e-6):
-        return []
-    values = tight.values[lines]
-    held = (np.isfinite(values) & (values != 0)).sum(axis=0) >= 2 * LEAST_LINES
-    return [np.where(held, values, model)[None]]
+
+    source: FrfSource
+    job: str
+    measurement: Measurement
+    parameters: Parameterisation
+    states: Complexes = field(repr=False)
+    loosened: list[Integers] = field(default_factory=list, repr=False)
+    tight: Complexes | None = field(default=None, repr=False)
+
+    @classmethod
+    def of(cls, source: FrfSource, job: str, whole: Measurement, reference: Measurement | None = None) -> Seen:
+        """A measurement on the lines that are looked at; beside that of the reference job where it has the same lines."""
+        lines = spaced(whole.frequency_hz.size, LINES)
+        few = replace(whole, frequency_hz=whole.frequency_hz[lines], values=whole.values[lines])
+        s = 2j * np.pi * few.frequency_hz
+        parameters, _ = parameterise(source.inputs, source, s)
+        states, loosened = states_of(source, parameters, s)
+        tight = None if reference is None or unlike(whole.frequency_hz, reference.frequency_hz) else reference.values[lines]
+        return cls(source=source, job=job, measurement=few, parameters=parameters, states=states, loosened=loosened, tight=tight)
+
+    @property
+    def inputs(self) -> Inputs:
+        """Of the campaign."""
+        return self.source.inputs
+
+    @property
+    def s(self) -> Complexes:
+        """(F,) complex array."""
+        return 2j * np.pi * self.measurement.frequency_hz
+
+    @property
+    def measured(self) -> Complexes:
+        """(F, R) what was measured."""
+        return self.measurement.values
+
+    @property
+    def model(self) -> Complexes:
+        """(F, R) FRFs at the start values."""
+        found: Complexes = self.states[0]
+        return found
+
+    @property
+    def dynamic(self) -> Complexes:
+        """(F, m) of the terms at the start values."""
+        return self.parameters.dynamic(self.parameters.initial, self.s)
+
+    @property
+    def reference(self) -> bool:
+        """Whether it is the reference job."""
+        return self.job == self.inputs.campaign.update.reference
+
+    @property
+    def held(self) -> Complexes | None:
+        """(F, R) tight state, nearer than the model by the model discrepancy; a response that was not measured there is the model's."""
+        if self.tight is None:
+            return None
+        return np.where(measured_values(self.tight).sum(axis=0) >= 2 * LEAST_LINES, self.tight, self.model)
+
+    def beside(self, state: Complexes | None) -> Seen:
+        """Compared with a further state, where there is one."""
+        return self if state is None else replace(self, states=np.concatenate([self.states, state[None]]))
+
+    def reading(self, values: Complexes) -> Seen:
+        """With other (F, R) values in place of those measured."""
+        return replace(self, measurement=replace(self.measurement, values=values))
+
+    def on(self, lines: Integers) -> Seen:
+        """On some of the lines."""
+        own = replace(self.measurement, frequency_hz=self.measurement.frequency_hz[lines], values=self.measured[lines])
+        return replace(self, measurement=own, states=self.states[:, lines], tight=None if self.tight is None else self.tight[lines])
+
+    def few(self, most: int) -> Seen:
+        """On so many of the lines at most."""
+        return self.on(spaced(self.s.size, most))
+
+    @property
+    def left(self) -> float:
+        """How far levels are from the nearest state, constants taken out, in the median over the responses [dB]."""
+        return float(np.median(apart(self.measured, self.states), axis=1).min())
 
 
 def states_of(source: FrfSource, parameters: Parameterisation, s: Complexes) -> tuple[Complexes, list[Integers]]:
@@ -55,25 +132,18 @@ def states_of(source: FrfSource, parameters: Parameterisation, s: Complexes) -> 
     return found, loosened
 
 
-def reach_of_one(source: FrfSource, parameters: Parameterisation, s: Complexes, model: Complexes) -> tuple[Floats, Floats]:
+def reach_of_one(seen: Seen) -> tuple[Floats, Floats]:
     """(R,) how far one loosened bolt alone moves the median level of a response, and its levels, that constant taken out [dB].
 
     What stands on one joint may be as good as cut off by it, as a blade by its root. Zeros where no bolt owns its values.
-
-    Parameters
-    ----------
-    source : FrfSource
-    parameters : Parameterisation
-    s : (F,) complex array
-    model : (F, R) complex array
-        At the start values.
     """
-    if (key := b"reach" + s.tobytes()) in source.known:
+    source, parameters, model = seen.source, seen.parameters, seen.model
+    if (key := b"reach" + seen.s.tobytes()) in source.known:
         known: tuple[Floats, Floats] = source.known[key]
         return known
     owners = [group.bolt.max() for group in parameters.groups if group.bolt is not None and group.bolt.size]
     joints = [np.concatenate(list(own.values())) for own in joints_of(parameters, 1 + int(max(owners, default=-1))) if own]
-    frf, steps = source.model(s, parameters).nearby(parameters.initial), np.array([*LEVELS, -np.inf])
+    frf, steps = source.model(seen.s, parameters).nearby(parameters.initial), np.array([*LEVELS, -np.inf])
     level, rest = np.zeros((2, model.shape[1]))
     for own in joints:
         theta = np.tile(parameters.initial, (len(steps), 1))
@@ -103,10 +173,10 @@ def values_of(parameters: Parameterisation) -> tuple[list[Floats], list[Integers
     return states[:MOST_STATES], loosened[:MOST_STATES]
 
 
-def nearest_states(measurement: Measurement, states: Complexes, most: int = 1) -> list[Complexes]:
+def nearest_states(seen: Seen, most: int = 1) -> list[Complexes]:
     """The start values, and the states that come nearest but for a factor, times a power of the frequency or not; so many of each."""
-    omega = 20.0 * np.log10(2.0 * np.pi * measurement.frequency_hz)[:, None]
-    level = levels(measurement.values) - levels(states)
+    omega = 20.0 * np.log10(2.0 * np.pi * seen.measurement.frequency_hz)[:, None]
+    level = levels(seen.measured) - levels(seen.states)
     orders = [np.median(spread(level - b * omega, 1), axis=1).argsort() for b in (0, *POWERS)]
     nearest = {int(k) for order in orders for k in order[:most]}
-    return [states[k] for k in sorted({0, *nearest})]
+    return [seen.states[k] for k in sorted({0, *nearest})]

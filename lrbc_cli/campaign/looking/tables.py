@@ -6,12 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
-from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, levels, spread
-from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.arrays import Bools, Floats, Integers
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, apart, levels, spread
+from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.places import POWERS
-from lrbc_cli.campaign.reduced.stage import FrfSource
-from lrbc_cli.model.terms import Parameterisation
 
 #: Decades by which the springs are tried beside the model. Beyond what materials differ by, and in steps that leave little.
 _SOFTER = np.linspace(-1.5, 1.5, 31)
@@ -23,28 +21,16 @@ _NEARER, _ALIKE = 0.7, 1.5
 _LEAST_LEVEL, _OFF_LEVEL = 4.0, 2.0
 
 
-def other_tables(
-    inputs: Inputs, source: FrfSource, measured: Complexes, s: Complexes, model: Complexes, parameters: Parameterisation
-) -> dict[tuple[object, ...], str]:
-    """What makes the tight state the model's: one table of springs, or all of them, times the factor of a unit; or another material.
-
-    Parameters
-    ----------
-    inputs : Inputs
-    source : FrfSource
-    measured, model : (F, R) complex arrays
-        The latter at the start values.
-    s : (F,) complex array
-    parameters : Parameterisation
-    """
-    before = float(np.median(spread(levels(measured) - levels(model), 0)))
+def other_tables(seen: Seen) -> dict[tuple[object, ...], str]:
+    """What makes the tight state the model's: one table of springs, or all of them, times the factor of a unit; or another material."""
+    before = float(np.median(apart(seen.measured, seen.model)))
     if before <= LEAST_DIFFERENCE:
         return {}
     # Between the units, too: what is far off, loose or as good as clamped comes as near there.
     powers = np.array([-2, -1, 1, 2, *POWERS])
     unit, ways = np.isin(powers, POWERS), []
-    for where, signs, files, names in _tables(inputs, parameters):
-        left, _ = _moved(source, measured, s, parameters, where, powers[:, None] * signs)
+    for where, signs, files, names in _tables(seen):
+        left, _ = _moved(seen, where, powers[:, None] * signs)
         # As good as free, or clamped, are all those beyond: the nearest factor that does is meant.
         close = np.flatnonzero(unit & (left <= _ALIKE * left.min()))
         best = int(close[np.argmin(np.abs(powers[close]))]) if close.size else int(left.argmin())
@@ -52,24 +38,24 @@ def other_tables(
             ways.append((float(left[best]), powers[best] * signs, where, files, names))
     if ways:
         after, moved, where, files, names = min(ways, key=lambda way: way[0])
-        times, stated = f"{10.0 ** moved[0]:g}", inputs.campaign.unit_system.text
+        times, stated = f"{10.0 ** moved[0]:g}", seen.inputs.campaign.unit_system.text
         if (moved < 0).any() and (moved > 0).any():
-            both = {turns: f"{10.0 ** moved[_turning(inputs, parameters)[where] == turns][0]:g}" for turns in (False, True)}
+            both = {turns: f"{10.0 ** moved[_turning(seen)[where] == turns][0]:g}" for turns in (False, True)}
             times = f"{both[False]}, those of rotations times {both[True]}"
         found = f"{after:.1f} dB apart with all stiffnesses of {files} times {times}, {before:.1f} dB as it is"
         fix = f"in another unit than `units: {stated}` says, it seems: multiply the stiffnesses there by {times.replace('times', 'by')}"
-        if np.abs(parameters.initial[where] + moved).max() < 1.0:
+        if np.abs(seen.parameters.initial[where] + moved).max() < 1.0:
             keys = ", ".join(f"parameters.{name}.initial: 0" for name in names)
             fix = f"what the table says is right, the start value is not: write {keys}"
         return {("table",): f"measured and computed FRFs are {found}, constants taken out: {fix}"}
-    return _material(inputs, source, measured, s, before, parameters)
+    return _material(seen, before)
 
 
-def _tables(inputs: Inputs, parameters: Parameterisation) -> Iterator[tuple[Integers, Integers, str, list[str]]]:
+def _tables(seen: Seen) -> Iterator[tuple[Integers, Integers, str, list[str]]]:
     """Parameters of each table of springs, and of all of them, which way a factor goes, and the names of files and groups."""
     every = []
-    for group, where, _ in parameters.placed:
-        file = next(g.config.select.bushings for g in inputs.groups if g.name == group.name)
+    for group, where, _ in seen.parameters.placed:
+        file = next(g.config.select.bushings for g in seen.inputs.groups if g.name == group.name)
         if file is not None:
             every.append((np.arange(where.start, where.stop), file.name, [group.name]))
     for at, name, groups in every:
@@ -77,7 +63,7 @@ def _tables(inputs: Inputs, parameters: Parameterisation) -> Iterator[tuple[Inte
     if not every:
         return
     at, files = np.concatenate([at for at, _, _ in every]), " and ".join(dict.fromkeys(file for _, file, _ in every))
-    names, turning = [name for *_, names in every for name in names], _turning(inputs, parameters)[at]
+    names, turning = [name for *_, names in every for name in names], _turning(seen)[at]
     if len(every) > 1:
         yield at, np.ones(at.size, dtype=np.int64), files, names
     if turning.any() and not turning.all():
@@ -85,8 +71,9 @@ def _tables(inputs: Inputs, parameters: Parameterisation) -> Iterator[tuple[Inte
         yield at, np.where(turning, -1, 1), files, names
 
 
-def _turning(inputs: Inputs, parameters: Parameterisation) -> Bools:
+def _turning(seen: Seen) -> Bools:
     """(size,) values of springs that resist rotations alone."""
+    inputs, parameters = seen.inputs, seen.parameters
     found = np.zeros(parameters.size, dtype=bool)
     if inputs.dofs is None:
         return found
@@ -97,24 +84,21 @@ def _turning(inputs: Inputs, parameters: Parameterisation) -> Bools:
     return found
 
 
-def _moved(
-    source: FrfSource, measured: Complexes, s: Complexes, parameters: Parameterisation, where: Integers, powers: Floats
-) -> tuple[Floats, Floats]:
+def _moved(seen: Seen, where: Integers, powers: Floats) -> tuple[Floats, Floats]:
     """How far levels are apart, constants taken out, and by which constant, with these parameters moved by rows of decades."""
-    values = np.tile(parameters.initial, (powers.shape[0], 1))
+    initial = seen.parameters.initial
+    values = np.tile(initial, (powers.shape[0], 1))
     values[:, where] += powers
-    difference = levels(measured) - levels(source.model(s, parameters).nearby(parameters.initial)(values))
+    difference = levels(seen.measured) - levels(seen.source.model(seen.s, seen.parameters).nearby(initial)(values))
     return np.median(spread(difference, 1), axis=1), np.nanmedian(difference, axis=(1, 2))
 
 
-def _material(
-    inputs: Inputs, source: FrfSource, measured: Complexes, s: Complexes, before: float, parameters: Parameterisation
-) -> dict[tuple[object, ...], str]:
+def _material(seen: Seen, before: float) -> dict[tuple[object, ...], str]:
     """A model whose stiffness and mass are both off by a factor: beside it the springs are off by its inverse, and FRFs are, too."""
-    where = [np.arange(at.start, at.stop) for group, at, _ in parameters.placed if group.kind == "stiffness"]
+    where = [np.arange(at.start, at.stop) for group, at, _ in seen.parameters.placed if group.kind == "stiffness"]
     if not where:
         return {}
-    left, level = _moved(source, measured, s, parameters, np.concatenate(where), _SOFTER[:, None])
+    left, level = _moved(seen, np.concatenate(where), _SOFTER[:, None])
     best = int(np.argmin(left))
     off = float(level[best])
     if left[best] > min(MOST_LEFT, CLEARLY * before) or abs(off) < _LEAST_LEVEL or abs(20.0 * _SOFTER[best] - off) > _OFF_LEVEL:

@@ -6,14 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes, Integers
+from lrbc_cli.arrays import Complexes
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart
 from lrbc_cli.campaign.identification.records import Measurement
-from lrbc_cli.campaign.identification.unknowns import parameterise
-from lrbc_cli.campaign.looking.states import few_lines, states_of
+from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.campaign.reduced.stage import FrfSource
-from lrbc_cli.model.terms import Parameterisation
 
 #: From so much on, in the median over the responses used, the tight state is no model's with small errors [dB].
 UNLIKE = 6.0
@@ -29,17 +26,14 @@ def taken_as_tight(inputs: Inputs) -> set[str]:
     return {*campaign.update.baselines, *([campaign.calibration.job] if campaign.calibration is not None else [])}
 
 
-def tighter_text(inputs: Inputs, source: FrfSource, measurements: Mapping[str, Measurement], reference: str) -> str:
+def tighter_text(seen: Seen, measurements: Mapping[str, Measurement]) -> str:
     """Which other jobs are those of the model with all bolts tight, where the reference job is not, in a clause."""
-    few = {name: few_lines(found) for name, found in measurements.items()}
-    far: dict[str, float] = {}
-    for name, found in few.items():
-        s = 2j * np.pi * found.frequency_hz
-        far[name] = float(np.median(apart(found.values, states_of(source, parameterise(inputs, source, s)[0], s)[0][0])))
+    reference, every = seen.job, {name: Seen.of(seen.source, name, whole) for name, whole in measurements.items()}
+    far = {name: float(np.median(apart(own.measured, own.model))) for name, own in every.items()}
 
     def share(name: str) -> float:
-        values, other = few[name].values, few[reference].values
-        known = name in taken_as_tight(inputs) and values.shape == other.shape
+        values, other = every[name].measured, every[reference].measured
+        known = name in taken_as_tight(seen.inputs) and values.shape == other.shape
         return NEARER if known and float(np.median(apart(values, other))) > UNLIKE else CLEARLY
 
     near = {name: own for name, own in far.items() if name != reference and own < min(UNLIKE, share(name) * far[reference])}
@@ -52,30 +46,28 @@ def tighter_text(inputs: Inputs, source: FrfSource, measurements: Mapping[str, M
     )
 
 
-def not_tight(
-    inputs: Inputs, fits: Mapping[str, float], own: Complexes, states: Complexes, loosened: list[Integers], parameters: Parameterisation
-) -> str:
+def not_tight(seen: Seen, held: Complexes) -> str:
     """What to say of a job that is taken as tight and lies far from the reference job, by the keys that take it so; empty where it is near.
 
     Tight states put together anew lie nearer to each other than models and measurements do, whatever it is that is another there.
 
     Parameters
     ----------
-    inputs : Inputs
-    fits : mapping
-        How far the reference job and the job lie from the tight model [dB], in this order.
-    own : (F, R) complex array
-    states : (S, F, R) complex array
-    loosened : list of int arrays
-    parameters : Parameterisation
+    seen : Seen
+    held : (F, R) complex array
+        What the reference job measured, see ``Seen.held``.
     """
-    (reference, stated), (name, found) = fits.items()
-    before = float(np.median(apart(own, states[0])))
-    freed = looser(inputs, own, states, loosened, parameters, before) if before > LEAST_DIFFERENCE else ""
+    reference, name = seen.inputs.campaign.update.reference, seen.job
+    stated, found = (float(np.median(apart(values, seen.model))) for values in (held, seen.measured))
+    # What the model lacks in the reference job it lacks in another tight one, too.
+    there = held != 0
+    own = seen.reading(seen.measured * np.where(there, seen.model / np.where(there, held, 1.0), np.nan))
+    before = float(np.median(apart(own.measured, own.model)))
+    freed = looser(own, before) if before > LEAST_DIFFERENCE else ""
     nearer = before > LEAST_DIFFERENCE and found < NEARER * stated
     if not freed and not nearer and before <= UNLIKE:
         return ""
-    campaign, fixes = inputs.campaign, list[str]()
+    campaign, fixes = seen.inputs.campaign, list[str]()
     if name in campaign.update.baselines:
         fixes.append("take it out of update.baselines")
     if campaign.calibration is not None and campaign.calibration.job == name:
@@ -93,15 +85,14 @@ def not_tight(
     )
 
 
-def looser(
-    inputs: Inputs, measured: Complexes, states: Complexes, loosened: list[Integers], parameters: Parameterisation, typical: float
-) -> str:
+def looser(seen: Seen, typical: float) -> str:
     """What the tight state looks like where some values are free, in a clause; empty where that is not clearly nearer."""
-    distances = np.median(apart(measured, states[: len(loosened)]), axis=1)
+    inputs, loosened = seen.inputs, seen.loosened
+    distances = np.median(apart(seen.measured, seen.states[: len(loosened)]), axis=1)
     best = int(np.argmin(distances))
     if distances[best] > CLEARLY * typical or not loosened[best].size:
         return ""
-    for group, where, _ in parameters.placed:
+    for group, where, _ in seen.parameters.placed:
         if where.start <= loosened[best][0] < where.stop:
             at = loosened[best] - where.start
             owners = [] if group.bolt is None or inputs.bolts is None else [inputs.bolts.name[b] for b in group.bolt[at] if b >= 0]

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import scipy.sparse as sp
 
-from lrbc_cli.arrays import Integers
+from lrbc_cli.arrays import Integers, spaced
 from lrbc_cli.campaign.reading.dof_source import LEAST_DOFS, MOST_FILLED
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable
 from lrbc_cli.model.fem import FeModel
@@ -33,7 +33,7 @@ def numbering_doubts(model: FeModel, dofs: DofTable | None) -> Iterator[str]:
         return
     node = _nodes(model.size, dofs)
     meshed = _graph(model.K, node)
-    some = np.unique(np.linspace(0, meshed.shape[0] - 1, min(meshed.shape[0], _NODES)).round().astype(np.int64))
+    some = spaced(meshed.shape[0], _NODES)
     reached = (meshed[some] @ meshed).tocoo()
     # In a small or a dense model all are neighbours.
     if reached.nnz > MOST_FILLED * reached.shape[0] * reached.shape[1]:
