@@ -20,7 +20,8 @@ from lrbc_cli.io.frf import CoherenceKey, TextLayout, read_coherence, read_frf
 from lrbc_cli.io.frf_common import HERTZ
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.remembered import Remembered
-from lrbc_cli.updating.statistics.decibels import DB
+from lrbc_cli.updating.comparison.correlation import measured_values
+from lrbc_cli.updating.statistics.decibels import DB, decibel
 
 #: Share of the band that the lines should cover, and of the lines that a coherence should hold.
 MIN_BAND, MIN_COHERENCE = 0.9, 0.8
@@ -76,9 +77,8 @@ class Measurement:
     @property
     def means(self) -> Floats:
         """(2 R,) means of the level of each response, over all lines alike and with weights that rise along them [dB]; 0 without values."""
-        size = np.abs(self.values)
-        valid = np.isfinite(size) & (size > 0)
-        level = np.where(valid, 20.0 * np.log10(np.where(valid, size, 1.0)), 0.0)
+        valid = measured_values(self.values)
+        level = np.where(valid, decibel(np.where(valid, self.values, 1.0)), 0.0)
         rising = np.linspace(0.0, 1.0, max(level.shape[0], 1))[: level.shape[0], None]
         return np.asarray(np.concatenate([level.sum(axis=0), (rising * level).sum(axis=0)]) / np.tile(np.maximum(valid.sum(axis=0), 1), 2))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.campaign.identification.compared.copies import proportional
 from lrbc_cli.campaign.identification.correlate import mean_of
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -108,12 +109,8 @@ def validation_channels(values: Complexes, used: Integers, unused: Integers, lim
         return told, f"the validation channels have values on {share.max():.0%} of the lines only"
 
     def copied(i: int, j: int) -> bool:
-        """Whether a record is another one but for a constant factor: two sensors never are."""
-        both = finite[:, i] & finite[:, j] & (values[:, j] != 0)
-        if not both.any():
-            return False
-        ratio = values[both, i] / values[both, j]
-        return bool(np.all(np.abs(ratio - ratio[0]) <= limits.copied * abs(ratio[0])))
+        both = finite[:, i] & measured_values(values[:, j])
+        return bool(both.any()) and proportional(values[both, i], values[both, j], limits)
 
     own = np.array([i for i in told if not any(copied(int(i), int(j)) for j in used)], dtype=np.int64)
     return own, "" if own.size else "the validation channels are records that were fitted too"
@@ -164,7 +161,7 @@ def correction(model: Complexes, measured: Complexes, most_db: float) -> Complex
     most_db : float
         Its magnitude is limited to this: beyond it the two have different resonances there.
     """
-    valid = np.isfinite(measured) & (np.abs(measured) > 0)
+    valid = measured_values(measured)
     ratio = np.where(valid, model / np.where(valid, measured, 1.0), np.nan)
     level = 20.0 * np.log10(np.abs(ratio))
     return np.asarray(ratio * 10.0 ** ((np.clip(level, -most_db, most_db) - level) / 20.0))

@@ -26,6 +26,7 @@ from lrbc_cli.model.terms import ParameterGroup
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.store import versions
+from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.judging.evidence import Evidence
 from lrbc_cli.updating.search.lcurve import LCurve
 from lrbc_cli.updating.statistics.decibels import decibel
@@ -310,7 +311,7 @@ def frf_rows(inputs: Inputs, result: Compared) -> Table:
     header = ["frequency_hz"]
     columns: list[Floats] = [result.measurement.frequency_hz]
     measured = result.measurement.values
-    valid = np.isfinite(measured) & (np.abs(measured) > 0)
+    valid = measured_values(measured)
     for i, response in enumerate(inputs.responses):
         for label, values in (("measured", measured), ("initial", result.initial), ("updated", result.updated)):
             shown = np.where(valid[:, i], values[:, i], np.nan) if label == "measured" else values[:, i]

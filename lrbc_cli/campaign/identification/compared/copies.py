@@ -7,8 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.arrays import Floats
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.statistics.decibels import decibel
 from lrbc_cli.updating.statistics.model import ValidationChannels
 
@@ -37,7 +38,7 @@ def copied_responses(own: Measurement, other: Measurement, limits: ValidationCha
     a, b = own.values[mine], other.values[theirs]
     found = []
     for i in range(min(a.shape[1], b.shape[1])):
-        valid = np.isfinite(a[:, i]) & np.isfinite(b[:, i]) & (a[:, i] != 0) & (b[:, i] != 0)
+        valid = measured_values(a[:, i]) & measured_values(b[:, i])
         if int(valid.sum()) < limits.least_common:
             continue
         difference = decibel(a[valid, i]) - decibel(b[valid, i])
@@ -53,17 +54,22 @@ def _common_lines(own: Floats, other: Floats, limits: ValidationChannels) -> tup
     return common, near[common]
 
 
+def proportional(one: Complexes, other: Complexes, limits: ValidationChannels) -> bool:
+    """Whether numbers are others, none of them zero, but for a constant factor: two sensors never are."""
+    ratio = one / other
+    return bool(np.all(np.abs(ratio - ratio[0]) <= limits.copied * abs(ratio[0])))
+
+
 def pasted(measurement: Measurement, responses: list[str], limits: ValidationChannels) -> Iterator[str]:
-    """What to say of responses of one job that have the same numbers, but for a factor: two sensors never do."""
+    """What to say of responses of one job that have the same numbers, but for a factor."""
     values = measurement.values
     for i, first in enumerate(responses):
         for j in range(i + 1, len(responses)):
-            both = np.isfinite(values[:, i]) & np.isfinite(values[:, j]) & (values[:, i] != 0)
+            both = measured_values(values[:, i]) & np.isfinite(values[:, j])
             # Numbers that are the same at all lines are no FRF.
             if both.sum() < limits.least_common or np.unique(values[both, i]).size < limits.least_common:
                 continue
-            ratio = values[both, j] / values[both, i]
-            if np.all(np.abs(ratio - ratio[0]) <= limits.copied * abs(ratio[0])):
+            if proportional(values[both, j], values[both, i], limits):
                 yield (
                     f"{first} and {responses[j]} have the same numbers: was one column copied over the other, or one channel exported "
                     f"twice? Export the record of each again"

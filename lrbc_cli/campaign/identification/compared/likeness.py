@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lrbc_cli.arrays import Bools, Complexes, Floats
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.comparison.scale import ALIKE, LEAST_ALIKE, LEAST_LINES, POWERS, moved
 from lrbc_cli.updating.robust import medians
 
@@ -371,7 +372,7 @@ def _unweighted(frequency_hz: Floats, measured: Complexes) -> Complexes:
 
 def _read_otherwise(measured: Complexes, job: str) -> Iterator[tuple[Complexes, str, bool]]:
     """The numbers read in other ways, what to do then, and whether they are reciprocals."""
-    valid: Bools = np.isfinite(measured) & (measured != 0)
+    valid = measured_values(measured)
     known = np.where(valid, measured, 1.0)
 
     def only(values: Complexes | Floats) -> Complexes:
