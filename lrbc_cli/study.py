@@ -26,7 +26,7 @@ from lrbc_cli.campaign.jobs.judging import role_of, scatter_of_records
 from lrbc_cli.campaign.jobs.standing import Outcome
 from lrbc_cli.campaign.planning.plan import Request, make_plan
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
-from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, cheaper_formula, frf_source, obtain_reduction
+from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
 from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import DataError
 from lrbc_cli.identified import Identified, frf_figure, profile_figure
@@ -137,8 +137,7 @@ class Study:
         if self._start is None:
             source = self.source
             if source.stage is None and found_on_frfs(self.inputs):
-                kind = cheaper_formula(self.inputs, self.stage)
-                source = FrfSource(inputs=self.inputs, stage=self.stage, kind=kind, progress=self._progress)
+                source = frf_source(self.inputs, self.stage, self._progress, evaluation="auto")
             self._start = start_parameters(self.inputs, source)
         return self._start
 

@@ -23,7 +23,7 @@ from lrbc_cli.campaign.identification.weights import left_out, line_sigma, out_o
 from lrbc_cli.campaign.jobs.finished import frf_rows, misfit_tree
 from lrbc_cli.campaign.jobs.results import write_campaign
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, affine_model, cheaper_formula, obtain_reduction
+from lrbc_cli.campaign.reduced.stage import ReductionStage, affine_model, frf_source, obtain_reduction
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.factors import with_factors
 from lrbc_cli.reduction.outcome import HeldOut
@@ -289,7 +289,7 @@ def _first_problem(
 ) -> tuple[FactorProblem, tuple[str, ...]]:
     """What is fitted, on the reduced model of the exported matrices; and notes."""
     settings, used = require_calibration(inputs), inputs.used
-    source = FrfSource(inputs=inputs, stage=stage, kind=cheaper_formula(inputs, stage), progress=progress)
+    source = frf_source(inputs, stage, progress, evaluation="auto")
     parameters, _ = parameterise(inputs, source, 2j * np.pi * measurement.frequency_hz)
     values = out_of_noise(inputs, measurement, inputs.campaign.jobs[settings.job])
     selected = select_lines(inputs, replace(measurement, values=values), settings.job)

@@ -14,7 +14,7 @@ from lrbc_cli.campaign.identification.unknowns import start_parameters
 from lrbc_cli.campaign.protect import require_new, require_no_input
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.reader import DIRECTIONS
-from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, cheaper_formula
+from lrbc_cli.campaign.reduced.stage import ReductionStage, frf_source
 from lrbc_cli.campaign.simulate import job_values, parse_values
 from lrbc_cli.config.structure import ProportionalDamping
 from lrbc_cli.errors import ConfigError, DataError
@@ -121,7 +121,7 @@ def export(
         Where there is no real first-order form.
     """
     check_targets(files, inputs, replace_foreign=replace_foreign)
-    parameters = start_parameters(inputs, FrfSource(inputs=inputs, stage=stage, kind=cheaper_formula(inputs, stage)))
+    parameters = start_parameters(inputs, frf_source(inputs, stage, evaluation="auto"))
     tree = second_order(inputs, stage, parameters)
     told: dict[str, Any] = {}
     if first_order:

@@ -13,7 +13,7 @@ from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.unknowns import layout, start_parameters, theta_of
 from lrbc_cli.campaign.protect import require_new, require_no_input
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.campaign.reduced.stage import FrfSource, cheaper_formula, obtain_reduction
+from lrbc_cli.campaign.reduced.stage import frf_source, obtain_reduction
 from lrbc_cli.errors import ConfigError, DataError, NumericalError
 from lrbc_cli.io.frf import WRITERS, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
@@ -202,8 +202,8 @@ def simulate(
     s = 2j * np.pi * frequency
     auto = job is None and any(group.config.start is None for group in inputs.groups)
     stage = None if full and not auto else obtain_reduction(inputs, folder, accept=accept or full, progress=progress)
-    reduced = None if stage is None else FrfSource(inputs=inputs, stage=stage, kind=cheaper_formula(inputs, stage), progress=progress)
-    source = FrfSource(inputs=inputs, stage=None, kind="full", progress=progress) if full or reduced is None else reduced
+    reduced = None if stage is None else frf_source(inputs, stage, progress, evaluation="auto")
+    source = frf_source(inputs, None, progress, evaluation="full") if full or reduced is None else reduced
     parameters = start_parameters(inputs, reduced) if auto and reduced is not None else layout(inputs)
     theta = parameters.initial if job is None else job_values(inputs, job, parameters)
     theta = parse_values(assignments, parameters, theta)

@@ -15,7 +15,7 @@ from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.planning.patches import patches
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.memory import options_of
-from lrbc_cli.campaign.reduced.stage import FrfSource, cheaper_formula, obtain_reduction
+from lrbc_cli.campaign.reduced.stage import frf_source, obtain_reduction
 from lrbc_cli.config.structure import RecordRef
 from lrbc_cli.errors import ConfigError, NumericalError
 from lrbc_cli.model.factors import SOUND_SPEED, with_factors
@@ -123,7 +123,7 @@ class VirtualStructure:
         if settings.scatter.kelvin and SOUND_SPEED not in inputs.recipe.names:
             raise ConfigError("the model has no air to warm", place="--temperature", expected="DOFs PRES", hint="give --temperature 0")
         stage = obtain_reduction(inputs, cache, progress=progress)
-        self.parameters = parameterise(inputs, FrfSource(inputs=inputs, stage=stage, kind=cheaper_formula(inputs, stage)), self.s)[0]
+        self.parameters = parameterise(inputs, frf_source(inputs, stage, evaluation="auto"), self.s)[0]
         draw = rng.standard_normal(5)
         damped = np.exp(settings.damping * draw[3:])
         undamped = ("stiffness.structure", "mass.structure", "stiffness.acoustic")

@@ -19,11 +19,11 @@ from lrbc_cli.campaign.identification.records import Measurement, read_measureme
 from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, penalty_of, select_lines, stored_covariance, theta_of
 from lrbc_cli.campaign.identification.weights import correction, joint_sigma, left_out, line_sigma, out_of_noise
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model
+from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.misfit.cost import SLOPE_STEP, ChangeError, Misfit
-from lrbc_cli.updating.misfit.extended import ExtendedFrf, Nuisance
+from lrbc_cli.updating.misfit.extended import Nuisance
 from lrbc_cli.updating.posterior.fit import Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
 from lrbc_cli.updating.search.descent import Level, descend
 from lrbc_cli.updating.search.lcurve import l_curve
@@ -276,8 +276,7 @@ class Job:
         offsets = {} if self.reference is None else self.reference.hammer_offset_m
         if not nuisances or self.source.stage is None or not offsets:
             return self.model.frf(self.prior)
-        affine = affine_model(self.inputs, self.source.stage)
-        model = ExtendedFrf(affine, self.s[self.selected], self.parameters, nuisances, self.inputs.used)
+        model = self.source.drifting(self.s[self.selected], self.parameters, nuisances, self.inputs.used)
         return model.frf(np.concatenate([self.prior, [offsets.get(nuisance.name, 0.0) for nuisance in nuisances]]))
 
     def drifted(self, fit: Fit, *, rounds: int = 3, steps: int = 12, tolerance: float = 1e-3, change: float = 0.15) -> Fit:
@@ -290,9 +289,7 @@ class Job:
         if not nuisances:
             return fit
         # The campaign file is refused where it asks for drift of the full model.
-        assert self.source.stage is not None
-        affine = affine_model(self.inputs, self.source.stage)
-        model = ExtendedFrf(affine, self.s[self.selected], self.parameters, nuisances, self.inputs.used)
+        model = self.source.drifting(self.s[self.selected], self.parameters, nuisances, self.inputs.used)
         noise, least = fit.knowledge.noise, self.statistics.errors.least_variance
         T = np.zeros((model.size, self.shapes.T.shape[1] + len(nuisances)))
         T[: self.parameters.size, : self.shapes.T.shape[1]] = self.shapes.T
@@ -423,6 +420,4 @@ class Job:
         """(F, R) FRFs on all measured lines, with what drifted; a common gain apart."""
         if knowledge is None or self.source.stage is None or not knowledge.nuisances:
             return self.source.model(self.s, self.parameters).frf(theta)
-        every = np.arange(len(self.inputs.responses))
-        model = ExtendedFrf(affine_model(self.inputs, self.source.stage), self.s, self.parameters, knowledge.nuisances, every)
-        return model.frf(np.concatenate([theta, knowledge.values]))
+        return self.source.drifting(self.s, self.parameters, knowledge.nuisances).frf(np.concatenate([theta, knowledge.values]))

@@ -28,7 +28,7 @@ from lrbc_cli.campaign.planning.rehearsal import (
 )
 from lrbc_cli.campaign.planning.worth import Prospect, Target, judged
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model, cheaper_formula, obtain_reduction
+from lrbc_cli.campaign.reduced.stage import FrfSource, frf_source, obtain_reduction
 from lrbc_cli.campaign.simulate import job_values
 from lrbc_cli.config.settings import EveryLine, ListedLines
 from lrbc_cli.errors import ConfigError
@@ -38,7 +38,7 @@ from lrbc_cli.results.job import Job, JobRecord
 from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.results.store import read_job, versions
 from lrbc_cli.updating.misfit.cost import penalty_rows
-from lrbc_cli.updating.misfit.extended import ExtendedFrf, Nuisance
+from lrbc_cli.updating.misfit.extended import Nuisance
 from lrbc_cli.updating.misfit.frf import Sensitive
 from lrbc_cli.updating.posterior.information import DETECTABLE, FACTOR, HIDDEN, LOSS, LOSSES, SIGMA_DB, Experiment, Unknowns, experiment
 from lrbc_cli.updating.statistics.lines import resonance_lines
@@ -148,7 +148,7 @@ def make_plan(
     begin = time.perf_counter()
     stage = obtain_reduction(inputs, folder, accept=accept, progress=progress)
     ready = time.perf_counter()
-    source, grid = FrfSource(inputs=inputs, stage=stage, kind=cheaper_formula(inputs, stage), progress=progress), _grid(inputs)
+    source, grid = frf_source(inputs, stage, progress, evaluation="auto"), _grid(inputs)
     parameters, _ = parameterise(inputs, source, 2j * np.pi * grid)
     about = _about(inputs, parameters, request)
     shapes, by = _shapes(inputs, parameters, request.by)
@@ -220,9 +220,8 @@ class _Question:
         """FRFs about the state and with each target changed by so many decades."""
         inputs, s = self.source.inputs, 2j * np.pi * self.grid
         model: Sensitive = self.source.model(s, self.parameters, self.selected)
-        if self.nuisances and self.source.stage is not None:
-            affine, every = affine_model(inputs, self.source.stage), np.arange(len(inputs.responses))
-            model = ExtendedFrf(affine, s[self.selected], self.parameters, self.nuisances, every)
+        if self.nuisances:
+            model = self.source.drifting(s[self.selected], self.parameters, self.nuisances)
         structure = self.source.model(s, self.structure.parameters, self.selected)
 
         def changed(bolt: int) -> tuple[Complexes, float]:

@@ -25,7 +25,7 @@ from lrbc_cli.campaign.jobs.finished import result_record
 from lrbc_cli.campaign.jobs.judging import scatter_of_records
 from lrbc_cli.campaign.planning.patches import Structure
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model
+from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.config import JobConfig
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.results.job import JobRecord
@@ -35,7 +35,6 @@ from lrbc_cli.updating.judging.evidence import Evidence
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, TIGHT, TightScatter
 from lrbc_cli.updating.misfit.cost import SLOPE_STEP, ChangeError
-from lrbc_cli.updating.misfit.extended import ExtendedFrf
 from lrbc_cli.updating.misfit.frf import reduced_model
 from lrbc_cli.updating.posterior.information import LOSSES
 from lrbc_cli.updating.statistics.decibels import DB, coherence_sigma, decibel
@@ -213,11 +212,9 @@ class Rehearsal:
         """(F, R) FRFs of a structure whose frequencies are the model's times ``1 + detuned``."""
         assert self.source.stage is not None
         s = self.s / (1.0 + detuned)
-        every = np.arange(len(self.inputs.responses))
         if drift is None:
-            return reduced_model(self.source.stage.reduction.model, s, self.parameters, every).frf(theta)
-        affine = affine_model(self.inputs, self.source.stage)
-        return ExtendedFrf(affine, s, self.parameters, self.nuisances, every).frf(np.concatenate([theta, drift]))
+            return reduced_model(self.source.stage.reduction.model, s, self.parameters, np.arange(len(self.inputs.responses))).frf(theta)
+        return self.source.drifting(s, self.parameters, self.nuisances).frf(np.concatenate([theta, drift]))
 
     def _detuning(self) -> float:
         """Share by which the structure's frequencies differ from the model's so that the FRFs about resonances differ by the noise (rms).

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -28,6 +28,7 @@ from lrbc_cli.reduction.reduced.affine import AffineModel
 from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.reduction.threads import in_turn, single_threaded
+from lrbc_cli.updating.misfit.extended import ExtendedFrf, Nuisance
 from lrbc_cli.updating.misfit.frf import FrfModel, port_model, reduced_model
 
 log = logging.getLogger(__name__)
@@ -347,18 +348,22 @@ class FrfSource:
             return reduced_model(self.stage.reduction.model, s[at], parameters, rows)
         return port_model(self.table(s).select(at, rows), parameters)
 
+    def drifting(
+        self, s: Complexes, parameters: Parameterisation, nuisances: Sequence[Nuisance], responses: Integers | None = None
+    ) -> ExtendedFrf:
+        """The same of the reduced model as a function of theta and of what drifted."""
+        assert self.stage is not None
+        rows = np.arange(len(self.inputs.responses)) if responses is None else responses
+        return ExtendedFrf(affine_model(self.inputs, self.stage), s, parameters, nuisances, rows)
 
-def cheaper_formula(inputs: Inputs, stage: ReductionStage) -> str:
-    """``port`` or ``reduced``, see ``formula``."""
-    return formula("auto", inputs.model.terms.size, stage.reduction.model.size)
 
-
-def frf_source(inputs: Inputs, stage: ReductionStage | None, progress: Callable[[str], None] = lambda _: None) -> FrfSource:
-    """FRFs as the settings want them evaluated."""
+def frf_source(
+    inputs: Inputs, stage: ReductionStage | None, progress: Callable[[str], None] = lambda _: None, *, evaluation: str | None = None
+) -> FrfSource:
+    """FRFs as the settings want them evaluated, or in another way, see ``formula``."""
     size = 0 if stage is None else stage.reduction.model.size
-    return FrfSource(
-        inputs=inputs, stage=stage, kind=formula(inputs.campaign.update.evaluation, inputs.model.terms.size, size), progress=progress
-    )
+    kind = formula(evaluation or inputs.campaign.update.evaluation, inputs.model.terms.size, size)
+    return FrfSource(inputs=inputs, stage=stage, kind=kind, progress=progress)
 
 
 def obtain_source(inputs: Inputs, folder: Path, *, accept: bool = False, progress: Callable[[str], None] = lambda _: None) -> FrfSource:
