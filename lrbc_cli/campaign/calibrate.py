@@ -136,7 +136,9 @@ def run_calibration(
         return stored, True
     parts = key_parts(inputs)
     outcome = calibrate(inputs, folder, accept=accept, progress=progress)
-    write_csv(output / "calibration" / "frf.csv", *frf_rows(inputs, outcome))
+    write_csv(
+        output / "calibration" / "frf.csv", *frf_rows(inputs, outcome.measurement, outcome.selected, outcome.initial, outcome.updated)
+    )
     record = write_sealed(output / FILE, calibration_record(inputs, outcome, parts, settings.job))
     # The results that are there stay those of the jobs, but the report has to know the campaign.
     if not (output / "campaign.json").is_file():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -91,7 +91,7 @@ def finish(
     }
     tables = {
         "profile.csv": profile_rows(tree),
-        "frf.csv": frf_rows(inputs, result),
+        "frf.csv": frf_rows(inputs, result.measurement, result.selected, result.initial, result.updated),
         "fdac.csv": (FDAC_COLUMNS, fdac_rows(result, correlation)),
     }
     return Finished(name=result.name, tree=tree, tables=tables, evidence=evidence, shapes=shapes_of(inputs, stage, result))
@@ -286,42 +286,22 @@ def profile_rows(tree: Mapping[str, Any]) -> Table:
     return ["group", "term", "x", "y", "z", *PROFILE], rows
 
 
-class Compared(Protocol):
-    """A measurement with the FRFs of two states of the model on its lines."""
-
-    @property
-    def measurement(self) -> Measurement:
-        """What was measured."""
-
-    @property
-    def selected(self) -> Integers:
-        """Lines that entered the cost."""
-
-    @property
-    def initial(self) -> Complexes:
-        """(F, R) FRFs before."""
-
-    @property
-    def updated(self) -> Complexes:
-        """(F, R) FRFs after."""
-
-
-def frf_rows(inputs: Inputs, result: Compared) -> Table:
-    """Header and rows of ``frf.csv``: dB re 1 unit/N and phase in degrees."""
+def frf_rows(inputs: Inputs, measurement: Measurement, selected: Integers, initial: Complexes, updated: Complexes) -> Table:
+    """Header and rows of ``frf.csv``: dB re 1 unit/N and phase in degrees, of (F, R) FRFs before and after."""
     header = ["frequency_hz"]
-    columns: list[Floats] = [result.measurement.frequency_hz]
-    measured = result.measurement.values
+    columns: list[Floats] = [measurement.frequency_hz]
+    measured = measurement.values
     valid = measured_values(measured)
     for i, response in enumerate(inputs.responses):
-        for label, values in (("measured", measured), ("initial", result.initial), ("updated", result.updated)):
+        for label, values in (("measured", measured), ("initial", initial), ("updated", updated)):
             shown = np.where(valid[:, i], values[:, i], np.nan) if label == "measured" else values[:, i]
             header += [f"{response.name}_{label}_db", f"{response.name}_{label}_phase_deg"]
             with np.errstate(divide="ignore", invalid="ignore"):
                 columns += [decibel(shown), np.asarray(np.degrees(np.angle(shown)))]
         header.append(f"{response.name}_coherence")
-        columns.append(result.measurement.coherence[:, i])
+        columns.append(measurement.coherence[:, i])
     chosen = np.zeros(measured.shape[0], dtype=int)
-    chosen[result.selected] = 1
+    chosen[selected] = 1
     header.append("selected")
     rows = [[*(float(column[line]) for column in columns), int(chosen[line])] for line in range(measured.shape[0])]
     return header, rows
