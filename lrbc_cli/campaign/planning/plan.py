@@ -19,10 +19,8 @@ from lrbc_cli.campaign.planning.patches import Structure
 from lrbc_cli.campaign.planning.rehearsal import (
     Draw,
     Rehearsal,
-    Setting,
     assumptions,
     draws_for,
-    reference_measurement,
     rehearse,
     threshold,
 )
@@ -241,10 +239,7 @@ class _Question:
 
     def rehearsal(self, seed: int) -> Rehearsal:
         """Measurements of the tight state, and with bolts loosened."""
-        measured = reference_measurement(self.source.inputs)
-        lines = self.grid if measured is None else measured.frequency_hz
-        setting = Setting(self.structure, self.about.noise, self.shapes.joint, measured, seed)
-        return Rehearsal(self.source.inputs, self.source, lines, setting)
+        return Rehearsal(self.source, self.structure, self.about.noise, self.shapes.joint, self.grid, seed)
 
     def _unknowns(self) -> Unknowns:
         parameters, shapes, nuisances = self.parameters, self.shapes, self.nuisances

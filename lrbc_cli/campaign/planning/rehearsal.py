@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
@@ -113,30 +113,6 @@ def estimates(hits: Sequence[int], draws: Sequence[int]) -> tuple[Floats, Floats
 
 
 @dataclass(frozen=True)
-class Setting:
-    """What is rehearsed.
-
-    Attributes
-    ----------
-    structure : Structure
-        In the tight state.
-    noise : Noise
-        Model discrepancy in that state: its resonances lie beside the true ones, see ``Rehearsal.detuned``.
-    joint : (n,) bool array
-        Bolts that own their terms.
-    measured : Measurement or None
-        That of the reference job, which tells how noisy the lines are.
-    seed : int
-    """
-
-    structure: Structure
-    noise: Noise
-    joint: Bools
-    measured: Measurement | None = field(default=None, repr=False)
-    seed: int = 0
-
-
-@dataclass(frozen=True)
 class TightState:
     """A rehearsed reference job: campaign, by which share frequencies are off, measurement, state; scatter of baselines [decades]."""
 
@@ -147,7 +123,7 @@ class TightState:
     scatter: TightScatter = NO_SCATTER
 
 
-def reference_measurement(inputs: Inputs) -> Measurement | None:
+def _reference_measurement(inputs: Inputs) -> Measurement | None:
     """That of the reference job; None where there is none that can be read."""
     name = inputs.campaign.update.reference
     job = None if name is None else inputs.campaign.jobs.get(name)
@@ -164,18 +140,26 @@ class Rehearsal:
 
     Parameters
     ----------
-    inputs : Inputs
-        Of the campaign; its responses, settings and bolts hold.
     source : FrfSource
+        Responses, settings and bolts of its inputs hold.
+    structure : Structure
+        In the tight state.
+    noise : Noise
+        Model discrepancy in that state: its resonances lie beside the true ones, see ``detuned``.
+    joint : (n,) bool array
+        Bolts that own their terms.
     grid : (F,) float array
-        Lines [Hz].
-    setting : Setting
+        Lines where no reference job was measured, which tells them, and how noisy they are [Hz].
+    seed : int
     """
 
-    def __init__(self, inputs: Inputs, source: FrfSource, grid: Floats, setting: Setting) -> None:
-        self.inputs, self.source, self.setting, self.frequency = inputs, source, setting, grid
+    def __init__(self, source: FrfSource, structure: Structure, noise: Noise, joint: Bools, grid: Floats, seed: int) -> None:
+        inputs = self.inputs = source.inputs
+        self.source, self.structure, self.noise, self.joint, self.seed = source, structure, noise, joint, seed
+        self.measured = _reference_measurement(inputs)
+        grid = self.frequency = grid if self.measured is None else self.measured.frequency_hz
         self.s = 2j * np.pi * grid
-        self.parameters, self.theta = setting.structure.parameters, setting.structure.theta
+        self.parameters, self.theta = structure.parameters, structure.theta
         self.model = source.model(self.s, self.parameters)
         self.scatter = _scatter(inputs)
         step = SLOPE_STEP * float(grid[-1])
@@ -198,7 +182,7 @@ class Rehearsal:
         """(F, R) standard deviation of the noise of the complex FRFs: what the coherence tells, else the same share of every response."""
         known = np.where(np.isfinite(self._tight), np.abs(self._tight), 0.0)
         assumed = NOISE_SHARE * np.sqrt(np.mean(known**2, axis=0))
-        measured, name = self.setting.measured, self.inputs.campaign.update.reference
+        measured, name = self.measured, self.inputs.campaign.update.reference
         if measured is None or name is None:
             return np.broadcast_to(assumed, known.shape)
         told = np.where(measured.coherence > 0.0, measured.coherence, np.nan)
@@ -229,7 +213,7 @@ class Rehearsal:
             with np.errstate(divide="ignore", invalid="ignore"):
                 apart = decibel(self._true(self.theta, share)[:, used][lines]) - decibel(self._tight[:, used][lines])
             known = np.square(apart[np.isfinite(apart)])
-            return float(np.sqrt(known.mean())) - self.setting.noise.sigma if known.size else -np.inf
+            return float(np.sqrt(known.mean())) - self.noise.sigma if known.size else -np.inf
 
         return MOST_DETUNED if missing(MOST_DETUNED) <= 0.0 else float(brentq(missing, 0.0, MOST_DETUNED, xtol=LEAST_DETUNED))
 
@@ -249,7 +233,7 @@ class Rehearsal:
 
     def tight(self, draw: int) -> TightState:
         """Measure and identify the tight state."""
-        rng = np.random.default_rng([self.setting.seed, draw])
+        rng = np.random.default_rng([self.seed, draw])
         # Higher and lower by turns.
         detuned = self.detuned * (-1.0) ** draw
         measurement = self._measure(self._true(self.theta, detuned), rng)
@@ -261,7 +245,7 @@ class Rehearsal:
         tight = TightState(inputs, detuned, measurement, record.state)
         if self.scatter is not None:
             return replace(tight, scatter=self.scatter)
-        again = [self._identified(tight, {}, [self.setting.seed, draw, 0, k]) for k in range(len(campaign.update.baselines))]
+        again = [self._identified(tight, {}, [self.seed, draw, 0, k]) for k in range(len(campaign.update.baselines))]
         judged = [
             judge(evidence, inputs.method.rule, BASELINE, reference=tight.reference).bolts for evidence in again if evidence is not None
         ]
@@ -270,7 +254,7 @@ class Rehearsal:
     def loosened(self, bolt: int, loss: float, draw: int, tight: TightState) -> Draw:
         """Loosen one bolt by so many decades, measure, identify and judge."""
         # The same numbers at every loss.
-        evidence = self._identified(tight, {bolt: -loss}, [self.setting.seed, draw, bolt + 1])
+        evidence = self._identified(tight, {bolt: -loss}, [self.seed, draw, bolt + 1])
         if evidence is None:
             return Draw("undecided", float("nan"), float("nan"), (), 0)
         found = judge(evidence, tight.inputs.method.rule, JOB, tight.scatter, tight.reference).bolts
@@ -291,10 +275,10 @@ class Rehearsal:
         """
         inputs = with_job(tight.inputs, LOOSENED_JOB)
         rng = np.random.default_rng(seed)
-        joint, prior = self.setting.joint, inputs.statistics.bolts
+        joint, prior = self.joint, inputs.statistics.bolts
         change = np.where(joint, prior.joint_tight_std, prior.tight_std) * rng.standard_normal(joint.size)
         change[list(changes)] = list(changes.values())
-        theta = np.clip(self.theta + self.setting.structure.loosened @ change, *self.parameters.bounds.T)
+        theta = np.clip(self.theta + self.structure.loosened @ change, *self.parameters.bounds.T)
         drift = np.array([nuisance.std * rng.standard_normal() for nuisance in self.nuisances]) if self.nuisances else None
         y = self._true(theta, tight.detuned, drift)
         apart, patterns, band = self._error(self.theta, theta)
@@ -303,7 +287,7 @@ class Rehearsal:
         error = wrong * _along(rng, wrong.shape, inputs.statistics.errors.coarsening) + patterns @ rng.standard_normal(patterns.shape[2])
         error = error + mean * rng.standard_normal((band.max() + 1, wrong.shape[1]))[band]
         # A change can be no more wrong than two states are.
-        most, std = np.sqrt(2.0) * self.setting.noise.sigma, np.sqrt(wrong**2 + mean**2 + np.sum(np.abs(patterns) ** 2, axis=2))
+        most, std = np.sqrt(2.0) * self.noise.sigma, np.sqrt(wrong**2 + mean**2 + np.sum(np.abs(patterns) ** 2, axis=2))
         error = error * most / np.maximum(np.hypot(std, most), np.finfo(float).tiny)
         measured = {TIGHT_JOB: tight.measurement, LOOSENED_JOB: self._measure(y * np.exp(error / DB), rng)}
         try:
@@ -356,12 +340,12 @@ def assumptions(rehearsal: Rehearsal, draws: int, origin: str) -> list[str]:
     origin : str
         Where the noise is from.
     """
-    setting, update = rehearsal.setting, rehearsal.inputs.campaign.update
+    measured, update = rehearsal.measured, rehearsal.inputs.campaign.update
     errors, prior = rehearsal.inputs.statistics.errors, rehearsal.inputs.statistics.bolts
-    joints = bool(setting.joint[setting.structure.loosened.any(axis=0)].all())
+    joints = bool(rehearsal.joint[rehearsal.structure.loosened.any(axis=0)].all())
     losses = ", ".join(f"{loss:g}" for loss in LOSSES[:-1]) + f" or {LOSSES[-1]:g}"
     through = "" if joints else " of the stiffness along half a pitch on both sides"
-    told = setting.measured is not None and bool((setting.measured.coherence > 0.0).any() or setting.measured.sigma_db is not None)
+    told = measured is not None and bool((measured.coherence > 0.0).any() or measured.sigma_db is not None)
     chain = f"as in the measurement of {update.reference}" if told else f"{100 * NOISE_SHARE:g} % of the rms of each response (assumed)"
     kinds = {"factor": "speed of sound", "gain": "gains of the responses", "shift": "point of the hammer"}
     drifts = ", ".join(dict.fromkeys(kinds[nuisance.kind] for nuisance in rehearsal.nuisances))
@@ -376,10 +360,10 @@ def assumptions(rehearsal: Rehearsal, draws: int, origin: str) -> list[str]:
         f"below {threshold(rehearsal.inputs, joints):g} decades{beside}, with "
         f"{100 * update.confidence:g} %",
         f"a bolt alone loses {losses} decades{through}; tight ones scatter by {scatter:g}",
-        f"model discrepancy {setting.noise.sigma:.2g} dB a line ({origin}), as of a structure whose frequencies lie "
+        f"model discrepancy {rehearsal.noise.sigma:.2g} dB a line ({origin}), as of a structure whose frequencies lie "
         f"{100 * rehearsal.detuned:.2g} % beside the model's",
         f"errors of the changes that the model predicts: {100 * errors.shift_error:g} % of the shift of a resonance, "
-        f"{100 * errors.change_error:g} % of the change of a level, at most about {np.sqrt(2.0) * setting.noise.sigma:.2g} dB",
+        f"{100 * errors.change_error:g} % of the change of a level, at most about {np.sqrt(2.0) * rehearsal.noise.sigma:.2g} dB",
         f"noise of the measurement: {chain}",
         f"drift between the jobs, as update.nuisances allows: {drifts}"
         if drifts
