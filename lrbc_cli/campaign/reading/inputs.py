@@ -175,7 +175,6 @@ class Inputs:
 class _Reader(GroupReader):
     """Parts of the model, each from its section of the campaign file."""
 
-    units_doubt: str | None = None
     shifts: NDArray[np.int64] | None = None
 
     def loads(self) -> tuple[sp.csc_array, list[Point]]:
@@ -343,9 +342,8 @@ def _bolts_and_terms(reader: _Reader) -> tuple[list[Terms], LowRankTerms]:
     if reader.dofs is not None:
         # All points have been read by now.
         require_unit(reader.dofs, points := list(reader.near.values()), reader.campaign.path)
-        beside = beside_nodes(reader.dofs, points, reader.unit.length)
-        reader.moved = beside.moved
-        reader.warn(*beside.warnings)
+        warnings, reader.moved = beside_nodes(reader.dofs, points, reader.unit.length)
+        reader.warn(*warnings)
     reader.read_bolts()
     return reader.terms()
 

@@ -156,15 +156,7 @@ class NearPoint:
     away: float
 
 
-@dataclass(frozen=True)
-class Beside:
-    """Warnings of points beside the nodes, and whether all of them are given from another origin."""
-
-    warnings: list[str]
-    moved: bool = False
-
-
-def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> Beside:
+def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> tuple[list[str], bool]:
     """Warnings of points beside the nodes: one where another origin, at a side or in the middle of the model, explains all of them.
 
     Parameters
@@ -173,10 +165,16 @@ def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> Be
     points : sequence of NearPoint
     unit : float
         Of the campaign's coordinates [m].
+
+    Returns
+    -------
+    list of str
+    bool
+        Whether another origin does.
     """
     told = [point.warning for point in points if point.warning]
     if len(told) < 2 or 2 * len(told) <= len(points):
-        return Beside(told)
+        return told, False
     low, high = dofs.xyz.min(axis=0), dofs.xyz.max(axis=0)
     # What leaves all points at nodes, or is the only one that leaves all of them within a mesh size.
     fits: list[tuple[float, tuple[float, ...]]] = []
@@ -189,14 +187,14 @@ def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> Be
             fits.append((max(away), shift))
     fits.sort()
     if not fits or (fits[0][0] > AT_NODE and len(fits) > 1):
-        return Beside(told)
+        return told, False
     added = ", ".join(f"{value / unit:g}" for value in fits[0][1])
     text = (
         f"{len(told)} of {len(points)} points of hammer and sensors lie beside the nodes; with ({added}) added to each of them they lie at "
         "nodes: the coordinates were measured from another origin than the model's, it seems: add that to each `near` of excitation and "
         "responses"
     )
-    return Beside([text], moved=True)
+    return [text], True
 
 
 def require_unit(dofs: DofTable, points: Sequence[NearPoint], file: Path) -> None:
@@ -275,7 +273,12 @@ def likely_units(K: sp.csc_array, M: sp.csc_array, dofs: DofTable) -> list[str]:
     found = _speed_and_density(K, M, dofs, np.isin(dofs.component, ("UX", "UY", "UZ")))
     if found is None or (SLOWEST < found[0] < FASTEST and LIGHTEST < found[1] < HEAVIEST):
         return ["SI"]
-    return _likely(*found)
+    fit, (speed, density, _) = list[str](), found
+    for text in USUAL_SYSTEMS:
+        unit = parse_system(text)
+        if SLOWEST < speed * unit.length / unit.time < FASTEST and LIGHTEST < density * unit.mass / unit.length**3 < HEAVIEST:
+            fit.append(text)
+    return fit
 
 
 def _speed_and_density(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, field: Bools) -> tuple[float, float, float] | None:
@@ -287,16 +290,6 @@ def _speed_and_density(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, field: 
     spacing = float(np.median(cKDTree(places).query(places, k=2)[0][:, 1]))
     # Means of the mass and medians of the stiffness: neither massless nodes nor penalties count.
     return spacing * float(np.sqrt(np.median(stiffness) / mass.mean())), float(mass.mean()) / spacing**3, spacing
-
-
-def _likely(speed: float, density: float, _: float) -> list[str]:
-    """Systems of units in which both numbers, read as SI, are those of a structure."""
-    fit = []
-    for text in USUAL_SYSTEMS:
-        unit = parse_system(text)
-        if SLOWEST < speed * unit.length / unit.time < FASTEST and LIGHTEST < density * unit.mass / unit.length**3 < HEAVIEST:
-            fit.append(text)
-    return fit
 
 
 def mistake_text(campaign: Campaign, matrix: str, factor: float) -> str:
