@@ -13,7 +13,7 @@ import numpy as np
 from lrbc_cli.campaign.identification.unknowns import start_parameters
 from lrbc_cli.campaign.protect import require_new, require_no_input
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.campaign.reading.reader import DIRECTIONS
+from lrbc_cli.campaign.reading.reader import LABELS
 from lrbc_cli.campaign.reduced.stage import ReductionStage, frf_source
 from lrbc_cli.campaign.simulate import job_values, parse_values
 from lrbc_cli.config.structure import ProportionalDamping
@@ -25,8 +25,6 @@ from lrbc_cli.reduction.reduced.statespace import HYSTERETIC, VISCOUS, complex_m
 from lrbc_cli.results.store import versions
 
 ENCODING = "lrbc-reduced-model"
-
-COMPONENTS = {direction: component for component, direction in DIRECTIONS.items()}
 
 
 def check_targets(files: Sequence[Path], inputs: Inputs, *, replace_foreign: bool = False) -> None:
@@ -277,7 +275,7 @@ def _excitations(inputs: Inputs) -> dict[str, Any]:
 
 
 def _component(direction: int | None) -> str:
-    return "" if direction is None else COMPONENTS.get(direction, "")
+    return "" if direction is None else LABELS.get(direction, "")
 
 
 def _texts(values: Sequence[str] | Any) -> Any:

@@ -26,6 +26,7 @@ from lrbc_cli.campaign.drafting.roles import (
     tight_states,
     units_of,
 )
+from lrbc_cli.campaign.reading.reader import LABELS
 from lrbc_cli.config.document import resolve_scalar
 from lrbc_cli.config.fields import job_name, plain_name
 from lrbc_cli.config.skeleton import SCHEMA_LINE
@@ -41,9 +42,6 @@ ASSUMED_RATIO = 0.01
 
 #: Quantities by the beginning of a sensor's name.
 QUANTITIES = {"acc": "acceleration", "bes": "acceleration", "mic": "pressure", "mik": "pressure", "vel": "velocity", "disp": "displacement"}
-
-#: Labels of DOFs by direction of a record.
-LABELS = {0: "PRES", 1: "UX", 2: "UY", 3: "UZ", 4: "ROTX", 5: "ROTY", 6: "ROTZ"}
 
 NO_DOFS = "  dofs: model/dofs.csv              # not found among the files"
 

@@ -122,7 +122,7 @@ def recognise(folder: Path) -> FilesFound:
         _look_at(path, found)
     for path in list(found.rest) if found.size else ():
         # A map can only be told by the number of rows.
-        if _can(partial(read_dof_map, path, found.size)):
+        if can(partial(read_dof_map, path, found.size)):
             del found.rest[path]
             found.tables.setdefault("map", []).append(path)
     return found
@@ -133,7 +133,7 @@ def _look_at(path: Path, found: FilesFound) -> None:
     if kind is not None:
         found.tables.setdefault(kind, []).append(path)
         return
-    if re.search("coh|koh", path.stem.lower()) and _can(lambda: read_coherence(path)):
+    if re.search("coh|koh", path.stem.lower()) and can(lambda: read_coherence(path)):
         found.coherences.append(path)
         return
     why: dict[Callable[[Path, FilesFound], bool], str] = {}
@@ -143,7 +143,7 @@ def _look_at(path: Path, found: FilesFound) -> None:
                 return
         except LrbcError as error:
             why[take] = f"{error.problem}" + (f"; {error.hint}" if error.hint else "")
-    if _can(lambda: read_coherence(path)):
+    if can(lambda: read_coherence(path)):
         found.coherences.append(path)
     else:
         # Of all readers the one that its ending promises.
@@ -203,7 +203,8 @@ PROMISED = {
 }
 
 
-def _can(read: Callable[[], object]) -> bool:
+def can(read: Callable[[], object]) -> bool:
+    """Whether a file can be read so."""
     try:
         read()
     except LrbcError:

@@ -6,12 +6,13 @@ import re
 import unicodedata
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.campaign.drafting.recognise import FilesFound, MatrixFound
+from lrbc_cli.campaign.drafting.recognise import FilesFound, MatrixFound, can
 from lrbc_cli.campaign.reading.dof_source import numbering
 from lrbc_cli.campaign.reading.places import likely_units
 from lrbc_cli.config.structure import DofSource
@@ -166,7 +167,7 @@ def _operators(found: FilesFound, roles: Roles) -> None:
 def _vectors(found: FilesFound, roles: Roles) -> None:
     n = found.size
     thin = [m for m in found.matrices if n in m.matrix.shape and m.matrix.shape != (n, n)]
-    positions = {path: read_positions(path).xyz.shape[0] for path in found.of("positions") if _readable(path)}
+    positions = {path: read_positions(path).xyz.shape[0] for path in found.of("positions") if can(partial(read_positions, path))}
     for matrix in thin:
         count = min(matrix.matrix.shape)
         fits = [path for path, terms in positions.items() if terms == count]
@@ -183,14 +184,6 @@ def _vectors(found: FilesFound, roles: Roles) -> None:
     roles.spare += [found.called(path) for path in positions]
     # The first of each is the model's.
     roles.spare += [found.called(path) for kind in ("dofs", "nodes", "map") for path in found.of(kind)[1:]]
-
-
-def _readable(path: Path) -> bool:
-    try:
-        read_positions(path)
-    except LrbcError:
-        return False
-    return True
 
 
 def _named_points(found: FilesFound, roles: Roles) -> None:

@@ -42,6 +42,7 @@ FREE_IT = "a fixed DOF cannot move nor be loosened: export the edge pinned, its 
 
 #: Directions of universal files by the label of a DOF; a pressure has none.
 DIRECTIONS = {ACOUSTIC_COMPONENT: 0, "UX": 1, "UY": 2, "UZ": 3, "ROTX": 4, "ROTY": 5, "ROTZ": 6}
+LABELS = {direction: label for label, direction in DIRECTIONS.items()}
 
 
 class Parts:
