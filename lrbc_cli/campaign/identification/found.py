@@ -70,7 +70,6 @@ class Identification:
         The unknowns are changes against the reference job.
     relative : bool
         The measurement was corrected by the model discrepancy of the reference state.
-    cost_initial : float
     line_evaluations : int
     seconds : dict
     regularisation : float
@@ -109,7 +108,6 @@ class Identification:
     prior: Floats = field(repr=False)
     against_reference: bool = False
     relative: bool = False
-    cost_initial: float = 0.0
     line_evaluations: int = 0
     seconds: dict[str, float] = field(default_factory=dict)
     regularisation: float = 0.0

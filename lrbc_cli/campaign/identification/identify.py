@@ -102,7 +102,6 @@ def _identified(job: Job) -> Identification:
         prior=job.prior,
         against_reference=job.against_reference,
         relative=fit.relative,
-        cost_initial=solution.history[0].cost,
         line_evaluations=fit.evaluations * fit.misfit.lines,
         seconds={
             "read": job.seconds_read,

@@ -111,7 +111,7 @@ def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identi
     return {
         "parameters": parameter_trees(inputs, result),
         "covariance": knowledge.boundary,
-        "cost": {"initial": result.cost_initial, "final": solution.evaluation.cost},
+        "cost": {"initial": solution.history[0].cost, "final": solution.evaluation.cost},
         "misfit_db": misfit_tree(inputs, result.misfit_initial, result.misfit_final),
         "noise": {
             "sigma_db": knowledge.noise.sigma,

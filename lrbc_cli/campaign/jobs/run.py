@@ -98,8 +98,8 @@ class _Run:
 
     def all(self, accept: bool, workers: int, source: FrfSource | None) -> tuple[Outcome, ReductionStage | None]:
         """Run, judge anew or keep them, those first that others rest on."""
-        workers = workers if self.remote is None else self.remote.slots
-        campaign, outcome, self.workers = self.inputs.campaign, self.outcome, workers
+        self.workers = workers if self.remote is None else self.remote.slots
+        campaign, outcome = self.inputs.campaign, self.outcome
         for p in self.plans.values():
             if p.kept:
                 keep(p, outcome, self.progress)
@@ -124,7 +124,7 @@ class _Run:
             for wanted_now in (first, second, [name for name in todo if name not in (*first, *second)]):
                 run = [name for name in wanted_now if self._still_to_run(name)]
                 if source is not None:
-                    _run_all(run, partial(self._identified, source), self._done, workers, self._give_up)
+                    self._run(run, source)
             outcome.kept.sort(key=self.names.index)
         finally:
             write_table(self.output, list(campaign.jobs), outcome.results)
@@ -145,7 +145,7 @@ class _Run:
         p = self.plans[name] = settled(p, self.output, rests_on(tight), campaign.update.reference)
         if p.run:
             return True
-        if p.judge and p.evidence is not None and p.record is not None:
+        if p.judge:
             copied = p.copied if p.knows_copies else copied_baseline(self.inputs, name)
             rule, come_from = self.inputs.method.rule, origin_of(self.inputs)
             judge_one(campaign, rule, p, tight, self.outcome, come_from=come_from, copied=copied, progress=self.progress)
@@ -161,9 +161,27 @@ class _Run:
         result = (identify if self.remote is None else self.remote.identify)(self.inputs, source, name, tight.reference)
         return write_result(self.output, finish(self.inputs, self.stage, result, tight, (p.identity, p.judgement)))
 
-    def _give_up(self) -> None:
-        if self.remote is not None:
-            self.remote.close()
+    def _run(self, names: list[str], source: FrfSource) -> None:
+        """Identify jobs that rest on none of each other, as many at a time as there are workers."""
+        if self.workers < 2 or len(names) < 2:
+            for name in names:
+                self._done(name, partial(self._identified, source, name))
+            return
+        # Threads serve: the time goes into dense linear algebra, which releases the interpreter.
+        pool = ThreadPoolExecutor(min(self.workers, len(names)))
+        pending: dict[Future[JobRecord], str] = {pool.submit(self._identified, source, name): name for name in names}
+        try:
+            while pending:
+                finished, _ = wait(pending, return_when=FIRST_COMPLETED)
+                for future in finished:
+                    self._done(pending.pop(future), future.result)
+        except BaseException:
+            # What other machines work on would be waited for.
+            if self.remote is not None:
+                self.remote.close()
+            raise
+        finally:
+            pool.shutdown(cancel_futures=True)
 
     def _done(self, name: str, work: Callable[[], JobRecord]) -> None:
         if self.workers < 2:
@@ -212,30 +230,3 @@ def reference_result(inputs: Inputs, outcome: Outcome, reference: str, stage: Re
         return None
     certificate = before.provenance.certificate
     return before if (certificate.key if certificate else None) == (stage.decision.key if stage else None) else None
-
-
-def _run_all(
-    names: list[str],
-    one: Callable[[str], JobRecord],
-    done: Callable[[str, Callable[[], JobRecord]], None],
-    workers: int,
-    give_up: Callable[[], None],
-) -> None:
-    if workers < 2 or len(names) < 2:
-        for name in names:
-            done(name, lambda name=name: one(name))  # type: ignore[misc]
-        return
-    # Threads serve: the time goes into dense linear algebra, which releases the interpreter.
-    pool = ThreadPoolExecutor(min(workers, len(names)))
-    pending: dict[Future[JobRecord], str] = {pool.submit(one, name): name for name in names}
-    try:
-        while pending:
-            finished, _ = wait(pending, return_when=FIRST_COMPLETED)
-            for future in finished:
-                done(pending.pop(future), future.result)
-    except BaseException:
-        # What other machines work on would be waited for.
-        give_up()
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
