@@ -80,9 +80,9 @@ def test_cables_exchanged_are_one_finding_whatever_was_hit() -> None:
 
 def test_a_job_that_shows_part_of_an_exchange_shows_that_exchange() -> None:
     both, one = ("exchanged", (0, 1), (4, 5)), ("exchanged", (4, 5))
-    pooled = pooled({"tight": {both: "of both"}, "loose": {one: "of one"}, "other": {("exchanged", (2, 3)): "of others"}}, "tight")
-    assert list(pooled["loose"]) == [both]
-    assert list(pooled["other"]) == [("exchanged", (2, 3))]
+    found = pooled({"tight": {both: "of both"}, "loose": {one: "of one"}, "other": {("exchanged", (2, 3)): "of others"}}, "tight")
+    assert list(found["loose"]) == [both]
+    assert list(found["other"]) == [("exchanged", (2, 3))]
 
 
 def test_a_hammer_that_was_not_moved() -> None:
