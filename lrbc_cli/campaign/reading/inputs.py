@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -223,6 +223,11 @@ class _Reader(GroupReader):
         parts.require()
         return sp.vstack(rows, format="csc"), responses
 
+    def slips(self, model: FeModel, responses: list[Response], groups: list[TermGroup], bolts: PointTable | None) -> Iterator[str]:
+        """Warnings of what contradicts itself."""
+        named = [(response.name, response.input) for response in responses]
+        return slips(self.campaign, model, named, groups, bolts, self.dofs, astray=self.astray)
+
     def response(self, point: ResponseConfig, name: str, acoustic: NDArray[np.bool_]) -> tuple[sp.csc_array, Response]:
         """The row of one response, and what it is."""
         excitations = list(self.campaign.excitation)
@@ -309,9 +314,7 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     lossy = partial(with_loss, campaign, acoustic)
     extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M}, lossy)
     model = FeModel(K=lossy(K), C=C, M=M, B=B, L=L, output_power=output_power, is_acoustic=acoustic, terms=terms, extras=extras)
-    named = [(response.name, response.input) for response in responses]
-    contradictions = slips(campaign, model, named, groups, bolts, reader.dofs, astray=reader.astray)
-    reader.warn(*no_lines, *left_behind(K, campaign), *doubts(model), *contradictions)
+    reader.warn(*no_lines, *left_behind(K, campaign), *doubts(model), *reader.slips(model, responses, groups, bolts))
     check_drift(campaign, bool(acoustic.any()))
     require_reach(model, [r.name for r in responses], list(campaign.excitation), [r.input for r in responses])
     require_frequencies(model, campaign, reader.dofs)
