@@ -8,8 +8,8 @@ import pytest
 from samples import sample
 
 from lrbc_cli.campaign.identification.records import read_measurement
+from lrbc_cli.campaign.looking.common import each_once, pooled
 from lrbc_cli.campaign.looking.exchanges import _exchange, _nested, exchanged_files, mistitled
-from lrbc_cli.campaign.looking.first_look import _pooled, _told
 
 
 @pytest.mark.parametrize(
@@ -81,9 +81,9 @@ def test_a_sensor_that_is_reversed_is_told_once() -> None:
         "one": {("reversed", 5): "a3-h2 is reversed"},
         "two": {("reversed", 5, 7): "two are reversed"},
     }
-    told = _told(_pooled(found, "tight"))
+    told = each_once(pooled(found, "tight"))
     assert told == ["job tight: a3 is reversed; the same in one", "job two: two are reversed"]
-    assert _pooled(found, None) == found
+    assert pooled(found, None) == found
 
 
 def test_phases_alone_say_nothing_beside_another_unit() -> None:
@@ -91,5 +91,5 @@ def test_phases_alone_say_nothing_beside_another_unit() -> None:
         "tight": {("units", 0, 1): "velocity, not acceleration"},
         "one": {("sideways", "up"): "90 degrees", ("alone", 1): "far off"},
     }
-    assert _pooled(found, "tight")["one"] == {("alone", 1): "far off"}
-    assert _pooled({"tight": {}, "one": found["one"]}, "tight")["one"] == found["one"]
+    assert pooled(found, "tight")["one"] == {("alone", 1): "far off"}
+    assert pooled({"tight": {}, "one": found["one"]}, "tight")["one"] == found["one"]

@@ -183,6 +183,7 @@ def _sign_texts(inputs: Inputs, found: _Reversed, count: int) -> Told:
 def pooled(found: Mapping[str, Told], reference: str | None) -> dict[str, Told]:
     """What is wrong in the reference job, in all jobs: others, in which bolts are loose, show part of it, or what looks like part of it."""
     own = found.get(reference or "", {})
+    reversed_there = next((kind for kind in own if kind[0] == "reversed"), ())
     units_there = any(kind[0] == "units" for kind in own)
     stated_wrong = {i for kind in own if kind[0] in {"alone", "coordinates"} for i in kind[1:]}
     shared: dict[str, Told] = {}
@@ -197,6 +198,8 @@ def pooled(found: Mapping[str, Told], reference: str | None) -> dict[str, Told]:
                 # Of cables that are exchanged in other jobs a job with loose bolts may show one hammer point only.
                 kind = next((other for other in exchanges if set(kind[1:]) < set(other[1:])), kind)
                 exchanges.append(kind)
+            if kind[0] == "reversed" and set(kind) <= set(reversed_there):
+                kind = reversed_there
             # Velocities for accelerations: phases alone say that their levels are right, which nobody knows of a job with loose bolts.
             if not (units_there and kind[0] == "sideways"):
                 shared[name][kind] = text
