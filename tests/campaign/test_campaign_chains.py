@@ -21,9 +21,9 @@ def frfs() -> np.ndarray:
     return np.asarray(port_model(pads_ports(model), parameters).frf(parameters.initial))
 
 
-def measurement(noise: np.ndarray) -> Any:
-    """Noise over signal of four responses, the same at all lines."""
-    return SimpleNamespace(frequency_hz=HZ, coherence=np.tile(1.0 / (1.0 + noise), (HZ.size, 1)))
+def measurement(noise: np.ndarray, level: np.ndarray | float = 1.0) -> Any:
+    """Noise over signal of four responses, and their levels, the same at all lines."""
+    return SimpleNamespace(frequency_hz=HZ, coherence=np.tile(1.0 / (1.0 + noise), (HZ.size, 1)), values=np.ones((HZ.size, 4)) * level + 0j)
 
 
 TIGHT = np.array([1e-4, 2e-4, 1e-4, 3e-4])
@@ -52,13 +52,19 @@ def test_other_noise_is_no_fault_of_one_channel(times: list[float]) -> None:
     assert said(TIGHT * np.array(times)) is None
 
 
+def test_a_response_that_a_loose_bolt_lets_fall_is_no_fault() -> None:
+    """The noise is what it was, and stands beside less."""
+    fallen = measurement(TIGHT * np.array([1.0, 300.0, 1.0, 1.0]), 1.0 / np.sqrt([1.0, 300.0, 1.0, 1.0]))
+    assert coherence_doubt(INPUTS, fallen, measurement(TIGHT), "tight") is None
+
+
 def test_without_coherence_nothing_is_said() -> None:
     empty = replace_coherence(measurement(TIGHT))
     assert coherence_doubt(INPUTS, empty, measurement(TIGHT), "tight") is None
 
 
 def replace_coherence(own: Any) -> Any:
-    return SimpleNamespace(frequency_hz=own.frequency_hz, coherence=np.full_like(own.coherence, np.nan))
+    return SimpleNamespace(frequency_hz=own.frequency_hz, coherence=np.full_like(own.coherence, np.nan), values=own.values)
 
 
 def test_conjugates_answer_before_the_blow() -> None:
