@@ -13,7 +13,7 @@ import numpy as np
 from lrbc_cli.campaign.beside import passed_over, unnamed
 from lrbc_cli.campaign.identification.compared.chains import chain_doubt, coherence_doubt, noise_doubt
 from lrbc_cli.campaign.identification.compared.copies import Earlier, pasted
-from lrbc_cli.campaign.identification.records import MIN_BAND, Measurement, read_measurement
+from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
 from lrbc_cli.campaign.looking.axes import other_lines
@@ -27,7 +27,7 @@ from lrbc_cli.config.settings import EveryLine
 from lrbc_cli.errors import LrbcError, NumericalError
 from lrbc_cli.model.coupling import asymmetry, coupling_of
 from lrbc_cli.reduction.solve import pardiso
-from lrbc_cli.updating.statistics.lines import few_digits, few_resonances, interpolated, missed, normalised, phaseless, too_wide
+from lrbc_cli.updating.statistics.lines import covers, few_digits, few_resonances, interpolated, missed, normalised, phaseless, too_wide
 
 TRANSLATIONS = ("UX", "UY", "UZ")
 
@@ -223,9 +223,9 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         lines.append(f"{name}: {measurement.lines}, {chosen}, {records} of {len(inputs.responses)} responses matched")
         out.warnings += [*measurement.warnings, *_poor(inputs, name, measurement)]
         out.warnings += [f"job {name}: {text}" for text in pasted(measurement, names, inputs.statistics.validation)]
-        if wide := _whole(inputs, measurement) and too_wide(
-            (measurement.frequency_hz, measurement.values[:, inputs.used]), rule=inputs.statistics.resolution
-        ):
+        # That lines cover part of the band only is told, and what follows from it, as from rad/s for Hz, is not.
+        wide = too_wide((measurement.frequency_hz, measurement.values[:, inputs.used]), rule=inputs.statistics.resolution)
+        if wide and covers(measurement.frequency_hz, inputs.campaign.reduction.band):
             out.warnings.append(f"job {name}: {wide}, or expect wide intervals, other valleys of the cost, and no all-clear")
         empty, count = missed(measurement.frequency_hz, measurement.values[:, inputs.used], selected)
         # Lines that are listed were chosen one by one.
@@ -282,7 +282,7 @@ def _looks(inputs: Inputs, folder: Path, readable: dict[str, Measurement], progr
 def _poor(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[str]:
     """Warnings of a band with few resonances, of which the reference job tells, of numbers with few digits, and of a single blow."""
     few = few_resonances(measurement.frequency_hz, measurement.values[:, inputs.used])
-    if few is not None and name == inputs.campaign.update.reference and _whole(inputs, measurement):
+    if few is not None and name == inputs.campaign.update.reference and covers(measurement.frequency_hz, inputs.campaign.reduction.band):
         yield f"job {name}: {_few_text(inputs, measurement, few)}"
     if rounded := few_digits(measurement.values):
         which = ", ".join(f"{inputs.responses[i].name} ({error:.1f} dB)" for i, error in rounded.items())
@@ -296,12 +296,6 @@ def _poor(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[str]:
             "peak, so that levels between sensors are lost; export the FRFs as response over force, without normalisation"
         )
     yield from _single(inputs, name, measurement)
-
-
-def _whole(inputs: Inputs, measurement: Measurement) -> bool:
-    """Whether a measurement covers the band; of one that does not, that is told, and what follows from it, as from rad/s for Hz, is not."""
-    low, high = inputs.campaign.reduction.band
-    return bool(np.ptp(measurement.frequency_hz) > MIN_BAND * (high - low))
 
 
 def _single(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[str]:

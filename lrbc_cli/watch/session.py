@@ -12,7 +12,7 @@ from lrbc_cli.campaign.beside import outlived
 from lrbc_cli.campaign.calibrate import run_calibration
 from lrbc_cli.campaign.calibration import with_stored_calibration
 from lrbc_cli.campaign.documents import require_own_output
-from lrbc_cli.campaign.identification.records import MIN_BAND, read_measurement
+from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines
 from lrbc_cli.campaign.jobs.run import run_jobs
 from lrbc_cli.campaign.jobs.standing import Outcome
@@ -24,6 +24,7 @@ from lrbc_cli.io.common import head
 from lrbc_cli.io.encoding import unfinished
 from lrbc_cli.report.write import write_report
 from lrbc_cli.updating.misfit.cost import SLOPE_STEP
+from lrbc_cli.updating.statistics.lines import covers
 
 #: What is read of the end of a text file, to see whether its last line has one [bytes].
 TAIL = 64
@@ -117,9 +118,7 @@ class Session:
         """
         job = self.campaign.jobs[name]
         found = read_measurement(self.inputs, job, name).frequency_hz
-        low, high = self.campaign.reduction.band
-        whole = found.size > 1 and (found[-1] - found[0]) * found.size / (found.size - 1) >= MIN_BAND * (high - low)
-        return bool(whole) and not any(_cut(path) for path in job.all_files)
+        return covers(found, self.campaign.reduction.band) and not any(_cut(path) for path in job.all_files)
 
     def judge(self, name: str, missing: Sequence[str]) -> Outcome:
         """Identify and judge one job, and what it rests on where that changed; calibrates first where that is to be done.

@@ -8,7 +8,7 @@ import pytest
 from samples import sample
 
 from lrbc_cli.campaign.identification.records import read_measurement
-from lrbc_cli.campaign.looking.common import each_once, pooled
+from lrbc_cli.campaign.looking.all_jobs import each_once, pooled
 from lrbc_cli.campaign.looking.exchanges import _exchange, _nested, exchanged_files, mistitled
 
 

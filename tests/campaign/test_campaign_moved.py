@@ -9,7 +9,7 @@ import numpy as np
 from looking import seen
 
 from lrbc_cli.campaign.identification.compared.likeness import by_sensors, exchanged_text
-from lrbc_cli.campaign.looking.common import pooled
+from lrbc_cli.campaign.looking.all_jobs import pooled
 from lrbc_cli.campaign.looking.moved import hammers_text, unmoved_text
 
 

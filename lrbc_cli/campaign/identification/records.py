@@ -22,9 +22,10 @@ from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.remembered import Remembered
 from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.statistics.decibels import DB, decibel
+from lrbc_cli.updating.statistics.lines import MIN_BAND, covers
 
-#: Share of the band that the lines should cover, and of the lines that a coherence should hold.
-MIN_BAND, MIN_COHERENCE = 0.9, 0.8
+#: Share of the lines that a coherence should hold.
+MIN_COHERENCE = 0.8
 #: Files that were read: the reference job and the baselines are asked for by every job.
 _files = Remembered[FrfSet](16)
 
@@ -383,9 +384,7 @@ def _gaps(axis: Floats, records: list[FrfRecord | None], values: Complexes, job:
     found = []
     low, high = inputs.campaign.reduction.band
     every = np.concatenate([record.frequency_hz for record in records if record is not None])
-    # Each line stands for its surroundings.
-    step = float(np.median(np.diff(axis))) if axis.size > 1 else 0.0
-    if axis[-1] - axis[0] + step < MIN_BAND * (high - low):
+    if not covers(axis, (low, high)):
         found.append(
             f"{called(job)}: the lines from {axis[0]:g} to {axis[-1]:g} Hz cover {(axis[-1] - axis[0]) / (high - low):.0%} of the band "
             f"from {low:g} to {high:g} Hz; {_why_short(axis, every, (low, high))}"

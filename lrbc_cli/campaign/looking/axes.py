@@ -7,8 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, MOST_LEFT, levels, spread
-from lrbc_cli.campaign.identification.records import MIN_BAND, Measurement, unlike
+from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.looking.states import Seen
+from lrbc_cli.updating.statistics.lines import MIN_BAND
 
 #: Rates of 44.1 to 51.2 kHz are taken for one another.
 RATES = 1.25

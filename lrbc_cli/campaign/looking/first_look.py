@@ -26,8 +26,8 @@ from lrbc_cli.campaign.identification.compared.likeness import (
     turned,
 )
 from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.looking.all_jobs import OfJob, Told, each_once, pooled, told_of_all
 from lrbc_cli.campaign.looking.axes import stretched_text
-from lrbc_cli.campaign.looking.common import OfJob, Told, each_once, pooled, told_of_all
 from lrbc_cli.campaign.looking.coordinates import coordinates_texts, mirrored_text
 from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, strike_text
 from lrbc_cli.campaign.looking.held import held_text, supports_text

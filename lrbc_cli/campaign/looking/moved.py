@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from lrbc_cli.arrays import Complexes, Floats, Integers, spaced
 from lrbc_cli.campaign.identification.compared import likeness
-from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart, apart_there, levels
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart, apart_there, by_place, levels
 from lrbc_cli.campaign.looking.rescaled import MOST_LEFT, MOST_WORK
 from lrbc_cli.campaign.looking.states import Seen, values_of
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -155,7 +155,7 @@ def unmoved_text(seen: Seen, *, same: float = 0.1, other: float = 0.5, least: in
 
 def _shared(inputs: Inputs, at: int, to: int) -> list[tuple[int, int]]:
     """Responses to one excitation, each with that of the same sensor to another one, in the order of the responses."""
-    places = {(r.node, r.direction, r.quantity, r.input): i for i, r in enumerate(inputs.responses) if r.node is not None}
+    places = by_place(inputs)
     turned = ((i, places.get((*place[:3], to))) for place, i in places.items() if place[3] == at)
     return [(i, k) for i, k in turned if k is not None]
 

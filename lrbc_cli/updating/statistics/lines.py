@@ -12,6 +12,15 @@ from lrbc_cli.updating.peaks import peaks_of
 from lrbc_cli.updating.robust import medians
 from lrbc_cli.updating.statistics.decibels import DB, decibel
 
+#: Share of the band that the lines should cover.
+MIN_BAND = 0.9
+
+
+def covers(frequency_hz: Floats, band_hz: tuple[float, float]) -> bool:
+    """Whether rising lines, each of which stands for its surroundings, cover the band but for a tenth of it."""
+    step = float(np.median(np.diff(frequency_hz))) if frequency_hz.size > 1 else 0.0
+    return bool(frequency_hz[-1] - frequency_hz[0] + step >= MIN_BAND * (band_hz[1] - band_hz[0]))
+
 
 @dataclass(frozen=True)
 class Resonances:

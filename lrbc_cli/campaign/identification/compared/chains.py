@@ -75,7 +75,7 @@ def coherence_doubt(
     names = ", ".join(inputs.responses[i].name for i in far)
     here, there = (", ".join(f"{np.nanmedian(g[:, i]):.4g}" for i in far) for g in (own.coherence, tight.coherence))
     return (
-        f"the coherence of {names} is {here} in the median over the lines, {there} in {reference}, and of no other response it fell so: "
+        f"the coherence of {names} is {here} in the median over the lines, {there} in {reference}, and that of no other response fell so: "
         "was a channel overloaded, or a sensor or its cable loose? Look at the time signals, raise the range, and measure it again, or "
         "leave the response out of this job"
     )

@@ -88,7 +88,7 @@ def off_level(
     change[held] -= np.median(change[held])
     off, told = np.abs(change) > np.maximum(OTHER_LEVEL_DB, reach), dict[int, str]()
     for i in np.flatnonzero(off).tolist():
-        others = [k for k in _same_sensor(inputs, i) if held[k]]
+        others = [k for k in same_sensor(inputs, i) if held[k]]
         # A sensor that is off is off wherever the hammer hits, and is told once.
         if not all(off[k] for k in others) or any(k < i for k in others):
             continue
@@ -101,7 +101,7 @@ def off_level(
     return told
 
 
-def _same_sensor(inputs: Inputs, response: int) -> list[int]:
+def same_sensor(inputs: Inputs, response: int) -> list[int]:
     """Other responses at the same DOF, hit elsewhere."""
     own = inputs.responses[response]
     return [
@@ -232,11 +232,14 @@ def exchanged(inputs: Inputs, measured: Complexes, states: Sequence[Complexes] |
     return found
 
 
+def by_place(inputs: Inputs) -> dict[tuple[int | None, int | None, str, int], int]:
+    """Responses by their node, direction, quantity and excitation; those without a node are left out."""
+    return {(r.node, r.direction, r.quantity, r.input): i for i, r in enumerate(inputs.responses) if r.node is not None}
+
+
 def _elsewhere(inputs: Inputs, cycle: Sequence[int]) -> Iterator[tuple[int, ...]]:
     """The same sensors hit at each of the other points, where all of them were measured there."""
-    places: dict[tuple[object, ...], int] = {
-        (r.node, r.direction, r.quantity, r.input): i for i, r in enumerate(inputs.responses) if r.node is not None
-    }
+    places = by_place(inputs)
     own = [inputs.responses[i] for i in cycle]
     for at in sorted({r.input for r in inputs.responses} - {own[0].input}):
         others = [places.get((r.node, r.direction, r.quantity, at)) for r in own]

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lrbc_cli.campaign.identification.compared.doubts import offset_texts, sign_tail
+from lrbc_cli.campaign.identification.compared.likeness import same_sensor
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.comparison.scale import (
     ALIKE,
@@ -69,7 +70,9 @@ def told_of_all(inputs: Inputs, found: Mapping[str, OfJob], reference: str) -> d
     known = {o.response: o for o in shared if any(o.response in key[1:] for key in texts)}
     reversed_there = _reversed(inputs, cosines) if any(o.reversed for offsets in several.values() for o in offsets) else _Reversed()
     texts |= _sign_texts(inputs, reversed_there, len(cosines))
-    for name, offsets in several.items() if texts else ():
+    if not texts:
+        return told
+    for name, offsets in several.items():
         left = tuple(
             replace(
                 o,
@@ -144,17 +147,8 @@ def _reversed(inputs: Inputs, cosines: Mapping[int, float]) -> _Reversed:
             excitations.append(e)
             hit |= set(own)
     clear = {r for r, cosine in cosines.items() if cosine <= -LEAST_ALIKE and r not in hit}
-    single = set(clear)
-    for r in cosines:
-        same = [k for k in clear if _same_sensor(inputs, r, k)]
-        if same and cosines[r] < 0.0 and r not in hit:
-            single.add(r)
+    single = clear | {r for r in cosines if cosines[r] < 0.0 and r not in hit and clear.intersection(same_sensor(inputs, r))}
     return _Reversed(tuple(excitations), tuple(sorted(single)), frozenset(hit | single))
-
-
-def _same_sensor(inputs: Inputs, one: int, other: int) -> bool:
-    a, b = inputs.responses[one], inputs.responses[other]
-    return a.node is not None and (a.node, a.direction) == (b.node, b.direction)
 
 
 def _sign_texts(inputs: Inputs, found: _Reversed, count: int) -> Told:
