@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -223,10 +223,6 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         lines.append(f"{name}: {measurement.lines}, {chosen}, {records} of {len(inputs.responses)} responses matched")
         out.warnings += [*measurement.warnings, *_poor(inputs, name, measurement)]
         out.warnings += [f"job {name}: {text}" for text in pasted(measurement, names, inputs.statistics.validation)]
-        # That lines cover part of the band only is told, and what follows from it, as from rad/s for Hz, is not.
-        wide = too_wide((measurement.frequency_hz, measurement.values[:, inputs.used]), rule=inputs.statistics.resolution)
-        if wide and covers(measurement.frequency_hz, inputs.campaign.reduction.band):
-            out.warnings.append(f"job {name}: {wide}, or expect wide intervals, other valleys of the cost, and no all-clear")
         empty, count = missed(measurement.frequency_hz, measurement.values[:, inputs.used], selected)
         # Lines that are listed were chosen one by one.
         if 2 * empty > count and isinstance(chosen_lines, EveryLine):
@@ -234,6 +230,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         if straight := interpolated(measurement.values):
             out.warnings.append(f"job {name}: {straight}")
         lines += [f"  {note}" for note in (*_packed(measurement.notes), *(measurement.records if detailed else ()))]
+    out.warnings += _unclear(inputs, readable)
     if sparse and isinstance(chosen_lines, EveryLine):
         out.warnings.append(
             f"update.lines: {{every: {chosen_lines.every}}} leaves no line at most of the resonances, where "
@@ -249,6 +246,22 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         out.jobs = []
     lines += [f"{p.name}: {p.verb} ({p.reason})" for p in out.jobs]
     return lines
+
+
+def _unclear(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[str]:
+    """Warnings of jobs whose peaks say little: one of each cause, by all of their peaks."""
+    rule, causes = inputs.statistics.resolution, dict[str, list[str]]()
+    peaks = {name: (found.frequency_hz, found.values[:, inputs.used]) for name, found in readable.items()}
+    for name, own in peaks.items():
+        # That lines cover part of the band only is told, and what follows from it, as from rad/s for Hz, is not.
+        if covers(own[0], inputs.campaign.reduction.band) and (unclear := too_wide(own, rule=rule)):
+            causes.setdefault(unclear.cause, []).append(name)
+    told = []
+    for names in causes.values():
+        if together := too_wide(*(peaks[name] for name in names), rule=rule):
+            which = f"job{'s' if len(names) > 1 else ''} {', '.join(names)}"
+            told.append(f"{which}: {together.text}, or expect wide intervals, other valleys of the cost, and no all-clear")
+    return told
 
 
 def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], out: Findings, progress: Callable[[str], None]) -> str:

@@ -77,12 +77,16 @@ def test_what_the_campaign_says_comes_first(box: Folder) -> None:
     assert "record 1: mic1, node 103 direction 0, over node 8 direction 3, pressure" in str(error.found)
 
 
-def test_the_one_record_that_is_left_is_offered(box: Folder) -> None:
-    """Where several responses have none, which is whose is not known."""
+def test_records_that_are_left_are_offered(box: Folder) -> None:
+    """Where several responses have none, in their order; where another number of them is left, which is whose is not known."""
 
     rewrite(box, lambda r: replace(r, name="ch 2", response_node=0) if r.name == "mic2" else r, "tight.uff")
     assert "if it is ch 2, write responses.mic2.record: ch 2; else say" in str(refused(box, job="tight").hint)
     rewrite(box, lambda r: replace(r, name="ch 3", response_node=0) if r.name == "mic3" else r, "tight.uff")
+    offered = "if they are ch 2, ch 3, in this order, write responses.mic2.record: ch 2, responses.mic3.record: ch 3; else say"
+    assert offered in str(refused(box, job="tight").hint)
+    left = tuple(record for record in read_frf(box.data / "tight.uff").records if record.name != "ch 3")
+    write_frf(box.data / "tight.uff", FrfSet("tight.uff", left))
     assert str(refused(box, job="tight").hint).startswith("say which one in responses.mic2.record or in the job's records")
 
 

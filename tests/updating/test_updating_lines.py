@@ -132,7 +132,7 @@ def test_a_third_is_too_wide() -> None:
     assert too_wide((f, np.full((41, 2), np.nan))) is None
     both = too_wide((f, fine), (f, coarse))
     assert both is not None
-    assert "of 120 peaks fall by more than 6 dB to both neighbouring lines" in both
+    assert "of 120 peaks fall by more than 6 dB to both neighbouring lines" in both.text
 
 
 def many_modes(f: np.ndarray, damping: float) -> np.ndarray:
@@ -157,10 +157,10 @@ def test_noise_is_no_lack_of_lines(noisy, said) -> None:
     H = many_modes(f, 0.01)
     assert too_wide((f, H)) is None
     noise = 3.0 * np.abs(H) * (rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape))
-    text = too_wide((f, H + np.where(noisy(f)[:, None], noise, 0.0)))
-    assert text is not None
-    assert text.startswith("noise, it seems: ")
-    assert all(part in text for part in said)
+    found = too_wide((f, H + np.where(noisy(f)[:, None], noise, 0.0)))
+    assert found is not None
+    assert found.text.startswith("noise, it seems: ")
+    assert all(part in found.text for part in said)
 
 
 def test_a_few_sharp_peaks_are_no_noise() -> None:
@@ -179,9 +179,9 @@ def test_a_few_sharp_peaks_are_no_noise() -> None:
 def test_resonances_between_the_lines_are_no_noise() -> None:
     """All responses have them at the same lines."""
     f = np.arange(20.0, 400.0, 2.0)
-    text = too_wide((f, many_modes(f, 3e-4)))
-    assert text is not None
-    assert text.startswith("lines too far apart: ")
+    found = too_wide((f, many_modes(f, 3e-4)))
+    assert found is not None
+    assert found.text.startswith("lines too far apart: ")
 
 
 @pytest.mark.parametrize("every", [2, 3, 4, 8])

@@ -232,15 +232,21 @@ def _require_used(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRe
         return
     response = (asked or missing)[0]
     wanted = job.records.get(response.name, inputs.campaign.responses[response.name].record)
-    others = [other.name for other in missing if other is not response]
+    # Those that are only reported lack their records, too.
+    lacking = [
+        response,
+        *(other for other, record in zip(inputs.responses, records, strict=True) if record is None and other is not response),
+    ]
+    stated = {*job.records, *(other.name for other in lacking if inputs.campaign.responses[other.name].record is not None)}
+    spare = [] if response.name in stated else unmatched(records, frf)
     raise DataError(
-        f"no record of response {response.name}" + (f", nor of {', '.join(others)}" if others else ""),
+        f"no record of response {response.name}" + (f", nor of {', '.join(other.name for other in lacking[1:])}" if lacking[1:] else ""),
         file=job.first,
         place=f"job {name}",
         expected=_wanted_text(wanted) if wanted is not None else f"a record named {response.name}" + _place_text(response),
         found=listed(frf),
         # What was odd about the files may be why.
-        hint="; ".join([*frf.warnings, _which(response, unmatched(records, frf) if wanted is None and not others else [])]),
+        hint="; ".join([*frf.warnings, _which([response, *(other for other in lacking[1:] if other.name not in stated)], spare)]),
     )
 
 
@@ -249,12 +255,15 @@ def unmatched(records: Sequence[FrfRecord | None], frf: FrfSet) -> list[str]:
     return [record.name for record in frf.records if record.name and not any(record is other for other in records)]
 
 
-def _which(response: Response, spare: Sequence[str]) -> str:
-    """How to say which record a response is, and which it may be where one is left."""
-    key, how = f"responses.{response.name}.record", "by name, number, node or file"
-    if len(spare) != 1:
+def _which(lacking: Sequence[Response], spare: Sequence[str]) -> str:
+    """How to say which records responses are, and which they may be where as many are left."""
+    key, how = f"responses.{lacking[0].name}.record", "by name, number, node or file"
+    if len(spare) != len(lacking):
         return f"say which one in {key} or in the job's records, {how}"
-    return f"if it is {spare[0]}, write {key}: {spare[0]}; else say which one there or in the job's records, {how}"
+    lines = ", ".join(f"responses.{response.name}.record: {name}" for response, name in zip(lacking, spare, strict=True))
+    if len(spare) == 1:
+        return f"if it is {spare[0]}, write {lines}; else say which one there or in the job's records, {how}"
+    return f"if they are {', '.join(spare)}, in this order, write {lines}; else say which ones there or in the job's records, {how}"
 
 
 def called(job: JobConfig) -> str:

@@ -137,7 +137,7 @@ def _doubted(inputs: Inputs, result: Identification) -> str | None:
     if strange := interpolated(own.values):
         return strange
     wide = too_wide(*((each.frequency_hz, each.values[:, inputs.used]) for each in (own, tight)), rule=inputs.statistics.resolution)
-    return None if wide is None else f"in {result.name} and {reference.job} {wide}"
+    return None if wide is None else f"in {result.name} and {reference.job} {wide.text}"
 
 
 def _other_chain(inputs: Inputs, result: Identification) -> tuple[str | None, str]:

@@ -39,7 +39,7 @@ def tighter_text(seen: Seen, measurements: Mapping[str, Measurement]) -> str:
     near = {name: own for name, own in far.items() if name != reference and own < min(UNLIKE, share(name) * far[reference])}
     if not near:
         return ""
-    named = ", ".join(f"{name} ({own:.1f} dB)" for name, own in near.items())
+    named = ", ".join(f"{name} ({own:.1f} dB)" for name, own in sorted(near.items(), key=lambda each: each[1]))
     return (
         f"{named} {'fits' if len(near) == 1 else 'fit'} the tight model far better than {reference} ({far[reference]:.1f} dB): was a bolt "
         f"loose there, or are files exchanged? Correct jobs.{reference}.frf, or name a tight job under update.reference; else "

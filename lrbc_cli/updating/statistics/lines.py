@@ -204,8 +204,24 @@ def unresolved(frequency_hz: Floats, measured: Complexes, rule: Resolution = RES
     return Sharp(frequency_hz[np.nonzero(peaks)[0]], frequency_hz[np.nonzero(sharp)[0]], pairs(0), chance)
 
 
-def too_wide(*measured: tuple[Floats, Complexes], rule: Resolution = RESOLUTION) -> str | None:
-    """What to say of lines that do not resolve the peaks of FRFs, or of noise that makes peaks of its own; None where neither is so.
+@dataclass(frozen=True)
+class Unclear:
+    """Why peaks of FRFs say little: hum, lines that lie too far apart, or noise.
+
+    Attributes
+    ----------
+    cause : str
+        The same for all jobs that have it.
+    text : str
+        What to say of it, with what to do.
+    """
+
+    cause: str
+    text: str
+
+
+def too_wide(*measured: tuple[Floats, Complexes], rule: Resolution = RESOLUTION) -> Unclear | None:
+    """Lines that do not resolve the peaks of FRFs, or noise that makes peaks of its own; None where neither is so.
 
     Parameters
     ----------
@@ -220,14 +236,14 @@ def too_wide(*measured: tuple[Floats, Complexes], rule: Resolution = RESOLUTION)
         return None
     fall = f"{sharp.size} of {peaks.size} peaks fall by more than {rule.drop_db:g} dB to both neighbouring lines"
     if hum := _hum(sharp, *(axis for axis, _ in measured)):
-        return f"{hum}, it seems: {fall}, most of them at its multiples; earth the whole chain at one point, or feed it from batteries"
+        return Unclear(
+            hum, f"{hum}, it seems: {fall}, most of them at its multiples; earth the whole chain at one point, or feed it from batteries"
+        )
     if not noise:
-        return f"lines too far apart: {fall}; measure with closer lines"
+        return Unclear("lines", f"lines too far apart: {fall}; measure with closer lines")
     where, cut = _where(np.sort(np.concatenate([axis for axis, _ in measured])), peaks, sharp, rule.noisy)
-    return (
-        f"noise, it seems: {fall}, each response has them at other lines{where}; {cut}measure with more averages, "
-        "a harder tip or a stronger blow"
-    )
+    text = f"noise, it seems: {fall}, each response has them at other lines{where}; {cut}measure with more averages, a harder tip or "
+    return Unclear("noise", f"{text}a stronger blow")
 
 
 def resolved(frequency_hz: Floats, measured: Complexes, rule: Resolution = RESOLUTION) -> bool:
@@ -410,8 +426,9 @@ def _where(axis: Floats, peaks: Floats, sharp: Floats, noisy: float) -> tuple[st
     upward = above.max() > below.max()
     edge = float(sharp[np.argmax(above) if upward else np.argmax(below)])
     inside, rest = (sharp >= edge, peaks < edge) if upward else (sharp <= edge, peaks > edge)
-    if not rest.any() or (~inside).sum() > noisy * rest.sum():
+    others = int((~inside).sum())
+    # Half as many of the peaks elsewhere, or all along the band.
+    if not rest.any() or 2 * others * (peaks.size - rest.sum()) > rest.sum() * inside.sum():
         return "", ""
-    end = "end" if upward else "begin"
-    side = "from" if upward else "up to"
-    return f", {inside.sum()} of them {side} {edge:.4g} Hz", f"let reduction.band {end} there, or "
+    where = f", {inside.sum()} of them {'from' if upward else 'up to'} {edge:.4g} Hz"
+    return where, f"let reduction.band {'end' if upward else 'begin'} there, or " if others <= noisy * rest.sum() else ""

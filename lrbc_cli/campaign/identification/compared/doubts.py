@@ -332,7 +332,7 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     compared = f"{compared_text(inputs, result)}; {largest_text(inputs, offsets)}"
     if reference is not None and reference.explained:
         wide = too_wide((result.measurement.frequency_hz, result.measurement.values[:, inputs.used]), rule=inputs.statistics.resolution)
-        fault = ("sensors are exchanged, it seems" if swapped else wide) or _levels_off(inputs, result, reference.job)
+        fault = ("sensors are exchanged, it seems" if swapped else wide and wide.text) or _levels_off(inputs, result, reference.job)
         coarse = "" if fault else coarse_text(reference)
         compared += f"; {coarse or own_fault_text(inputs, result.misfit_final, reference.job, fault)}"
     job = inputs.campaign.jobs[result.name]
