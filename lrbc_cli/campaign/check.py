@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.beside import passed_over, unnamed
 from lrbc_cli.campaign.identification.compared.chains import chain_doubt, coherence_doubt, noise_doubt
 from lrbc_cli.campaign.identification.compared.copies import Earlier, pasted
@@ -27,7 +28,17 @@ from lrbc_cli.config.settings import EveryLine
 from lrbc_cli.errors import LrbcError, NumericalError
 from lrbc_cli.model.coupling import asymmetry, coupling_of
 from lrbc_cli.reduction.solve import pardiso
-from lrbc_cli.updating.statistics.lines import covers, few_digits, few_resonances, interpolated, missed, normalised, phaseless, too_wide
+from lrbc_cli.updating.statistics.lines import (
+    covers,
+    few_digits,
+    few_resonances,
+    interpolated,
+    missed,
+    normalised,
+    phaseless,
+    too_wide,
+    unresolved,
+)
 
 TRANSLATIONS = ("UX", "UY", "UZ")
 
@@ -258,10 +269,24 @@ def _unclear(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[str]:
             causes.setdefault(unclear.cause, []).append(name)
     told = []
     for names in causes.values():
-        if together := too_wide(*(peaks[name] for name in names), rule=rule):
-            which = f"job{'s' if len(names) > 1 else ''} {', '.join(names)}"
-            told.append(f"{which}: {together.text}, or expect wide intervals, other valleys of the cost, and no all-clear")
+        those = [peaks[name] for name in names]
+        if together := too_wide(*those, rule=rule):
+            which, text = f"job{'s' if len(names) > 1 else ''} {', '.join(names)}", together.text
+            if few := _few(inputs, those):
+                text = f"noise of {few}, it seems: {together.fall}, most of them there; look at the channel, and measure it again"
+            told.append(f"{which}: {text}, or expect wide intervals, other valleys of the cost, and no all-clear")
     return told
+
+
+def _few(inputs: Inputs, those: Sequence[tuple[Floats, Complexes]]) -> str:
+    """The responses, a third at most, without which the peaks of the others are clear; empty where there are none such."""
+    rule = inputs.statistics.resolution
+    sharp = sum(np.array([unresolved(hz, own[:, [r]], rule).sharp.size for r in range(inputs.used.size)]) for hz, own in those)
+    order = np.argsort(-sharp, kind="stable")
+    for count in range(1, order.size // 3 + 1):
+        if too_wide(*((hz, own[:, order[count:]]) for hz, own in those), rule=rule) is None:
+            return ", ".join(inputs.responses[inputs.used[r]].name for r in sorted(order[:count]))
+    return ""
 
 
 def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], out: Findings, progress: Callable[[str], None]) -> str:

@@ -75,7 +75,31 @@ def noisy(hz: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return hz, y * (1.0 + 0.14 * (noise[0] + 1j * noise[1]))
 
 
+def without_signal(hz: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Noise in place of what a3 measures."""
+    noise = np.random.default_rng(3).normal(size=(2, hz.size))
+    return hz, np.where(np.arange(y.shape[1]) == 2, 0.1 * np.median(np.abs(y)) * (noise[0] + 1j * noise[1])[:, None], y)
+
+
+def soft_tip(hz: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nothing but noise in the upper half of the band."""
+    noise = np.random.default_rng(4).normal(size=(2, *y.shape))
+    return hz, y * (1.0 + 3.0 * (noise[0] + 1j * noise[1]) * (hz > np.median(hz))[:, None])
+
+
 MISTAKES = {
+    "a channel without signal in one job": (
+        frfs(without_signal, "loose"),
+        0,
+        "job loose: noise of a3, it seems: ",
+        "most of them there; look at the channel, and measure it again",
+    ),
+    "no force in the upper half of the band": (
+        frfs(soft_tip),
+        0,
+        "jobs ref, loose: noise, it seems",
+        "measure with more averages, a harder tip or a stronger blow, or expect wide intervals",
+    ),
     "weights for masses": (times("M.mtx", 9.80665), 0, "the mass matrix is 9.807 times too large (a weight density", "scale: 0.101972"),
     "one sensitivity ten times off": (
         frfs(lambda hz, y: (hz, y * [1, 1, 10, 1, 1])),

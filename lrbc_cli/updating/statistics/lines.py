@@ -204,20 +204,27 @@ def unresolved(frequency_hz: Floats, measured: Complexes, rule: Resolution = RES
     return Sharp(frequency_hz[np.nonzero(peaks)[0]], frequency_hz[np.nonzero(sharp)[0]], pairs(0), chance)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Unclear:
     """Why peaks of FRFs say little: hum, lines that lie too far apart, or noise.
 
     Attributes
     ----------
     cause : str
-        The same for all jobs that have it.
-    text : str
-        What to say of it, with what to do.
+        In words, the same for all jobs that have it.
+    fall, where, fix : str
+        How many of the peaks say little, where these are, and what to do.
     """
 
     cause: str
-    text: str
+    fall: str
+    where: str
+    fix: str
+
+    @property
+    def text(self) -> str:
+        """What to say of it."""
+        return f"{self.cause}: {self.fall}{self.where}; {self.fix}"
 
 
 def too_wide(*measured: tuple[Floats, Complexes], rule: Resolution = RESOLUTION) -> Unclear | None:
@@ -236,14 +243,13 @@ def too_wide(*measured: tuple[Floats, Complexes], rule: Resolution = RESOLUTION)
         return None
     fall = f"{sharp.size} of {peaks.size} peaks fall by more than {rule.drop_db:g} dB to both neighbouring lines"
     if hum := _hum(sharp, *(axis for axis, _ in measured)):
-        return Unclear(
-            hum, f"{hum}, it seems: {fall}, most of them at its multiples; earth the whole chain at one point, or feed it from batteries"
-        )
+        fix = "earth the whole chain at one point, or feed it from batteries"
+        return Unclear(cause=f"{hum}, it seems", fall=fall, where=", most of them at its multiples", fix=fix)
     if not noise:
-        return Unclear("lines", f"lines too far apart: {fall}; measure with closer lines")
+        return Unclear(cause="lines too far apart", fall=fall, where="", fix="measure with closer lines")
     where, cut = _where(np.sort(np.concatenate([axis for axis, _ in measured])), peaks, sharp, rule.noisy)
-    text = f"noise, it seems: {fall}, each response has them at other lines{where}; {cut}measure with more averages, a harder tip or "
-    return Unclear("noise", f"{text}a stronger blow")
+    where = f", each response has them at other lines{where}"
+    return Unclear(cause="noise, it seems", fall=fall, where=where, fix=f"{cut}measure with more averages, a harder tip or a stronger blow")
 
 
 def resolved(frequency_hz: Floats, measured: Complexes, rule: Resolution = RESOLUTION) -> bool:
