@@ -7,7 +7,7 @@ import pytest
 from samples import ROOT
 
 from lrbc_cli.io.frf import read_frf
-from lrbc_cli.updating.statistics.chain.modal import fitted_modes, other_chain
+from lrbc_cli.updating.statistics.chain.modal import fitted_modes, other_chain, same_modes
 
 F = np.arange(30.0, 501.0, 1.0)
 OMEGA = 2 * np.pi * np.array([62.0, 118.0, 171.0, 240.0, 333.0, 421.0])
@@ -46,6 +46,25 @@ def test_a_window_in_one_of_two_measurements(end):
     other = other_chain(F, tight, own, "windowed", NAMES)
     assert other is not None
     assert "set for windowed" in other
+
+
+OTHER_SHAPES = np.random.default_rng(8).standard_normal((6, 5))
+MOVED = OMEGA * [0.93, 1.04, 0.95, 1.03, 0.96, 0.99]
+
+
+def test_a_window_where_loosened_bolts_change_all_shapes():
+    """No mode is the same as before: rates at the same frequencies tell it."""
+    tight, own = frfs(), frfs(MOVED, shapes=OTHER_SHAPES, window=-np.log(0.001), seed=1)
+    assert len(same_modes(fitted_modes(F, own), fitted_modes(F, tight))) < 3
+    text = str(other_chain(F, own, tight, "tight", NAMES))
+    assert "decay faster than in tight by the same" in text
+    assert float(text.split("by the same ")[1].split(" 1/s")[0]) == pytest.approx(-np.log(0.001), rel=0.1)
+
+
+@pytest.mark.parametrize("more", [0.0, np.array([9.0, 0.5, 7.0, 1.0, 8.0, 3.0])])
+def test_loosened_bolts_that_change_all_shapes_are_no_window(more):
+    """Nor where they damp some modes much and others hardly."""
+    assert other_chain(F, frfs(MOVED, DECAY + more, OTHER_SHAPES, seed=1), frfs(), "tight", NAMES) is None
 
 
 @pytest.mark.parametrize("factor", [0.7, 1.5])

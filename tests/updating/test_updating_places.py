@@ -279,7 +279,19 @@ class TestJoints:
 )
 def test_bolts_in_other_axes_or_from_another_origin(change, said):
     found = misplaced([edge(np.zeros(Y.size))], change(BOLTS))
-    assert found == said
+    assert found == (None if said is None else (said, len(BOLTS)))
+
+
+def test_bolts_beyond_one_end_that_leave_the_other_one_free():
+    """A row that is longer than the edge is never reached as a whole; one that is shifted is reached less than it could be."""
+    beyond = np.array([0.0, 0.12, 0.0])
+    row = np.vstack([BOLTS - beyond, BOLTS[-3:] + beyond])
+    terms = [edge(np.zeros(Y.size))]
+    assert misplaced(terms, row) is None
+    found = misplaced(terms, row - [0.0, 0.2, 0.0])
+    assert found is not None
+    assert found[0] == "+0.2 m in Y added"
+    assert 0 < found[1] < len(row)
 
 
 def test_joints_lie_where_they_own_terms():

@@ -367,15 +367,17 @@ def _terms_twice(model: FeModel, groups: Sequence[TermGroup]) -> Iterator[str]:
 
 
 def misplaced_bolts(groups: Sequence[TermGroup], bolts: PointTable | None) -> str | None:
-    """That all bolts would be reached by terms if the bolts file were read otherwise, in words; None where nothing says so."""
+    """That all bolts, or more of them, would be reached by terms if the bolts file were read otherwise, in words; None where not."""
     otherwise = None if bolts is None else misplaced(_reaching(groups), bolts.xyz)
     if bolts is None or otherwise is None:
         return None
     lost = [name for name, spot in zip(bolts.name, spots(_reaching(groups), bolts.xyz), strict=True) if isinstance(spot, str)]
-    named = f"{', '.join(lost[:6])}{' ...' if len(lost) > 6 else ''}"
+    named, (how, reached) = f"{', '.join(lost[:6])}{' ...' if len(lost) > 6 else ''}", otherwise
+    count = len(bolts.name)
+    then = "every bolt lies" if reached == count else f"{reached} of {count} bolts, not {count - len(lost)}, lie"
     return (
-        f"{named} of the bolts file lie{'s' if len(lost) == 1 else ''} beside all identified terms; with {otherwise} every bolt lies at "
-        "some: was it written in other axes or from another origin?"
+        f"{named} of the bolts file lie{'s' if len(lost) == 1 else ''} beside all identified terms; with {how} {then} at some: was it "
+        "written in other axes or from another origin?"
     )
 
 

@@ -160,16 +160,20 @@ def spots(groups: Sequence[Edge | Joints], bolts: Floats) -> list[Spot | str]:
     return found
 
 
-def misplaced(groups: Sequence[Edge | Joints], bolts: Floats) -> str | None:
-    """How all bolts would be reached, by other axes or another origin, where as stated some are not; None where there is no such way.
+def misplaced(groups: Sequence[Edge | Joints], bolts: Floats, *, more: int = 3) -> tuple[str, int] | None:
+    """How all bolts would be reached, or so many more of them, by other axes or another origin, and how many; None where by no such way.
+
+    Bolts that go on beyond one end of an edge and leave the other one free would be.
 
     Parameters
     ----------
     groups : sequence of Edge or Joints
     bolts : (m, 3) float array
+    more : int
+        Two are gained where the row begins a pitch from the end of the edge, as many do, and goes on beyond the other one.
     """
-    edges = [group for group in groups if isinstance(group, Edge)]
-    if not edges or all(isinstance(spot, tuple) for spot in spots(groups, bolts)):
+    edges, now = [group for group in groups if isinstance(group, Edge)], _reached(groups, bolts)
+    if not edges or now == len(bolts):
         return None
     terms = np.concatenate([edge.xyz for edge in edges])
     away = 0.5 * (terms.min(axis=0) + terms.max(axis=0) - bolts.min(axis=0) - bolts.max(axis=0))
@@ -181,10 +185,15 @@ def misplaced(groups: Sequence[Edge | Joints], bolts: Floats) -> str | None:
         if np.abs(shift[list(axes)]).min() > least:
             added = " and ".join(f"{shift[k]:+.3g} m in {'XYZ'[k]}" for k in axes)
             others.append((np.arange(3), shift, f"{added} added"))
-    for order, shift, text in others:
-        if all(isinstance(spot, tuple) for spot in spots(groups, bolts[:, order] + shift)):
-            return text
-    return None
+    # The first of those that reach most.
+    found = [(_reached(groups, bolts[:, order] + shift), -k, text) for k, (order, shift, text) in enumerate(others)]
+    best, _, text = max(found)
+    return (text, best) if best == len(bolts) or best >= now + more else None
+
+
+def _reached(groups: Sequence[Edge | Joints], bolts: Floats) -> int:
+    """How many bolts terms reach."""
+    return sum(isinstance(spot, tuple) for spot in spots(groups, bolts))
 
 
 #: Two axes in each other's place, and the order then.

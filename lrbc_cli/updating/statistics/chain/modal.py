@@ -200,7 +200,10 @@ def other_chain(
     one, other = (fitted_modes(frequency_hz, values[:, held], rule) for values in (own, tight))
     pairs = same_modes(one, other, rule)
     first, second = ([pair[i] for pair in pairs] for i in (0, 1))
-    window = _window(one.decay[first], other.decay[second], 1.0 / float(steps.mean()), reference, rule)
+    length = 1.0 / float(steps.mean())
+    window = _window(one.decay[first], other.decay[second], length, reference, rule) or _window_by_curve(
+        one, other, length, reference, rule
+    )
     least = rule.clock_in_air if air else rule.clock
     window = window or _clock(one.frequency_hz[first], other.frequency_hz[second], reference, rule, least)
     return window or _filter(one, other, reference, [name for name, there in zip(names, held, strict=True) if there], rule)
@@ -225,6 +228,25 @@ def _window(own: Floats, tight: Floats, length: float, reference: str, rule: Mod
         f"down to about {100.0 * np.exp(-abs(change) * length):.2g} % at the end of the record? Use one window in all jobs, "
         "best none"
     )
+
+
+def _window_by_curve(one: FittedModes, other: FittedModes, length: float, reference: str, rule: ModalRule) -> str | None:
+    """Decay rates beside those that the reference job has at the same frequencies, between its modes: loosened bolts change the shapes.
+
+    No difference is then farther from the median than ``share`` of it, upwards either. Of 235 jobs of virtual rigs and of structures of
+    another FE code the one without a window that came nearest had differences of 0.4 to 1.6 times the median; a time constant of 8 % of
+    the record was found in 164, by modes of the same shapes alone in 72.
+    """
+    order = np.argsort(other.frequency_hz)
+    hz, decay = other.frequency_hz[order], other.decay[order]
+    if hz.size < rule.clocked:
+        return None
+    within = (one.frequency_hz >= hz[0] * (1.0 - rule.tolerance)) & (one.frequency_hz <= hz[-1] * (1.0 + rule.tolerance))
+    own, there = one.decay[within], np.interp(one.frequency_hz[within], hz, decay)
+    change = own - there
+    if own.size < rule.clocked or np.ptp(change) > 2.0 * rule.share * abs(np.median(change)):
+        return None
+    return _window(own, there, length, reference, rule)
 
 
 def _clock(own: Floats, tight: Floats, reference: str, rule: ModalRule, least: float) -> str | None:
