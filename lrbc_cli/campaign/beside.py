@@ -26,16 +26,19 @@ def unnamed(campaign: Campaign, *, shown: int = 3) -> list[str]:
     known = {path.resolve() for path, _ in input_files(campaign)}
     results = campaign.output.resolve()
     kinds: dict[Path, set[str]] = {}
-    for job in campaign.jobs.values():
-        for file in job.all_files:
+    files = [file for job in campaign.jobs.values() for file in job.all_files]
+    # Beside a file that is missing another one may be that one, under another name: its error says so.
+    missing = {file.parent for file in files if not file.exists()}
+    for file in files:
+        if file.parent not in missing:
             kinds.setdefault(file.parent, set()).add(file.suffix.lower())
     found = []
     for folder, suffixes in kinds.items():
         with suppress(OSError):
             # What this program has written there is no measurement.
             entries = () if folder.resolve() == results else folder.iterdir()
-            files = sorted(path for path in entries if path.suffix.lower() in suffixes and path.is_file())
-            beside = [path.name for path in files if path.resolve() not in known and not path.name.startswith(HIDDEN)]
+            there = sorted(path for path in entries if path.suffix.lower() in suffixes and path.is_file())
+            beside = [path.name for path in there if path.resolve() not in known and not path.name.startswith(HIDDEN)]
             if beside:
                 named = ", ".join(beside[:shown]) + (f" and {len(beside) - shown} more" if len(beside) > shown else "")
                 found.append(f"no job names {named} in {folder}: where that is a measurement, add a job for it")

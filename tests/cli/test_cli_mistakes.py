@@ -1470,7 +1470,15 @@ MISTAKES = [
         matrix_times("mass.mtx.gz", 2.9),
         0,
         "all resonances were measured at 1.69 times the frequencies of the model",
-        "The model is too soft or too heavy: modulus, thickness or density (the stiffness is off by 2.9",
+        "The model is too soft or too heavy: modulus, thickness or density; the mass matrix is 2.9 times too large",
+    ),
+    Mistake(
+        "modulus of aluminium for steel, springs of bolts as they are",
+        "frame",
+        matrix_times("stiffness.mtx", 1 / 3),
+        0,
+        "the stiffness matrix is 3 times too small",
+        "scale: 3}",
     ),
     Mistake(
         "another sampling rate typed in for one job",

@@ -94,6 +94,12 @@ MISTAKES = {
         "job loose: noise of a3, it seems: ",
         "most of them there; look at the channel, and measure it again",
     ),
+    "no force in the upper half of the band in one job": (
+        frfs(soft_tip, "loose"),
+        0,
+        "of the size of each line from 470 Hz, in the median, 1.1% in ref, and none such elsewhere",
+        "was the tip of the hammer too soft? Measure it again, or let reduction.band end there",
+    ),
     "no force in the upper half of the band": (
         frfs(soft_tip),
         0,

@@ -8,6 +8,7 @@ import numpy as np
 
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, MOST_LEFT, levels, spread
 from lrbc_cli.campaign.identification.records import Measurement, unlike
+from lrbc_cli.campaign.looking.rescaled import scaled_text
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.updating.statistics.lines import MIN_BAND
 
@@ -145,9 +146,11 @@ def stretched_text(measurement: Measurement, seen: Seen, *, most: float = 2.0, s
     )
     rate = f"Was another sampling rate typed in or set (51.2 for 48 kHz is 1.067)? Then divide the frequencies by {best:.3g}; else {wrong}"
     # Rates that are taken for one another lie nearer than what materials differ by.
-    cause = rate if 1.0 / RATES <= best <= RATES else wrong[:1].upper() + wrong[1:]
+    typed = 1.0 / RATES <= best <= RATES
+    cause = f"{rate if typed else wrong[:1].upper() + wrong[1:]} (the stiffness is off by {best**2:.2g}; springs of bolts come on top)"
+    if not typed and (scaled := scaled_text(seen, best)):
+        cause = f"{wrong[:1].upper() + wrong[1:]}; {scaled}"
     return (
         f"all resonances were measured at {best:.3g} times the frequencies of the model, it seems: levels of measured and computed FRFs "
-        f"are {min(found):.1f} dB apart then, constants taken out, {before:.1f} dB as it is. {cause} (the stiffness is off by "
-        f"{best**2:.2g}; springs of bolts come on top)"
+        f"are {min(found):.1f} dB apart then, constants taken out, {before:.1f} dB as it is. {cause}"
     )

@@ -56,8 +56,8 @@ MOST_WORK = 6e11
 #: Tolerance of that model.
 COARSE = 3e-2
 
-#: Findings that are about how numbers are read, or about single responses.
-_OF_NUMBERS = ("read", "units", "level", "alone", "stretched", "foreign")
+#: Findings that are about how numbers are read, about single responses, or about which is which.
+_OF_NUMBERS = ("read", "units", "level", "alone", "stretched", "foreign", "exchanged", "hammers")
 
 #: So many of the nearest states are compared with all sensors in each other's place.
 NEAREST = 4

@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from lrbc_cli.arrays import Complexes, Integers, spaced
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, levels, spread
@@ -31,6 +32,9 @@ MORE = 1.6
 
 #: A resonance stands out of the mean level by so much [dB].
 PROMINENCE = 3.0
+
+#: Full solutions at most by which a factor of the stiffness is found beside the springs.
+FITS = 12
 
 #: Lines that are compared, and predicted operations up to which another factor is tried: half a minute.
 LINES, MOST_WORK = 12, 2e12
@@ -80,6 +84,42 @@ def rescaled_text(seen: Seen, before: float) -> str | None:
             left, matrix, size, factor = near[0]
     text = mistake_text(inputs.campaign, matrix, size)
     return f"{text}; measured and computed FRFs are {left:.1f} dB apart then, constants taken out, {before:.1f} dB as it is"
+
+
+def scaled_text(seen: Seen, ratio: float) -> str | None:
+    """Which matrix makes all resonances lie at other frequencies, by which factor, and what to write; None where that is not clear.
+
+    With the mass the springs of the bolts count as much as the stiffness does; with the stiffness they stay as they are, and the factor is
+    found beside them. Shape and level of the FRFs tell which of the two it is.
+
+    Parameters
+    ----------
+    seen : Seen
+    ratio : float
+        Of measured and computed frequencies.
+    """
+    few, inputs = seen.few(LINES), seen.inputs
+    if FITS * reduction_cost(inputs)[0].line * few.s.size > MOST_WORK:
+        return None
+
+    def misfit(case: tuple[str, float, Complexes, float]) -> tuple[float, float]:
+        difference = levels(few.measured) - levels(case[2])
+        return float(np.median(spread(difference, 0))), abs(float(np.nanmedian(difference)) - case[3])
+
+    def stiffness(power: float) -> float:
+        return misfit(next(_cases(few, 10.0**power)))[0]
+
+    # Soft springs leave the factor of the frequencies, stiff ones up to twice as much of it.
+    middle, reach = 2.0 * np.log10(ratio), 2.0 * abs(np.log10(ratio)) + 0.05
+    with suppress(LrbcError, StopIteration):
+        power = float(minimize_scalar(stiffness, bounds=(middle - reach, middle + reach), method="bounded", options={"maxiter": FITS}).x)
+        fits = {"stiffness": (10.0**-power, *misfit(next(_cases(few, 10.0**power))))}
+        fits |= {case[0]: (case[1], *misfit(case)) for case in _cases(few, ratio**2) if case[0] == "mass"}
+        right = [name for name, (_, left, off) in fits.items() if left < MOST_LEFT and off < MOST_OFF]
+        if len(right) == 1:
+            size = fits[right[0]][0]
+            return mistake_text(inputs.campaign, right[0], float(f"{size:.2g}") if size > 1.0 else 1.0 / float(f"{1.0 / size:.2g}"))
+    return None
 
 
 def overdamped_text(seen: Seen, most: float) -> str | None:

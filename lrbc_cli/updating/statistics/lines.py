@@ -351,7 +351,7 @@ def line_noise(measured: Complexes, *, least: int = 20) -> float:
     least : int
         Lines of a response.
     """
-    share = _noise_shares(measured)
+    share = noise_shares(measured)
     enough = np.isfinite(share).sum(axis=0) >= least
     return float(np.median(np.nanmedian(share[:, enough], axis=0))) if enough.any() else float("nan")
 
@@ -374,12 +374,12 @@ def neighbour_sigma(measured: Complexes, window: int) -> Floats:
     (F, R) float array
         NaN where a response was not measured on any line about one.
     """
-    around = medians(np.lib.stride_tricks.sliding_window_view(_noise_shares(measured), window, axis=0))[..., 0]
+    around = medians(np.lib.stride_tricks.sliding_window_view(noise_shares(measured), window, axis=0))[..., 0]
     # Real and imaginary parts have half the variance each; along the magnitude there is one of them.
     return np.asarray(DB / np.sqrt(2.0) * np.pad(around, ((2 + window // 2,) * 2, (0, 0)), mode="edge"))
 
 
-def _noise_shares(measured: Complexes) -> Floats:
+def noise_shares(measured: Complexes) -> Floats:
     """(F - 4, R) by what lines differ from a cubic through the two on each side, over their size; 1 in the median if all is noise."""
     with np.errstate(divide="ignore", invalid="ignore"):
         middle = (4.0 * (measured[1:-3] + measured[3:-1]) - measured[:-4] - measured[4:]) / 6.0
