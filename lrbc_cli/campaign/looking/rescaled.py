@@ -33,9 +33,6 @@ MORE = 1.6
 #: A resonance stands out of the mean level by so much [dB].
 PROMINENCE = 3.0
 
-#: Full solutions at most by which a factor of the stiffness is found beside the springs.
-FITS = 12
-
 #: Lines that are compared, and predicted operations up to which another factor is tried: half a minute.
 LINES, MOST_WORK = 12, 2e12
 
@@ -86,7 +83,7 @@ def rescaled_text(seen: Seen, before: float) -> str | None:
     return f"{text}; measured and computed FRFs are {left:.1f} dB apart then, constants taken out, {before:.1f} dB as it is"
 
 
-def scaled_text(seen: Seen, ratio: float) -> str | None:
+def scaled_text(seen: Seen, ratio: float, *, most: int = 12) -> str | None:
     """Which matrix makes all resonances lie at other frequencies, by which factor, and what to write; None where that is not clear.
 
     With the mass the springs of the bolts count as much as the stiffness does; with the stiffness they stay as they are, and the factor is
@@ -97,9 +94,11 @@ def scaled_text(seen: Seen, ratio: float) -> str | None:
     seen : Seen
     ratio : float
         Of measured and computed frequencies.
+    most : int
+        Full solutions by which the factor of the stiffness is found.
     """
     few, inputs = seen.few(LINES), seen.inputs
-    if FITS * reduction_cost(inputs)[0].line * few.s.size > MOST_WORK:
+    if most * reduction_cost(inputs)[0].line * few.s.size > MOST_WORK:
         return None
 
     def misfit(case: tuple[str, float, Complexes, float]) -> tuple[float, float]:
@@ -112,7 +111,7 @@ def scaled_text(seen: Seen, ratio: float) -> str | None:
     # Soft springs leave the factor of the frequencies, stiff ones up to twice as much of it.
     middle, reach = 2.0 * np.log10(ratio), 2.0 * abs(np.log10(ratio)) + 0.05
     with suppress(LrbcError, StopIteration):
-        power = float(minimize_scalar(stiffness, bounds=(middle - reach, middle + reach), method="bounded", options={"maxiter": FITS}).x)
+        power = float(minimize_scalar(stiffness, bounds=(middle - reach, middle + reach), method="bounded", options={"maxiter": most}).x)
         fits = {"stiffness": (10.0**-power, *misfit(next(_cases(few, 10.0**power))))}
         fits |= {case[0]: (case[1], *misfit(case)) for case in _cases(few, ratio**2) if case[0] == "mass"}
         right = [name for name, (_, left, off) in fits.items() if left < MOST_LEFT and off < MOST_OFF]
