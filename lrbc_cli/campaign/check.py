@@ -27,6 +27,7 @@ from lrbc_cli.campaign.reduced.memory import GB, limit_of, reduction_cost
 from lrbc_cli.config.settings import EveryLine
 from lrbc_cli.errors import LrbcError, NumericalError
 from lrbc_cli.model.coupling import asymmetry, coupling_of
+from lrbc_cli.model.dofs import COMPONENTS
 from lrbc_cli.reduction.solve import pardiso
 from lrbc_cli.updating.statistics.lines import (
     covers,
@@ -39,8 +40,6 @@ from lrbc_cli.updating.statistics.lines import (
     too_wide,
     unresolved,
 )
-
-TRANSLATIONS = ("UX", "UY", "UZ")
 
 
 @dataclass(kw_only=True)
@@ -154,7 +153,7 @@ def _model(inputs: Inputs) -> list[str]:
         lines.append(f"{massless} massless DOFs (singular mass matrix): allowed")
     if inputs.dofs is not None:
         masses = []
-        for component in TRANSLATIONS:
+        for component in COMPONENTS[:3]:
             index = np.flatnonzero(inputs.dofs.component == component)
             if index.size:
                 masses.append(f"{component} {float(m.M[index][:, index].sum()):.4g} kg")

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from lrbc_cli.arrays import Bools, Floats, Integers
 from lrbc_cli.campaign.reading.groups import TermGroup
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.model.dofs import DofTable
+from lrbc_cli.model.dofs import COMPONENTS, DofTable
 from lrbc_cli.results.structure import StructureRecord
 
 #: Nodes drawn at most.
@@ -19,8 +19,6 @@ MOST = {"structure": 2200, "acoustic": 700}
 
 #: Edges that are compared with those of their neighbours at a time.
 _CHUNK = 4096
-
-_AXES = ("UX", "UY", "UZ")
 
 
 def structure_of(inputs: Inputs) -> StructureRecord:
@@ -80,7 +78,7 @@ def drawn_dofs(inputs: Inputs) -> Integers:
     drawn = nodes[thinned(table.xyz[dofs][first], MOST["structure"])[1]]
     found = np.full((drawn.size, 3), -1, dtype=np.int64)
     order = np.argsort(drawn)
-    for axis, component in enumerate(_AXES):
+    for axis, component in enumerate(COMPONENTS[:3]):
         moving = dofs[table.component[dofs] == component]
         at = order[np.searchsorted(drawn, table.node[moving], sorter=order).clip(max=drawn.size - 1)]
         own = drawn[at] == table.node[moving]
@@ -182,11 +180,11 @@ def neighbours(xyz: Floats, pairs: Integers) -> Integers:
 def _place(table: DofTable, vector: sp.csc_array) -> dict[str, Any]:
     """Where a load or a row of responses acts: the mean of its nodes, weighted by its entries, and the direction of its displacements."""
     rows, values = vector.indices, np.real(vector.data)
-    moving = np.isin(table.component[rows], _AXES)
+    moving = np.isin(table.component[rows], COMPONENTS[:3])
     if moving.any():
         rows, values = rows[moving], values[moving]
     weights = np.abs(values) / np.abs(values).sum()
-    axes = np.array([values[table.component[rows] == axis].sum() for axis in _AXES])
+    axes = np.array([values[table.component[rows] == axis].sum() for axis in COMPONENTS[:3]])
     length = float(np.linalg.norm(axes))
     return {"position": weights @ table.xyz[rows], "direction": axes / length if moving.any() and length > 0 else None}
 

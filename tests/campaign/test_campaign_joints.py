@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from lrbc_cli.campaign.reading.joints import aside_text, bushing_vectors
 from lrbc_cli.errors import ConfigError, DataError, LrbcError
-from lrbc_cli.io.text.bushings import AXES, COMPONENTS, read_bushings
-from lrbc_cli.model.dofs import DofTable
+from lrbc_cli.io.text.bushings import AXES, read_bushings
+from lrbc_cli.model.dofs import COMPONENTS, DofTable
 
 #: Two nodes at one place and one further on, six DOFs each; a pressure with the number of a node, which must not be taken for it.
 TABLE = DofTable(

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.text.bushings import AXES, COMPONENTS, read_bushings
+from lrbc_cli.io.text.bushings import AXES, read_bushings
+from lrbc_cli.model.dofs import COMPONENTS
 
 HEADER = "bolt,node_a,node_b,component,stiffness"
 

@@ -20,7 +20,7 @@ from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.io.sparse import MatrixFile
 from lrbc_cli.io.text.bushings import read_bushings
 from lrbc_cli.io.text.tables import read_positions, read_table
-from lrbc_cli.model.dofs import DofTable
+from lrbc_cli.model.dofs import COMPONENTS, DofTable
 from lrbc_cli.reduction.problem.vectors import highest_omega
 
 #: Names of operators, from whole names to parts of them.
@@ -288,7 +288,7 @@ def holds_springs(path: Path, roles: Roles, table: DofTable | None) -> bool | No
     K, springs = roles.operators["stiffness"].matrix.real.tocsr(), read_bushings(path)
     at = {key: row for row, key in enumerate(zip(table.node.tolist(), table.component.tolist(), strict=True))}
     shares = []
-    left = {label: K @ (table.component == label).astype(float) for label in ("UX", "UY", "UZ")}
+    left = {label: K @ (table.component == label).astype(float) for label in COMPONENTS[:3]}
     for k, label in enumerate(springs.component):
         rows = [at.get((int(node), label)) for node in (springs.node_a[k], springs.node_b[k]) if node is not None]
         if label not in left or None in rows or not np.array_equal(springs.axes[k], np.eye(3)):

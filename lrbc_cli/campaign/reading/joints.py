@@ -12,8 +12,8 @@ import scipy.sparse as sp
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.common import listing
-from lrbc_cli.io.text.bushings import COMPONENTS, BushingTable
-from lrbc_cli.model.dofs import DofTable, PointTable, numbers_text
+from lrbc_cli.io.text.bushings import BushingTable
+from lrbc_cli.model.dofs import COMPONENTS, DofTable, PointTable, numbers_text
 from lrbc_cli.model.selection import at_node
 
 #: Direction cosines below this are rounding of an axis.

@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import listing
 from lrbc_cli.io.text.tables import Table, read_table
-
-#: Components of a bushing.
-COMPONENTS = ("UX", "UY", "UZ", "ROTX", "ROTY", "ROTZ")
+from lrbc_cli.model.dofs import COMPONENTS
 
 #: Directions of the local x axis and of a vector in the local xy plane.
 AXES = ("x_x", "x_y", "x_z", "y_x", "y_y", "y_z")
