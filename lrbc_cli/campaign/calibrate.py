@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
-from lrbc_cli.campaign.calibration import fitting, key_of, key_parts
+from lrbc_cli.campaign.calibration import fitting, key_parts
 from lrbc_cli.campaign.digests import CALIBRATION_FILE as FILE
+from lrbc_cli.campaign.digests import key_of
 from lrbc_cli.campaign.identification.compared.doubts import calibration_doubts, refuse_units
 from lrbc_cli.campaign.identification.gains import Gains, columns_of, gains_of, kept, none_shown
 from lrbc_cli.campaign.identification.nuisances import gain_tree, hits_of

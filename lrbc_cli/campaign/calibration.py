@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from lrbc_cli.campaign.digests import CALIBRATION_FILE as FILE
-from lrbc_cli.campaign.digests import about_measurement, digest, surroundings
+from lrbc_cli.campaign.digests import about_measurement, digest, key_of, surroundings
 from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.campaign.reading.factors import CalibrationUse
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
@@ -78,11 +77,6 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
         "statistics": inputs.statistics.digest(*STATISTICS),
         "version": digest(CALIBRATION_VERSION, NUMBERS["reduction"], NUMBERS["identification"]),
     }
-
-
-def key_of(parts: Mapping[str, str]) -> str:
-    """One key from its parts."""
-    return digest(sorted(parts.items()))[:32]
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,11 @@ def digest(*parts: Any) -> str:
     return h.hexdigest()
 
 
+def key_of(parts: Mapping[str, str]) -> str:
+    """One key from digests of parts, in whatever order."""
+    return digest(sorted(parts.items()))[:32]
+
+
 def about_measurement(resolved: Mapping[str, Any], job: JobConfig, name: str) -> dict[str, Any]:
     """What a job says of its measurement but the files themselves: those that records name by their position, as paths may change."""
     found = {key: value for key, value in resolved["jobs"][name].items() if key not in ("frf", "coherence", "repeats", "removed")}

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from lrbc_cli.campaign.digests import about_measurement, content_of, digest
+from lrbc_cli.campaign.digests import about_measurement, content_of, digest, key_of
 from lrbc_cli.campaign.jobs.judging import role_of, states_removed
 from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.config import Campaign, UpdateConfig
@@ -56,7 +56,7 @@ class Identity:
     @classmethod
     def of(cls, parts: dict[str, str]) -> Identity:
         """Of its parts."""
-        return cls(digest(sorted(parts.items()))[:32], parts)
+        return cls(key_of(parts), parts)
 
 
 def identification(inputs: Inputs, model: Mapping[str, str], name: str) -> Identity:

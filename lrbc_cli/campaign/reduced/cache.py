@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats, Integers
-from lrbc_cli.campaign.digests import digest
+from lrbc_cli.campaign.digests import digest, key_of
 from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import ConfigError, DataError
@@ -92,7 +92,7 @@ class CacheDecision:
 
 def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
     """Decide, without building or reading a model."""
-    key = digest(sorted(parts.items()))[:32]
+    key = key_of(parts)
     path = folder / key / "model.h5"
     if path.is_file():
         try:
