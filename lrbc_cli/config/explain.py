@@ -75,14 +75,7 @@ def explain(error: ValidationError, document: Document, model: type[BaseModel]) 
     first, others = found[0], list(dict.fromkeys(f"{other.place} ({other.problem})" for other in found[1:]))
     if others:
         more = f"also wrong: {'; '.join(others[:4])}" + (f"; and {len(others) - 4} more" if len(others) > 4 else "")
-        first = ConfigError(
-            first.problem,
-            file=first.file,
-            place=first.place,
-            expected=first.expected,
-            found=first.found,
-            hint=f"{first.hint}; {more}" if first.hint else more,
-        )
+        first.hint = f"{first.hint}; {more}" if first.hint else more
     return first
 
 
