@@ -185,10 +185,6 @@ def _split(content: bytes, path: Path, notes: list[str], functions: list[UffFunc
         position = closing.end() if closing else len(content)
 
 
-def _refuse(path: Path, place: str, problem: str, expected: str, found: str, hint: str | None = None) -> DataError:
-    return DataError(problem, file=path, place=place, expected=expected, found=found, hint=hint)
-
-
 def _line(content: bytes, position: int) -> tuple[str, int]:
     end = content.find(b"\n", position)
     end = len(content) if end < 0 else end
@@ -214,8 +210,8 @@ def _header(content: bytes, start: int, count: int, path: Path, place: str) -> t
     lines, position = [], start
     for number in range(count):
         if position >= len(content):
-            expected = f"{count} header lines"
-            raise _refuse(path, place, "the header of a function is cut off", expected, f"{number} lines")
+            expected, found = f"{count} header lines", f"{number} lines"
+            raise DataError("the header of a function is cut off", file=path, place=place, expected=expected, found=found)
         text, position = _line(content, position)
         lines.append(text)
     return lines, position
@@ -257,7 +253,7 @@ def _function(dataset: _Dataset, body: bytes, path: Path, record: int) -> UffFun
         bad = next(index for index, token in enumerate(tokens) if not _is_number(token))
         line = f", line {lines_of_points[bad // per_point]}" if lines_of_points is not None else ""
         found = repr(tokens[bad].decode("latin-1")[:30])
-        raise _refuse(path, f"{place}{line}", "a value is not a number", "a number", found) from error
+        raise DataError("a value is not a number", file=path, place=f"{place}{line}", expected="a number", found=found) from error
     values = numbers.reshape(form.count, per_point)
     return _build(form, lines, values, path=path, place=place, record=record, point_lines=lines_of_points)
 
@@ -385,11 +381,11 @@ def _identification(line: str, path: Path, place: str) -> dict[str, Any]:
         free = _free_identification(line.split())
         if free is None:
             expected = "function type, response name, node and direction, reference name, node and direction"
-            raise _refuse(path, place, "record 6 of a function is wrong", expected, repr(line[:90])) from None
+            raise DataError("record 6 of a function is wrong", file=path, place=place, expected=expected, found=repr(line[:90])) from None
         numbers, names = free
     if max(abs(numbers[2]), abs(numbers[4])) > 6:
         found = f"{numbers[2]} and {numbers[4]}"
-        raise _refuse(path, place, "a direction in record 6 of a function is wrong", "-6 to 6", found)
+        raise DataError("a direction in record 6 of a function is wrong", file=path, place=place, expected="-6 to 6", found=found)
     names = ["" if name.upper() == "NONE" else name for name in names]
     return {
         "function_type": numbers[0],
