@@ -91,10 +91,9 @@ def _guessed(reference: str | None) -> str:
 
 def campaign_sentence(content: Content) -> str:
     """Say what was found in all jobs together; no silence may pass for an all-clear."""
-    compared, missing = _compared(content)
+    compared, judged, missing = _compared(content)
     if not compared and not missing:
         return "No job was compared with a tight state."
-    judged = [job for job in compared if isinstance(job, JobRecord) and job.explained and job.observable]
     loose = [job for job in judged if job.names("loose")]
     count = len(compared) + len(missing)
     of = f"{count} job{'' if count == 1 else 's'}"
@@ -116,10 +115,11 @@ def campaign_sentence(content: Content) -> str:
     return text + (f" Jobs {', '.join(open_points)}." if open_points else "")
 
 
-def _compared(content: Content) -> tuple[list[Job], list[str]]:
-    """Jobs that are compared with a tight state, and those that would be but have no result."""
+def _compared(content: Content) -> tuple[list[Job], list[JobRecord], list[str]]:
+    """Jobs that are compared with a tight state, those of them that have verdicts, and those that would be compared but have no result."""
     compared = [job for job in content.jobs if not isinstance(job, JobRecord) or job.taken_as_tight is None]
-    return compared, [name for name in content.missing if name != content.campaign.reference]
+    judged = [job for job in compared if isinstance(job, JobRecord) and job.explained and job.observable]
+    return compared, judged, [name for name in content.missing if name != content.campaign.reference]
 
 
 def _union(jobs: Iterable[JobRecord], verdict: Verdict = "loose") -> list[str]:
@@ -128,8 +128,7 @@ def _union(jobs: Iterable[JobRecord], verdict: Verdict = "loose") -> list[str]:
 
 def _tiles(content: Content) -> Iterable[Markup]:
     jobs, done = content.jobs, content.done
-    compared, missing = _compared(content)
-    judged = [job for job in compared if isinstance(job, JobRecord) and job.explained and job.observable]
+    compared, judged, missing = _compared(content)
     if any(job.bolts for job in done):
         count = len(compared) + len(missing)
         yield _loose(content, judged, count)
