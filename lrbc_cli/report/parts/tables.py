@@ -344,13 +344,10 @@ def account(jobs: Sequence[Job], reduction: ReductionRecord | None) -> Account |
     if not done:
         return None
     evaluations = sum(job.line_evaluations for job in done)
-    line = reduction.seconds.get("full_line") if reduction else None
-    spent = (_reduction_total(reduction) or 0.0) + sum(job.seconds["total"] for job in done)
+    seconds = reduction.seconds if reduction else {}
+    line = seconds.get("full_line")
+    spent = seconds.get("total", 0.0) + sum(job.seconds["total"] for job in done)
     return Account(len(done), evaluations, spent, None if line is None else line * evaluations)
-
-
-def _reduction_total(reduction: ReductionRecord | None) -> float | None:
-    return None if reduction is None else reduction.seconds["total"]
 
 
 def cost_table(jobs: Sequence[Job], reduction: ReductionRecord | None, *, paper: bool) -> Markup | None:
@@ -388,7 +385,7 @@ def cost_table(jobs: Sequence[Job], reduction: ReductionRecord | None, *, paper:
     time("Calculation of the reduced basis", spent.get("basis"), PAPER["basis"])
     time("Projection", spent.get("projection"), PAPER["projection"])
     time("Verification: measured error", spent.get("certificate"))
-    time("Reduction, total", _reduction_total(reduction), PAPER["basis"] + PAPER["projection"])
+    time("Reduction, total", spent.get("total"), PAPER["basis"] + PAPER["projection"])
     if whole is not None:
         hardest = max((job for job in jobs if isinstance(job, JobRecord)), key=lambda job: job.line_evaluations)
         one = account([hardest], reduction) or whole
