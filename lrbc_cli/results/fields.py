@@ -99,8 +99,6 @@ def plain(value: Any) -> Any:
         return [plain(item) for item in value]
     if isinstance(value, np.generic):
         return plain(value.item())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
     if isinstance(value, Path):
         return value.as_posix()
     return value.tree() if isinstance(value, Record) else value
