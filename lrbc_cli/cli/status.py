@@ -64,7 +64,7 @@ def _ahead(inputs: Inputs, found: CampaignStatus, campaign: Sequence[Path | str]
     """What is to be done, with the campaign as it was named, and how long it will take."""
     todo = found.named("stale", "failed", "new")
     if not todo:
-        lacking = [words for state, words in (("missing", "missing"), ("unusable", "unusable")) if found.named(state)]
+        lacking = [state for state in ("missing", "unusable") if found.named(state)]
         return ["nothing to run" + (f", but FRF files are {' or '.join(lacking)}" if lacking else "")]
     model = "" if found.cache.hit or inputs.method.full_order else ", and a reduced model to build"
     left = "time left: not known before a job has run"
