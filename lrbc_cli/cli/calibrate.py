@@ -12,7 +12,7 @@ from lrbc_cli.campaign.calibration import fitting
 from lrbc_cli.campaign.digests import CALIBRATION_FILE as FILE
 from lrbc_cli.campaign.reduced.cache import key_parts, look_up
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
-from lrbc_cli.cli.options import campaign_options
+from lrbc_cli.cli.options import accept_tolerance_option, campaign_options
 from lrbc_cli.cli.terminal import say
 from lrbc_cli.results.model import CalibrationRecord
 from lrbc_cli.study import Study
@@ -22,7 +22,7 @@ from lrbc_cli.study import Study
 @campaign_options
 @click.option("--force", is_flag=True, help="Calibrate again even where nothing changed.")
 @click.option("--dry-run", is_flag=True, help="Say whether it would run, and why; change nothing.")
-@click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
+@accept_tolerance_option
 def calibrate(
     config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool, force: bool, dry_run: bool, accept_tolerance: bool
 ) -> None:

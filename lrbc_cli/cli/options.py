@@ -66,11 +66,12 @@ def verbosity_options(function: F) -> F:
     return click.option("-v", "--verbose", count=True, expose_value=False, callback=_more, help="Say more; -vv adds tracebacks.")(function)
 
 
-def calibration_option(function: F) -> F:
-    """Add --no-calibration; the command receives ``calibration: bool``."""
-    return click.option(
-        "--no-calibration", "calibration", is_flag=True, flag_value=False, default=True, help="Ignore a stored calibration."
-    )(function)
+#: Receives ``calibration: bool``.
+calibration_option = click.option(
+    "--no-calibration", "calibration", is_flag=True, flag_value=False, default=True, help="Ignore a stored calibration."
+)
+accept_tolerance_option = click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
+lines_option = click.option("--lines", metavar="LINES", help="20:400:1 or 33.3,71.7 [Hz]; 1 Hz lines of the band where absent.")
 
 
 def campaign_options(function: F) -> F:

@@ -8,7 +8,7 @@ import click
 
 from lrbc_cli.campaign.planning.files import write_plan
 from lrbc_cli.cli.common import load, progress, say_json
-from lrbc_cli.cli.options import calibration_option, campaign_options
+from lrbc_cli.cli.options import accept_tolerance_option, calibration_option, campaign_options
 from lrbc_cli.cli.terminal import say
 from lrbc_cli.report.parts.plan import draw_plan, plan_text
 from lrbc_cli.study import Study
@@ -29,7 +29,7 @@ from lrbc_cli.study import Study
     help="Rehearsals of each bolt and loss: drawn, identified and judged as by `lrbc update`; 0: linearised figures only. Absent: 1 to 5, "
     "about 150 in all.",
 )
-@click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
+@accept_tolerance_option
 def plan(
     *,
     config: Path,

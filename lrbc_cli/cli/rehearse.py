@@ -9,7 +9,7 @@ import click
 
 from lrbc_cli.campaign.simulate import parse_lines
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
-from lrbc_cli.cli.options import campaign_options
+from lrbc_cli.cli.options import campaign_options, lines_option
 from lrbc_cli.cli.terminal import say, typed
 from lrbc_cli.config.skeleton import FILE
 from lrbc_cli.virtual.campaign import RECORD, declared_scatter, job_list
@@ -48,7 +48,7 @@ DECLARED = "; absent: what `update.nuisances` says."
 @click.option("--temperature", type=STD, metavar="K", help=f"Drift of the air between jobs{DECLARED}")
 @click.option("--hammer", type=STD, metavar="M", help=f"Drift of the hits along the surface{DECLARED}")
 @click.option("--gain", type=STD, metavar="DB", help=f"Drift of each response's gain{DECLARED}")
-@click.option("--lines", metavar="LINES", help="20:400:1 or 33.3,71.7 [Hz]; 1 Hz lines of the band where absent.")
+@lines_option
 @click.option("--force", is_flag=True, help="Replace the files of an earlier rehearsal.")
 def rehearse(
     *,

@@ -11,7 +11,7 @@ import click
 from lrbc_cli.campaign.beside import passed_over
 from lrbc_cli.campaign.jobs.plans import choose_jobs
 from lrbc_cli.cli.common import load, progress, say_json, tell_calibration
-from lrbc_cli.cli.options import calibration_option, campaign_options
+from lrbc_cli.cli.options import accept_tolerance_option, calibration_option, campaign_options
 from lrbc_cli.cli.terminal import complain, remark, say
 from lrbc_cli.cli.update import FAIL_HELP, finished, outcome_tree, tell_clearance, tell_troubles
 from lrbc_cli.errors import LrbcError
@@ -29,7 +29,7 @@ from lrbc_cli.study import Study
 @click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Jobs at a time.")
 @click.option("--force", is_flag=True, help="Calibrate and run finished jobs again.")
 @click.option("--fail-on-loose", is_flag=True, help=FAIL_HELP)
-@click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
+@accept_tolerance_option
 def run(
     *,
     config: Path,

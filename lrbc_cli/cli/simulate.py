@@ -8,7 +8,7 @@ import click
 
 from lrbc_cli.campaign.simulate import simulate as compute
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
-from lrbc_cli.cli.options import calibration_option, campaign_options
+from lrbc_cli.cli.options import accept_tolerance_option, calibration_option, campaign_options, lines_option
 from lrbc_cli.cli.terminal import say
 
 
@@ -17,7 +17,7 @@ from lrbc_cli.cli.terminal import say
 @calibration_option
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="File to write: .csv, .uff or .h5.")
 @click.option("--job", metavar="NAME", help="Use the parameters that were identified from this job.")
-@click.option("--lines", metavar="LINES", help="20:400:1 or 33.3,71.7 [Hz]; 1 Hz lines of the band where absent.")
+@lines_option
 @click.option(
     "--set",
     "assignments",
@@ -27,7 +27,7 @@ from lrbc_cli.cli.terminal import say
 )
 @click.option("--full", is_flag=True, help="Full order: one solve of the whole model a line.")
 @click.option("--force", is_flag=True, help="Replace the file of --out where it exists.")
-@click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
+@accept_tolerance_option
 def simulate(
     *,
     config: Path,

@@ -14,7 +14,7 @@ from lrbc_cli.campaign.jobs.rejudge import judge_finished, unchanged
 from lrbc_cli.campaign.jobs.standing import Outcome, findings_of
 from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.cli.common import cache_folder, progress, read, say_json, tell_calibration, tell_warnings
-from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
+from lrbc_cli.cli.options import accept_tolerance_option, calibration_option, campaign_options, verbosity
 from lrbc_cli.cli.terminal import complain, remark, say
 from lrbc_cli.config import Campaign, load_campaign
 from lrbc_cli.report.old import outdating
@@ -44,7 +44,7 @@ CLEARANCE = {
 @click.option("--force", is_flag=True, help="Run finished jobs again.")
 @click.option("--dry-run", is_flag=True, help="Print which jobs would run, and why; change nothing.")
 @click.option("--fail-on-loose", is_flag=True, help=FAIL_HELP)
-@click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
+@accept_tolerance_option
 def update(
     *,
     config: Path,

@@ -9,7 +9,7 @@ import click
 
 from lrbc_cli.campaign.beside import unseen
 from lrbc_cli.cli.common import cache_folder, progress, tell_calibration
-from lrbc_cli.cli.options import calibration_option, campaign_options
+from lrbc_cli.cli.options import accept_tolerance_option, calibration_option, campaign_options
 from lrbc_cli.cli.terminal import remark, say
 from lrbc_cli.config.watch import WatchConfig
 from lrbc_cli.updating.judging.clearance import not_clear
@@ -28,7 +28,7 @@ from lrbc_cli.watch.verdict import Hook, Verdict
 @click.option("--bell", is_flag=True, help="Ring the bell of the terminal at each verdict.")
 @click.option("--hook", metavar="COMMAND", help="Run this program at each verdict, with job, verdict and exit code as arguments.")
 @click.option("--interval", type=click.FloatRange(min=0.05), default=2.0, show_default=True, help="Seconds between looks without events.")
-@click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
+@accept_tolerance_option
 def watch(
     *,
     config: Path,
