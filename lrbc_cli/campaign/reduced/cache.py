@@ -163,11 +163,7 @@ def store(decision: CacheDecision, parts: dict[str, str], reduction: Reduction) 
         with atomic_write(decision.path.with_name("key.json")) as file:
             json.dump(parts | {"missed": missed_text(reduction)}, file, indent=1)
     except OSError as error:
-        raise ConfigError(
-            f"the cache cannot be written ({error.strerror or error})",
-            file=decision.path.parent,
-            hint="name another folder with --cache or LRBC_CACHE",
-        ) from error
+        raise _unwritable(decision.path.parent, error) from error
 
 
 def missed_text(reduction: Reduction) -> str:
@@ -191,9 +187,13 @@ def require_writable(decision: CacheDecision) -> None:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise ConfigError(
-            f"the cache cannot be written ({error.strerror or error})", file=folder, hint="name another folder with --cache or LRBC_CACHE"
-        ) from error
+        raise _unwritable(folder, error) from error
+
+
+def _unwritable(folder: Path, error: OSError) -> ConfigError:
+    return ConfigError(
+        f"the cache cannot be written ({error.strerror or error})", file=folder, hint="name another folder with --cache or LRBC_CACHE"
+    )
 
 
 def load(decision: CacheDecision, inputs: Inputs) -> Reduction:
