@@ -29,7 +29,7 @@ __all__ = ["READERS", "WRITERS", "CoherenceKey", "TextLayout", "detect_frf_forma
 CoherenceKey = str | tuple[int, int]
 
 #: Reader of each format; a new format is a module, a line here and a line in ``detect_frf_format``.
-READERS: dict[str, Callable[[Path, TextLayout | None], FrfSet]] = {
+READERS: dict[str, Callable[[Path, TextLayout], FrfSet]] = {
     "uff": read_uff,
     "hdf5": read_frf_hdf5,
     "mat-v5": read_frf_mat,
@@ -102,7 +102,7 @@ def read_frf(path: Path, layout: TextLayout | None = None) -> FrfSet:
         If the file is missing or damaged, holds no FRF, or a value or frequency is wrong.
     """
     path = Path(path)
-    found = READERS[detect_frf_format(path)](path, layout)
+    found = READERS[detect_frf_format(path)](path, layout or TextLayout())
     records = [replace(record, number=record.number or at + 1, file=str(path)) for at, record in enumerate(found.records)]
     return replace(found, records=tuple(records))
 
@@ -145,7 +145,7 @@ def read_coherence(path: Path, layout: TextLayout | None = None) -> dict[Coheren
     DataError
         If the file holds no coherence, or a value lies outside 0 to 1.
     """
-    path = Path(path)
+    path, layout = Path(path), layout or TextLayout()
     kind = detect_frf_format(path)
     if kind == "text":
         return {name: pair for name, pair in read_text_coherence(path, layout).items()}
@@ -156,7 +156,7 @@ def read_coherence(path: Path, layout: TextLayout | None = None) -> dict[Coheren
             records = READERS[kind](path, layout).records
         except DataError:
             # A file of coherences alone.
-            found_named = coherences(named_mat(path) if kind == "mat-v5" else named_hdf5(path), path, layout or TextLayout())
+            found_named = coherences(named_mat(path) if kind == "mat-v5" else named_hdf5(path), path, layout)
             if not found_named:
                 raise
             return {name: pair for name, pair in found_named.items()}

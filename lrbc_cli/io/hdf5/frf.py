@@ -32,7 +32,7 @@ _MOST_OBJECTS, _DEEPEST = 20_000, 5
 _UNITS = {"pressure": "Pa/N", "displacement": "m/N", "velocity": "m/s/N", "acceleration": "m/s^2/N", "": ""}
 
 
-def read_frf_hdf5(path: Path, layout: TextLayout | None = None) -> FrfSet:
+def read_frf_hdf5(path: Path, layout: TextLayout) -> FrfSet:
     """Read a file of ``write_frf_hdf5``, or one of any origin by the names of its data sets, see ``named``.
 
     Parameters
@@ -47,7 +47,7 @@ def read_frf_hdf5(path: Path, layout: TextLayout | None = None) -> FrfSet:
     DataError
         If the version is not known, no FRF is understood, sizes differ, or a value is not finite.
     """
-    return read_safely(_read, path, layout or TextLayout())
+    return read_safely(_read, path, layout)
 
 
 def _read(path: Path, layout: TextLayout) -> FrfSet:

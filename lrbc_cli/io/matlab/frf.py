@@ -16,7 +16,7 @@ from lrbc_cli.io.sparse import numeric
 from lrbc_cli.model.frf import FrfSet
 
 
-def read_frf_mat(path: Path, layout: TextLayout | None = None) -> FrfSet:
+def read_frf_mat(path: Path, layout: TextLayout) -> FrfSet:
     """Read FRFs from variables of a MATLAB file.
 
     Raises
@@ -24,7 +24,7 @@ def read_frf_mat(path: Path, layout: TextLayout | None = None) -> FrfSet:
     DataError
         If none is found, or a value is not finite.
     """
-    return frf_set(named_mat(path), path, layout or TextLayout())
+    return frf_set(named_mat(path), path, layout)
 
 
 def named_mat(path: Path) -> Named:

@@ -55,7 +55,7 @@ class _Pair:
     kind: str
 
 
-def read_frf_text(path: Path, layout: TextLayout | None = None) -> FrfSet:
+def read_frf_text(path: Path, layout: TextLayout) -> FrfSet:
     """Read FRFs from columns of text.
 
     What the layout does not say is found out: separator, decimal sign, header, columns (``NAME_real``, ``Re(NAME)``,
@@ -67,7 +67,6 @@ def read_frf_text(path: Path, layout: TextLayout | None = None) -> FrfSet:
     DataError
         If there is no such table, columns do not pair up, or a value is not finite.
     """
-    layout = layout or TextLayout()
     lines = read_lines(path)
     several = blocks(lines, path)
     found = _of_blocks(several, path, layout) if several else _of_table(read_table(path, layout, lines), path, layout)
@@ -220,7 +219,7 @@ def _parts(table: TextTable, pair: _Pair, path: Path) -> tuple[NDArray[np.float6
     return values, table.values[:, pair.second]
 
 
-def read_text_coherence(path: Path, layout: TextLayout | None = None) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+def read_text_coherence(path: Path, layout: TextLayout) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
     """Read coherences from columns ``NAME_coherence``, or from all columns after the frequency where none is called so.
 
     Returns
@@ -233,7 +232,6 @@ def read_text_coherence(path: Path, layout: TextLayout | None = None) -> dict[st
     DataError
         If there is no such table or a value is no coherence.
     """
-    layout = layout or TextLayout()
     table = read_table(path, layout, read_lines(path))
     at = _frequency_column(table, layout, path)
     frequency = _frequencies(table, at, layout, path, [])

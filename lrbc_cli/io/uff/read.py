@@ -67,7 +67,7 @@ class Coherence:
     record: int
 
 
-def read_uff(path: Path, layout: TextLayout | None = None) -> FrfSet:
+def read_uff(path: Path, layout: TextLayout) -> FrfSet:
     """Read all FRFs (function type 4) with their coherences (type 6); other functions are noted and left out.
 
     Parameters
@@ -82,7 +82,6 @@ def read_uff(path: Path, layout: TextLayout | None = None) -> FrfSet:
     DataError
         If the file holds no FRF, or a record cannot be read or is no FRF over force.
     """
-    layout = layout or TextLayout()
     if layout.coherence is not None:
         raise DataError(
             "a universal file says itself which functions are coherences",
