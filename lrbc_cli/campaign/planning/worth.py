@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.arrays import Bools, Floats, Integers
+from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.campaign.planning.rehearsal import Draw, estimates
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.posterior.information import HIDDEN, LOSS, Experiment, Outlook, bits_of, distances, greedy, outlook, verdict
@@ -76,11 +76,7 @@ def judged(inputs: Inputs, prospects: Sequence[Prospect], targets: Sequence[Targ
         {"name": inputs.responses[r].name, "bits": bits_of(distance), "worst": _worst(distance, seen, targets)}
         for r, distance in greedy(found)
     ]
-    tree["excitations"] = [
-        _set(inputs, found, now, seen, targets, name, np.flatnonzero(inputs.input_of == load))
-        for load, name in enumerate(inputs.excitations)
-        if len(inputs.excitations) > 1
-    ]
+    tree["excitations"] = _excitations(inputs, found, now, seen, targets) if len(inputs.excitations) > 1 else []
     return tree
 
 
@@ -168,24 +164,21 @@ def _responses(inputs: Inputs, found: Experiment, now: Outlook, seen: Bools, tar
     return sorted(rows, key=lambda row: (row["planned"], -row["gain_bits"]))
 
 
-def _set(
-    inputs: Inputs,
-    found: Experiment,
-    now: Outlook,
-    seen: Bools,
-    targets: Sequence[Target],
-    name: str,
-    members: Integers,
-) -> dict[str, Any]:
-    """What the planned responses of one excitation tell alone, and what is lost without them."""
-    used = inputs.used
-    own = np.intersect1d(used, members)
-    alone = distances(found, own)
-    return {
-        "name": name,
-        "responses": [inputs.responses[r].name for r in own],
-        "alone_bits": bits_of(alone),
-        "gain_bits": now.bits - bits_of(distances(found, np.setdiff1d(used, members))),
-        "all_bits": bits_of(distances(found, members)),
-        "worst": _worst(alone, seen, targets),
-    }
+def _excitations(inputs: Inputs, found: Experiment, now: Outlook, seen: Bools, targets: Sequence[Target]) -> list[dict[str, Any]]:
+    """What the planned responses of each excitation tell alone, and what is lost without them."""
+    rows = []
+    for load, name in enumerate(inputs.excitations):
+        members = np.flatnonzero(inputs.input_of == load)
+        own = np.intersect1d(inputs.used, members)
+        alone = distances(found, own)
+        rows.append(
+            {
+                "name": name,
+                "responses": [inputs.responses[r].name for r in own],
+                "alone_bits": bits_of(alone),
+                "gain_bits": now.bits - bits_of(distances(found, np.setdiff1d(inputs.used, members))),
+                "all_bits": bits_of(distances(found, members)),
+                "worst": _worst(alone, seen, targets),
+            }
+        )
+    return rows
