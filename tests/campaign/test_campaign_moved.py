@@ -13,6 +13,10 @@ from lrbc_cli.campaign.looking.all_jobs import pooled
 from lrbc_cli.campaign.looking.moved import hammers_text, unmoved_text
 
 
+def campaign(reference: str = "tight") -> Any:
+    return SimpleNamespace(update=SimpleNamespace(reference=reference))
+
+
 def two_hammers() -> tuple[Any, np.ndarray]:
     """Four sensors, hit at two places, and FRFs of the model."""
     rng = np.random.default_rng(3)
@@ -21,7 +25,9 @@ def two_hammers() -> tuple[Any, np.ndarray]:
         for at in (0, 1)
         for node in (1, 2, 3, 4)
     ]
-    return SimpleNamespace(responses=responses, excitations=("h1", "h2")), 10.0 ** rng.normal(0.0, 0.5, (1, 200, 8)) + 0j
+    return SimpleNamespace(responses=responses, excitations=("h1", "h2"), campaign=campaign()), 10.0 ** rng.normal(
+        0.0, 0.5, (1, 200, 8)
+    ) + 0j
 
 
 def test_two_hammers_in_each_others_place() -> None:
@@ -29,7 +35,13 @@ def test_two_hammers_in_each_others_place() -> None:
     measured = 1.1 * states[0][:, [4, 5, 6, 7, 0, 1, 2, 3]]
     text = hammers_text(seen(measured, states, inputs=inputs))
     assert text.startswith("h1 and h2 in each other's place")
-    assert "exchange the places of excitation.h1 and excitation.h2" in text
+    own = "records: {a1-h1: a1-h2, a2-h1: a2-h2, a3-h1: a3-h2, a4-h1: a4-h2, a1-h2: a1-h1, a2-h2: a2-h1, a3-h2: a3-h1, a4-h2: a4-h1}"
+    assert own in text
+    # Of the reference job the campaign file is wrong, of another one its records.
+    exchange = "exchange the places of excitation.h1 and excitation.h2"
+    assert text.endswith(f"{exchange}, or jobs.tight.{own}")
+    inputs.campaign = campaign("another")
+    assert hammers_text(seen(measured, states, inputs=inputs)).endswith(f"{own}, or, where all jobs have it so, {exchange}")
 
 
 def test_nothing_is_said_where_they_are_right_or_where_it_explains_nothing() -> None:
@@ -46,7 +58,7 @@ def test_what_other_hammers_leave_may_be_left_of_exchanged_ones() -> None:
         for at in (0, 1, 2)
         for node in (1, 2, 3, 4)
     ]
-    inputs: Any = SimpleNamespace(responses=responses, excitations=("h1", "h2", "h3"))
+    inputs: Any = SimpleNamespace(responses=responses, excitations=("h1", "h2", "h3"), campaign=campaign())
     states = 10.0 ** rng.normal(0.0, 1.0, (1, 400, 12)) + 0j
     errs = 10.0 ** (rng.normal(0.0, 5.0, (400, 12)) * np.sqrt(np.pi / 2.0) / 20.0)
     measured = states[0][:, [8, 9, 10, 11, 4, 5, 6, 7, 0, 1, 2, 3]] * errs
@@ -59,7 +71,6 @@ def test_what_other_hammers_leave_may_be_left_of_exchanged_ones() -> None:
 
 def test_cables_exchanged_are_one_finding_whatever_was_hit() -> None:
     inputs, _ = two_hammers()
-    inputs.campaign = SimpleNamespace(update=SimpleNamespace(reference="tight"))
     one, other = by_sensors(inputs, [(0, 1), (2, 3), (4, 5)])
     assert one == ((0, 1), (4, 5))
     assert other == ((2, 3),)

@@ -116,11 +116,12 @@ def hammers_text(seen: Seen, fitted: Callable[[Complexes], Complexes | None] | N
             lacking = float(np.median(apart(measured[:, rest], states[:, :, rest]), axis=1).min()) if rest.size else 0.0
             if stated > LEAST_DIFFERENCE and changed < min(max(MOST_LEFT, _AS_MUCH * lacking), CLEARLY * stated):
                 first, second = inputs.excitations[two], inputs.excitations[one]
-                return (
-                    f"{first} and {second} in each other's place, it seems: FRFs of either are the model's of the other: exchange the "
-                    f"places of excitation.{first} and excitation.{second}, or, where this job alone is wrong, its "
-                    f"records (jobs.{seen.job}.records)"
-                )
+                exchange = f"exchange the places of excitation.{first} and excitation.{second}"
+                records = ", ".join(f"{inputs.responses[i].name}: {inputs.responses[k].name}" for i, k in sorted(pairs))
+                only = f"jobs.{seen.job}.records: {{{records}}}"
+                # Of one job alone the order of the blows was another, of the reference job rather the campaign file is wrong.
+                fix = f"{exchange}, or {only}" if seen.reference else f"{only}, or, where all jobs have it so, {exchange}"
+                return f"{first} and {second} in each other's place, it seems: FRFs of either are the model's of the other: {fix}"
     return ""
 
 
