@@ -244,7 +244,8 @@ def _channels(seen: Seen, near: list[Complexes], movable: Floats | float, *, bac
 
 def _fit(seen: Seen) -> Complexes | None:
     """(F, R) what would be measured in the state of the bolts that comes nearest; None where no bolt has values, or without tight state."""
-    theta = fitted_theta(seen)
+    with seen.source.threads():
+        theta = fitted_theta(seen)
     return None if theta is None else expected_frf(seen, theta)
 
 

@@ -59,6 +59,8 @@ class Shared:
     def __init__(self, patterns: Floats) -> None:
         self._patterns = patterns
         power, rotation = np.linalg.eigh(patterns.T @ patterns)
+        #: (k, k) ``(I + BᵀB)⁻¹``.
+        self._left = (rotation / (1.0 + np.maximum(power, 0.0))) @ rotation.T
         kept = power > 1e-10 * max(float(power.max(initial=0.0)), 1e-10)
         self._directions = patterns @ (rotation[:, kept] / np.sqrt(power[kept]))
         self._grown = np.sqrt(1.0 + power[kept])
@@ -75,7 +77,7 @@ class Shared:
 
     def sizes(self, residual: Floats) -> Floats:
         """(k,) the most probable size of each error, in its standard deviations, by (m,) residuals over their own."""
-        return self._share(self._patterns.T @ residual)
+        return np.asarray(self._left @ (self._patterns.T @ residual))
 
     def sizes_covariance(self, jacobian: Floats, covariance: Floats, variance: float) -> Floats:
         """(k, k) covariance of the sizes where the unknowns are known by (n, n) ``covariance``, residuals over their own by ``variance``.
@@ -87,8 +89,5 @@ class Shared:
         covariance : (n, n) float array
         variance : float
         """
-        moved = self._share(self._patterns.T @ jacobian)
-        return np.asarray(self._share(variance * np.eye(self._patterns.shape[1])) + moved @ covariance @ moved.T)
-
-    def _share(self, columns: Floats) -> Floats:
-        return np.asarray(np.linalg.solve(np.eye(self._patterns.shape[1]) + self._patterns.T @ self._patterns, columns))
+        moved = self._left @ (self._patterns.T @ jacobian)
+        return np.asarray(variance * self._left + moved @ covariance @ moved.T)
