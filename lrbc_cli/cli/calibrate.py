@@ -20,13 +20,13 @@ from lrbc_cli.study import Study
 
 @click.command()
 @campaign_options
-@click.option("--force", is_flag=True, help="Calibrate again even where nothing changed.")
-@click.option("--dry-run", is_flag=True, help="Say whether it would run, and why; change nothing.")
+@click.option("--force", is_flag=True, help="Calibrate again even if nothing changed.")
+@click.option("--dry-run", is_flag=True, help="Print whether the calibration would run, and why; change nothing.")
 @accept_tolerance_option
 def calibrate(
     config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool, force: bool, dry_run: bool, accept_tolerance: bool
 ) -> None:
-    """Identify the global factors of the reference model; `reduce`, `update`, `simulate` and `check` use them while they fit."""
+    """Identify the global factors of the reference model. `reduce`, `update`, `simulate` and `check` use them while they fit the inputs."""
     inputs = load(config, overrides, calibration=None)
     settings = require_calibration(inputs)
     folder = cache_folder(cache)

@@ -23,9 +23,9 @@ from lrbc_cli.errors import LrbcError
 @calibration_option
 @click.option("--picture", is_flag=True, help="Draw the structure: structure.png and structure.html in the output folder.")
 def check(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool, calibration: bool, *, picture: bool) -> int:
-    """Read all inputs and print the plan; change nothing, but for the picture where it is asked for.
+    """Check all inputs and print what will be done. Nothing is changed; with --picture, the picture is written.
 
-    Where the model cannot be made, all files that cannot be read are named.
+    If the model cannot be built, all files that cannot be read are named.
     """
     campaign, unfilled = load_unfilled(config, overrides)
     if unfilled:

@@ -13,13 +13,15 @@ from lrbc_cli.config.skeleton import FILE, write_skeleton
 
 @click.command(short_help="Write a commented campaign file to fill in.")
 @click.argument("directory", metavar="[DIR]", type=click.Path(path_type=Path), default=Path())
-@click.option("--from", "source", type=click.Path(path_type=Path), help="Fill it in from the files of this folder, as far as they tell.")
+@click.option(
+    "--from", "source", type=click.Path(path_type=Path), help="Fill in the file from the files of this folder, as far as possible."
+)
 @verbosity_options
 def init(directory: Path, source: Path | None) -> None:
-    """Write a commented campaign file into DIR (default: the current folder), with its schema for editors; nothing is overwritten.
+    """Write a commented campaign file and its schema for editors into DIR (default: the current folder). Nothing is overwritten.
 
-    With --from it speaks of the matrices, tables and FRF files of a folder: recognised by their content, roles by names and content.
-    Else folders and tables to fill in come with it.
+    With --from, the file names the matrices, tables and FRF files of a folder. Files are recognised by their content, and their roles
+    by name and content. Without --from, folders and tables to fill in are written too.
     """
     if source is None:
         for path in write_skeleton(directory):

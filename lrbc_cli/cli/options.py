@@ -60,10 +60,12 @@ def _less(ctx: click.Context, param: click.Parameter, value: int) -> None:
 
 def verbosity_options(function: F) -> F:
     """Add -v and -q."""
-    function = click.option("-q", "--quiet", count=True, expose_value=False, callback=_less, help="Say less; repeat for still less.")(
+    function = click.option("-q", "--quiet", count=True, expose_value=False, callback=_less, help="Print less; repeat for even less.")(
         function
     )
-    return click.option("-v", "--verbose", count=True, expose_value=False, callback=_more, help="Say more; -vv adds tracebacks.")(function)
+    return click.option("-v", "--verbose", count=True, expose_value=False, callback=_more, help="Print more; -vv adds tracebacks.")(
+        function
+    )
 
 
 #: Receives ``calibration: bool``.
@@ -88,7 +90,7 @@ def campaign_options(function: F) -> F:
             "--cache",
             type=click.Path(path_type=Path, file_okay=False),
             envvar="LRBC_CACHE",
-            help="Folder of the cache; also LRBC_CACHE. Default: the user's cache folder.",
+            help="Folder of the cache (or set LRBC_CACHE). Default: the user's cache folder.",
         ),
         click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout."),
         verbosity_options,

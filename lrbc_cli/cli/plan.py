@@ -17,8 +17,14 @@ from lrbc_cli.study import Study
 @click.command()
 @campaign_options
 @calibration_option
-@click.option("--noise", type=click.FloatRange(min=1e-3), metavar="DB", help="Standard deviation of a line in dB, at least 0.001.")
-@click.option("--state", metavar="STATE", help="initial, clamped, free or job:NAME; absent: the reference job's result, else initial.")
+@click.option(
+    "--noise", type=click.FloatRange(min=1e-3), metavar="DB", help="Standard deviation of the noise of a line in dB, at least 0.001."
+)
+@click.option(
+    "--state",
+    metavar="STATE",
+    help="State that is planned for: initial, clamped, free or job:NAME. Default: result of the reference job, else initial.",
+)
 @click.option(
     "--by", type=click.Choice(["auto", "bolts", "values"]), default="auto", show_default=True, help="What is loosened, one at a time."
 )
@@ -26,7 +32,7 @@ from lrbc_cli.study import Study
     "--draws",
     type=click.IntRange(min=0),
     metavar="N",
-    help="Rehearsals of each bolt and loss: drawn, identified and judged as by `lrbc update`; 0: linearised figures only. Absent: 1 to 5, "
+    help="Rehearsals of each bolt and loss, identified and judged as by `lrbc update`; 0: linearised figures only. Default: 1 to 5, "
     "about 150 in all.",
 )
 @accept_tolerance_option
@@ -43,7 +49,7 @@ def plan(
     draws: int | None,
     accept_tolerance: bool,
 ) -> None:
-    """Tell what `lrbc update` will say of each bolt if it alone is loose, and rank the responses; no measurement is needed."""
+    """Predict the verdict of `lrbc update` for each bolt if it alone is loose, and rank the responses. No measurement is needed."""
     study = Study(load(config, overrides, calibration=calibration), cache, progress())
     output = study.inputs.campaign.output
     record = study.plan(state, noise_db=noise, by=by, draws=draws, accept=accept_tolerance)

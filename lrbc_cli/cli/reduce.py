@@ -25,8 +25,8 @@ from lrbc_cli.study import Study
 @click.command()
 @campaign_options
 @calibration_option
-@click.option("--force", is_flag=True, help="Build anew even where the cache has the model.")
-@click.option("--dry-run", is_flag=True, help="Say whether the cache has the model, and why; change nothing.")
+@click.option("--force", is_flag=True, help="Build the model again even if the cache has it.")
+@click.option("--dry-run", is_flag=True, help="Print whether the cache has the model, and why; change nothing.")
 @click.option("--accept-tolerance", is_flag=True, help="Accept a model that does not reach its tolerance.")
 @click.option(
     "--export",
@@ -36,17 +36,17 @@ from lrbc_cli.study import Study
     metavar="FILE",
     help="Write the reduced model for other programs: .h5, .hdf5 or .mat; repeatable. Replaces earlier exports.",
 )
-@click.option("--overwrite", is_flag=True, help="Let --export replace any file that is no input of the campaign.")
+@click.option("--overwrite", is_flag=True, help="Let --export replace any file that is not an input of the campaign.")
 @click.option(
-    "--state-space", is_flag=True, help="Export a first-order state space too, at the start values unless --job or --set says else."
+    "--state-space", is_flag=True, help="Also export a first-order state space, at the start values unless --job or --set is given."
 )
-@click.option("--job", metavar="NAME", help="State space at the parameters that were identified from this job.")
+@click.option("--job", metavar="NAME", help="State space at the parameters identified from this job.")
 @click.option(
     "--set",
     "assignments",
     multiple=True,
     metavar="GROUP=LOG10",
-    help="State space at this value, or one a parameter; inf clamps, -inf frees. GROUP.damping=LOG10.",
+    help="State space at this value, or at one value per parameter; inf: clamped, -inf: free. Damping: GROUP.damping=LOG10.",
 )
 def reduce(
     *,
@@ -64,7 +64,7 @@ def reduce(
     job: str | None,
     assignments: tuple[str, ...],
 ) -> None:
-    """Build the reduced model, or find it in the cache; export it."""
+    """Build the reduced model, or load it from the cache. With --export, also export it."""
     if state_space and not exports:
         raise ConfigError("--state-space belongs to --export", expected="--export FILE.h5 or --export FILE.mat", found="no --export")
     if (job is not None or assignments) and not state_space:

@@ -18,33 +18,48 @@ from lrbc_cli.virtual.drift import Scatter
 from lrbc_cli.virtual.structure import Settings
 
 STD = click.FloatRange(min=0.0, max=1e3)
-DECLARED = "; absent: what `update.nuisances` says."
+DECLARED = ". Default: as in `update.nuisances`."
 
 
 @click.command()
 @campaign_options
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder of the rehearsal.")
-@click.option("--loose", multiple=True, metavar="B03,B04", help="A job with these bolts loose; repeatable. Absent: one, drawn.")
-@click.option("--tight", type=click.IntRange(min=1), metavar="N", help="Jobs with all bolts tight (1); the first is the reference.")
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of all that is drawn.")
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the rehearsal.")
+@click.option(
+    "--loose",
+    multiple=True,
+    metavar="B03,B04",
+    help="A job with these bolts loose; repeatable. Without --loose and --tight: one job with one bolt, drawn by --seed.",
+)
+@click.option(
+    "--tight",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Number of jobs with all bolts tight (default: 1); the first is the reference job.",
+)
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of all random draws.")
 @click.option(
     "--noise",
     type=STD,
     default=Settings.noise,
     show_default=True,
     metavar="S",
-    help="Of a line, over the response's rms.",
+    help="Noise of a line, relative to the rms of the response.",
 )
-@click.option("--depth", type=STD, default=Settings.depth, show_default=True, metavar="DECADES", help="What a loose bolt takes away.")
-@click.option("--reach", type=STD, metavar="M", help="Radius of a bolt's patch along the edge; absent: half the bolt pitch.")
-@click.option("--level", type=float, metavar="LOG10", help="Stiffness of a tight term; absent: the campaign's start value.")
+@click.option("--depth", type=STD, default=Settings.depth, show_default=True, metavar="DECADES", help="Stiffness that a loose bolt loses.")
+@click.option("--reach", type=STD, metavar="M", help="Radius of a bolt's patch along the edge. Default: half the bolt pitch.")
+@click.option("--level", type=float, metavar="LOG10", help="Stiffness of a tight term. Default: the start value of the campaign.")
 @click.option(
-    "--retorque", type=STD, default=Settings.retorque, show_default=True, metavar="S", help="Log stiffness of tight bolts, job to job."
+    "--retorque",
+    type=STD,
+    default=Settings.retorque,
+    show_default=True,
+    metavar="S",
+    help="Scatter of the log stiffness of tight bolts from job to job.",
 )
 @click.option(
-    "--perturb", type=STD, default=Settings.perturb, show_default=True, metavar="S", help="Errors of the model's stiffness and mass."
+    "--perturb", type=STD, default=Settings.perturb, show_default=True, metavar="S", help="Errors of stiffness and mass of the model."
 )
-@click.option("--damping", type=STD, default=Settings.damping, show_default=True, metavar="S", help="Errors of the log of its damping.")
+@click.option("--damping", type=STD, default=Settings.damping, show_default=True, metavar="S", help="Errors of the log of the damping.")
 @click.option("--temperature", type=STD, metavar="K", help=f"Drift of the air between jobs{DECLARED}")
 @click.option("--hammer", type=STD, metavar="M", help=f"Drift of the hits along the surface{DECLARED}")
 @click.option("--gain", type=STD, metavar="DB", help=f"Drift of each response's gain{DECLARED}")
@@ -67,9 +82,10 @@ def rehearse(
     force: bool,
     **settings: Any,
 ) -> None:
-    """Measure your own model, a little off, with noise, drift and loosened bolts; write a campaign of it to run, before any test.
+    """Write a campaign of simulated measurements: your own model, slightly changed, with noise, drift and loose bolts.
 
-    The FRF files of CONFIG need not exist. Numbers are standard deviations of what is drawn for every rehearsal or job.
+    Run this campaign before any test. The FRF files of CONFIG need not exist. Values of S, K, M and DB for errors, scatter, noise and
+    drift are standard deviations of what is drawn for each rehearsal or job.
     """
     # As exported: a stored calibration belongs to other measurements.
     inputs = load(config, overrides, own_output=False, calibration=None)

@@ -30,9 +30,13 @@ def _kinds(ctx: click.Context, param: click.Parameter, value: str) -> tuple[str,
 @click.command()
 @campaign_options
 @click.option(
-    "--figures", metavar="KINDS", default="", callback=_kinds, help="Figures for print beside the PNG files: pdf, svg or both (pdf,svg)."
+    "--figures",
+    metavar="KINDS",
+    default="",
+    callback=_kinds,
+    help="Also write figures for print, beside the PNG files: pdf, svg or both (pdf,svg).",
 )
-@click.option("--job", "jobs", multiple=True, metavar="NAME", help="Show this job only; repeatable.")
+@click.option("--job", "jobs", multiple=True, metavar="NAME", help="Show only this job; repeatable.")
 def report(
     config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool, figures: tuple[str, ...], jobs: tuple[str, ...]
 ) -> None:

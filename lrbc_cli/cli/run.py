@@ -25,9 +25,9 @@ from lrbc_cli.study import Study
 @campaign_options
 @calibration_option
 @click.option("--open", "opened", is_flag=True, help="Open the report in the browser.")
-@click.option("--job", "jobs", multiple=True, metavar="NAME", help="Run this job only; repeatable.")
-@click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Jobs at a time.")
-@click.option("--force", is_flag=True, help="Calibrate and run finished jobs again.")
+@click.option("--job", "jobs", multiple=True, metavar="NAME", help="Run only this job; repeatable.")
+@click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Number of jobs that run at a time.")
+@click.option("--force", is_flag=True, help="Calibrate again, and run finished jobs again.")
 @click.option("--fail-on-loose", is_flag=True, help=FAIL_HELP)
 @accept_tolerance_option
 def run(
@@ -44,9 +44,9 @@ def run(
     fail_on_loose: bool,
     accept_tolerance: bool,
 ) -> int:
-    """Calibrate where the campaign asks for it, update all jobs, write the report, and say the result in a sentence a job.
+    """Calibrate if the campaign file says so, update all jobs, write the report, and print one sentence for each job.
 
-    What is finished and still valid is kept. Exit codes are those of `lrbc update`; the report is written where jobs failed too.
+    Finished work that is still valid is kept. Exit codes are those of `lrbc update`. The report is written even if jobs failed.
     """
     tell = progress()
     study = Study(load(config, overrides, calibration=None), cache, tell)

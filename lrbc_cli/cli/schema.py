@@ -12,7 +12,7 @@ from lrbc_cli.results.store import results_schema
 
 
 @click.command(short_help="Print the JSON Schema of the campaign or result files.")
-@click.option("--results", is_flag=True, help="That of the result files.")
+@click.option("--results", is_flag=True, help="Print the schema of the result files.")
 @verbosity_options
 def schema(results: bool) -> None:
     """Print the JSON Schema of the campaign file, or of the result files, for editors and other programs."""

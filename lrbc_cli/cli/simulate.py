@@ -16,17 +16,17 @@ from lrbc_cli.cli.terminal import say
 @campaign_options
 @calibration_option
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="File to write: .csv, .uff or .h5.")
-@click.option("--job", metavar="NAME", help="Use the parameters that were identified from this job.")
+@click.option("--job", metavar="NAME", help="Use the parameters identified from this job.")
 @lines_option
 @click.option(
     "--set",
     "assignments",
     multiple=True,
     metavar="GROUP=LOG10",
-    help="Value, or one a parameter; inf clamps, -inf frees. GROUP.damping=LOG10.",
+    help="Value of the group, or one value per parameter; inf: clamped, -inf: free. Damping: GROUP.damping=LOG10.",
 )
-@click.option("--full", is_flag=True, help="Full order: one solve of the whole model a line.")
-@click.option("--force", is_flag=True, help="Replace the file of --out where it exists.")
+@click.option("--full", is_flag=True, help="Use the full model: one full-order solve for each line.")
+@click.option("--force", is_flag=True, help="Replace the file of --out if it exists.")
 @accept_tolerance_option
 def simulate(
     *,

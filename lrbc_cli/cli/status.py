@@ -21,10 +21,10 @@ from lrbc_cli.report.old import outdated
 @campaign_options
 @calibration_option
 def status(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool, calibration: bool) -> None:
-    """Tell how far the campaign is, and the time left; change nothing.
+    """Show which jobs are done, and the time left; change nothing.
 
-    Jobs are done, out of date, without a file, with files that cannot be used, failed or not run yet. A report page that is missing,
-    or older than the results, is told.
+    A job is done, out of date, without a file, with files that cannot be used, failed or not run yet. A report page that is missing
+    or older than the results is mentioned.
     """
     inputs = load(config, overrides, calibration=calibration, warn=False)
     found = examine(inputs, cache_folder(cache))

@@ -24,8 +24,8 @@ from lrbc_cli.updating.judging.clearance import once_more, sentence
 if TYPE_CHECKING:
     from lrbc_cli.campaign.reading.inputs import Inputs
 
-FAIL_HELP = """Exit with 6 where all jobs ran and a bolt is judged loose, with 7 where none is but not every bolt that can be seen is judged
-tight in every job, or nothing was compared; so 0 is an all-clear."""
+FAIL_HELP = """Exit with 6 if all jobs ran and a bolt is judged loose, with 7 where none is but not every bolt that can be seen is judged
+tight in every job, or nothing was compared. Exit code 0 is an all-clear."""
 
 #: What an exit code of ``--fail-on-loose`` says.
 CLEARANCE = {
@@ -38,9 +38,11 @@ CLEARANCE = {
 @click.command()
 @campaign_options
 @calibration_option
-@click.option("--job", "jobs", multiple=True, metavar="NAME", help="Run this job only; repeatable.")
-@click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Jobs at a time.")
-@click.option("--scheduler", metavar="ADDRESS", help="Identify on the workers of this Dask scheduler, as many jobs at a time as they can.")
+@click.option("--job", "jobs", multiple=True, metavar="NAME", help="Run only this job; repeatable.")
+@click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Number of jobs that run at a time.")
+@click.option(
+    "--scheduler", metavar="ADDRESS", help="Identify on the workers of this Dask scheduler, with as many jobs at a time as they can run."
+)
 @click.option("--force", is_flag=True, help="Run finished jobs again.")
 @click.option("--dry-run", is_flag=True, help="Print which jobs would run, and why; change nothing.")
 @click.option("--fail-on-loose", is_flag=True, help=FAIL_HELP)
@@ -60,10 +62,10 @@ def update(
     fail_on_loose: bool,
     accept_tolerance: bool,
 ) -> int:
-    """Identify the parameters of all jobs, or of those named; finished jobs whose inputs did not change are kept.
+    """Identify and judge all jobs, or the named ones. Finished jobs whose inputs did not change are kept.
 
-    Exit codes: 0 success, 2 campaign file or command line, 3 input data, 4 numerical failure, 5 some jobs failed, and with
-    --fail-on-loose 6 a bolt is loose, 7 none is judged loose but not all that can be seen is judged tight.
+    Exit codes: 0 success, 2 error in the campaign file or command line, 3 error in the input data, 4 numerical failure, 5 some jobs
+    failed; with --fail-on-loose also 6 a bolt is loose, 7 none is judged loose but not all that can be seen is judged tight.
     """
     if dry_run and fail_on_loose:
         raise click.UsageError("--dry-run judges no bolt: leave out --fail-on-loose")

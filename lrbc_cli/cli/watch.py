@@ -21,13 +21,19 @@ from lrbc_cli.watch.verdict import Hook, Verdict
 @click.command()
 @campaign_options
 @calibration_option
-@click.option("--folder", type=click.Path(path_type=Path, file_okay=False), help="Watch this folder, instead of watch.folder.")
-@click.option("--pattern", "patterns", multiple=True, metavar="GLOB", help="Files in it that are measurements; repeatable.")
-@click.option("--once", is_flag=True, help="Judge what is there, and end.")
+@click.option("--folder", type=click.Path(path_type=Path, file_okay=False), help="Watch this folder instead of watch.folder.")
+@click.option("--pattern", "patterns", multiple=True, metavar="GLOB", help="Which files in the folder are measurements; repeatable.")
+@click.option("--once", is_flag=True, help="Judge the files that are there, then end.")
 @click.option("--fail-on-loose", is_flag=True, help="With --once: exit with 6 or 7 as `lrbc update` does.")
 @click.option("--bell", is_flag=True, help="Ring the bell of the terminal at each verdict.")
 @click.option("--hook", metavar="COMMAND", help="Run this program at each verdict, with job, verdict and exit code as arguments.")
-@click.option("--interval", type=click.FloatRange(min=0.05), default=2.0, show_default=True, help="Seconds between looks without events.")
+@click.option(
+    "--interval",
+    type=click.FloatRange(min=0.05),
+    default=2.0,
+    show_default=True,
+    help="Seconds between two looks at the folder if no file event arrives.",
+)
 @accept_tolerance_option
 def watch(
     *,
@@ -45,9 +51,9 @@ def watch(
     interval: float,
     accept_tolerance: bool,
 ) -> int:
-    """Identify, judge and report FRF files as they appear: those of the campaign's jobs, and any in a folder, each a job of its name.
+    """Identify, judge and report FRF files as they arrive: those of the campaign's jobs, and those in a folder (each is a job of its name).
 
-    Calibrates where the campaign file asks for it. Runs until Ctrl+C; what is finished is kept, and found again by all commands.
+    Calibrates if the campaign file says so. Runs until Ctrl+C. Finished results are kept, and all commands can use them.
     With --json each verdict is one JSON document on a line of its own (JSON lines).
     """
     if fail_on_loose and not once:
