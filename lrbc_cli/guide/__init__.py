@@ -1,4 +1,4 @@
-"""The pages of the guide: they ship with the package and ``lrbc guide`` shows them."""
+"""The pages of the guide. They ship with the package, and ``lrbc guide`` shows them."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What a campaign's settings come to: the one place that knows what ``auto`` and an absent key mean."""
+"""Resolves the settings of a campaign: the only place that knows what ``auto`` and an absent key mean."""

@@ -1,1 +1,1 @@
-"""Figures, tables and the HTML page; reads result files only, never computes physics."""
+"""Figures, tables and the HTML page. Reads result files only, and never computes physics."""

@@ -1,1 +1,1 @@
-"""Jobs that are identified, judged and reported as their files arrive."""
+"""Identifies, judges and reports jobs as their files arrive."""

@@ -1,1 +1,1 @@
-"""A campaign file from the files that are there: what they are, which roles they play, and the text of the campaign."""
+"""Drafts a campaign file from the files of a folder: recognises them, finds their roles, and writes the text."""

@@ -1,1 +1,1 @@
-"""One identification: the measurement of a job, its unknowns and weights, the fit, and what became of it."""
+"""One identification: the measurement of a job, its unknowns and weights, the fit, and the outcome."""

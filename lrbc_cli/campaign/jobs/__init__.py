@@ -1,1 +1,1 @@
-"""All jobs of a campaign: what each rests on, running, judging, writing."""
+"""All jobs of a campaign: what each result rests on, running, judging and writing."""

@@ -1,1 +1,1 @@
-"""Measurements beside the model before anything is identified, for ``lrbc check``."""
+"""Compares measurements with the model before anything is identified, for ``lrbc check``."""

@@ -1,1 +1,1 @@
-"""What planned microphones and hammer points can see of the bolts."""
+"""What planned responses and hammer points can show of the bolts, for ``lrbc plan``."""

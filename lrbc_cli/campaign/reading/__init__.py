@@ -1,1 +1,1 @@
-"""Reading a campaign: model, terms, loads, outputs, bolts; and whether they fit together."""
+"""Reads a campaign (model, terms, loads, outputs, bolts) and checks that the parts fit together."""

@@ -1,1 +1,1 @@
-"""The updated model of a job as it moves: its modes and its deflection shapes."""
+"""The updated model of a job in motion: its modes and its deflection shapes."""

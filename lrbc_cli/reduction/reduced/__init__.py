@@ -1,1 +1,1 @@
-"""The reduced model: its port FRFs, global factors, modes, time domain, and how it is solved at many lines."""
+"""The reduced model: its port FRFs, global factors, modes and time domain, and its solution at many lines."""

@@ -1,1 +1,1 @@
-"""The steps of a reduction: lines of the full model that expand the basis, the estimate, compression, the certificate."""
+"""The steps of a reduction: full-order lines that expand the basis, the error estimate, compression, the certificate."""

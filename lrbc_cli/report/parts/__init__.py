@@ -1,1 +1,1 @@
-"""Figures and sections of the page, each from records."""
+"""Figures and sections of the page, each built from records."""

@@ -1,1 +1,1 @@
-"""Global factors of the reference model from one measurement, and which of them it cannot tell apart."""
+"""Global factors of the reference model from one measurement, and which of them it cannot distinguish."""

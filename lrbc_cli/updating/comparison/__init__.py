@@ -1,1 +1,1 @@
-"""Measured FRFs beside computed ones: correlation figures, and constant factors between them."""
+"""Compares measured with computed FRFs: correlation figures, and constant factors between them."""

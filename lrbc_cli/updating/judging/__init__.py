@@ -1,1 +1,1 @@
-"""From what an identification says of the bolts to verdicts, and what those add up to."""
+"""Turns the evidence of an identification into verdicts on bolts, and the verdicts into an outcome (all-clear or not)."""

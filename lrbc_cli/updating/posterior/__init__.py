@@ -1,1 +1,1 @@
-"""What a fit leaves uncertain: covariance, tight or loose by sampling, intervals; and what can be known beforehand."""
+"""The uncertainty after a fit: covariance, sampling of tight or loose, intervals; and what can be predicted beforehand."""

@@ -1,1 +1,1 @@
-"""The statistical model: errors of measurement and model, lines that count, residuals, priors."""
+"""The statistical model: errors of measurement and model, the lines that count, residuals, priors."""

@@ -1,1 +1,1 @@
-"""What the unknowns of a job are: where bolts lie, and which values they move."""
+"""The unknowns of a job: where bolts lie, and which values they move."""

@@ -1,1 +1,1 @@
-"""What measurements say of each other: copies, exchanges, other units, other chains."""
+"""What measurements show when compared with each other: copies, exchanges, other units, other measuring chains."""

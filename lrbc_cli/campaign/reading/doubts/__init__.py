@@ -1,1 +1,1 @@
-"""What contradicts itself in a campaign, by kind: its springs and the matrix, its settings."""
+"""Contradictions within a campaign, by kind: between its springs and the matrix, and in its settings."""

@@ -1,1 +1,1 @@
-"""What another measuring chain, or another damping, makes of FRFs."""
+"""How another measuring chain, or another damping, changes FRFs."""
