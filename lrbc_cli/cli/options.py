@@ -73,7 +73,9 @@ calibration_option = click.option(
     "--no-calibration", "calibration", is_flag=True, flag_value=False, default=True, help="Ignore a stored calibration."
 )
 accept_tolerance_option = click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
-lines_option = click.option("--lines", metavar="LINES", help="20:400:1 or 33.3,71.7 [Hz]; 1 Hz lines of the band where absent.")
+lines_option = click.option(
+    "--lines", metavar="LINES", help="Spectral lines [Hz], as 20:400:1 or 33.3,71.7. Default: every 1 Hz in the band."
+)
 
 
 def campaign_options(function: F) -> F:
