@@ -280,10 +280,13 @@ def _unclear(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[str]:
 def _few(inputs: Inputs, those: Sequence[tuple[Floats, Complexes]]) -> str:
     """The responses, a third at most, without which the peaks of the others are clear; empty where there are none such."""
     rule = inputs.statistics.resolution
-    sharp = sum(np.array([unresolved(hz, own[:, [r]], rule).sharp.size for r in range(inputs.used.size)]) for hz, own in those)
+    sharp = np.sum([[unresolved(hz, own[:, [r]], rule).sharp.size for r in range(inputs.used.size)] for hz, own in those], axis=0)
     order = np.argsort(-sharp, kind="stable")
     for count in range(1, order.size // 3 + 1):
-        if too_wide(*((hz, own[:, order[count:]]) for hz, own in those), rule=rule) is None:
+        if (
+            2 * sharp[order[:count]].sum() > sharp.sum()
+            and too_wide(*((hz, own[:, order[count:]]) for hz, own in those), rule=rule) is None
+        ):
             return ", ".join(inputs.responses[inputs.used[r]].name for r in sorted(order[:count]))
     return ""
 

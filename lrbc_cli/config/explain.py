@@ -185,7 +185,18 @@ def _unknown_key(document: Document, keys: Sequence[str | int], model: type[Base
     if elsewhere and (hint is None or len(elsewhere) == 1):
         known_as = f"it is known as {' and '.join(elsewhere[:3])}"
         hint = known_as if hint is None else f"{hint} Else {known_as}"
+    if key.isdigit() and (before := _before(document, parents, key)):
+        hint = f"a comma in a number, it seems, which separates keys within braces: write {before[0]}: {before[1]}.{key}"
     return document.error(f"unknown key '{key}'", *keys, expected=f"one of {', '.join(dict.fromkeys(known))}", hint=hint or "remove it")
+
+
+def _before(document: Document, parents: Sequence[str | int], key: str) -> tuple[str, int] | None:
+    """The key before another one and its value, where that is a whole number."""
+    siblings = document.node(parents)[0].value
+    names = list(siblings) if isinstance(siblings, Mapping) else []
+    at = names.index(key) if key in names else 0
+    value = siblings[names[at - 1]].value if isinstance(siblings, Mapping) and at else None
+    return (names[at - 1], value) if isinstance(value, int) and not isinstance(value, bool) else None
 
 
 def _description(model: type[BaseModel], keys: Sequence[str | int]) -> str | None:

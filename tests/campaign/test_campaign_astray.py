@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from lrbc_cli.campaign.reading.doubts.astray import beside_their_springs, reversed_order
-from lrbc_cli.model.dofs import PointTable
+from lrbc_cli.campaign.reading.doubts.astray import beside_their_springs, reversed_order, stray_springs
+from lrbc_cli.io.text.bushings import BushingTable
+from lrbc_cli.model.dofs import DofTable, PointTable
 
 RING = np.array([[np.cos(t), np.sin(t), 0.0] for t in 2.0 * np.pi * np.arange(12) / 12])
 ROW = np.column_stack([np.arange(7.0), np.zeros((7, 2))])
@@ -56,3 +59,36 @@ def test_a_square_about_another_origin() -> None:
 def test_orders(order: list[int], backwards: bool) -> None:
     """Of four, two that are exchanged could be either; of three, any two."""
     assert reversed_order(order) is backwards
+
+
+def springs_of(*nodes: int) -> str:
+    """What is said of a spring to ground at each of these nodes, of bolts in a row at the nodes 10, 20 and so on."""
+    xyz = np.column_stack([np.arange(1, 81) / 10.0, np.zeros((80, 2))])
+    dofs = DofTable(np.arange(1, 81), np.array(["UZ"] * 80), xyz)
+    bolts = PointTable(tuple(f"B{k}" for k in range(1, 8)), xyz[9:79:10])
+    at, count = np.array(nodes), len(nodes)
+    table = BushingTable(
+        path=Path("bushings.csv"),
+        lines=tuple(range(2, 2 + count)),
+        bolt=bolts.name[:count],
+        node_a=at,
+        node_b=(None,) * count,
+        component=("UZ",) * count,
+        stiffness=np.ones(count),
+        axes=np.broadcast_to(np.eye(3), (count, 3, 3)),
+    )
+    return stray_springs(table, xyz[at - 1], bolts, dofs, 1.0)
+
+
+def test_a_spring_at_a_mistyped_node() -> None:
+    text = springs_of(10, 20, 3, 40, 50, 60, 70)
+    assert text.startswith(
+        "line 4: node 3 lies 2.7 from B3, whose nearest node is 30; springs of the others lie 0 from their bolts at most"
+    )
+
+
+def test_springs_beside_their_bolts_are_no_mistyped_nodes() -> None:
+    """All at the next node or the one after it, one as far as the others; nor where half of the table is elsewhere."""
+    assert springs_of(11, 21, 32, 41, 51, 61, 71) == ""
+    assert springs_of(10, 20, 30, 42, 50, 60, 70) == ""
+    assert springs_of(10, 20, 30, 3, 4, 5, 70) == ""

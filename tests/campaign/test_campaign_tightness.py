@@ -40,7 +40,7 @@ def tighter(monkeypatch: pytest.MonkeyPatch, other_db: float, *baselines: str) -
 def test_a_baseline_that_is_nearer_to_the_tight_model_names_a_loose_bolt_in_the_reference_job(monkeypatch: pytest.MonkeyPatch) -> None:
     text = tighter(monkeypatch, 4.8, "tight-2")
     assert text.startswith("tight-2 (4.8 dB) fits the tight model far better than tight (8.3 dB)")
-    assert "was a bolt loose there" in text
+    assert "Was a bolt loose in tight?" in text
 
 
 def test_a_job_that_nobody_called_tight_has_to_be_far_nearer(monkeypatch: pytest.MonkeyPatch) -> None:

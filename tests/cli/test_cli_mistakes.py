@@ -843,7 +843,9 @@ MISTAKES = [
     ),
     Mistake("wrong node", "plate", config(("near: [20, 100, 4]", "node: 9417")), 2, "node 9417", "numbered 101 to 509"),
     Mistake("wrong component", "frame", config(("0.28, 0.0], component: UZ", "0.28, 0.0], component: UX")), 2, "UX", "TWIST, UZ"),
-    Mistake("two sensors at one place", "frame", config(("[0.32, 0.28,", "[0.08, 0.20,")), 0, "one DOF", "correct responses.acc2"),
+    Mistake(
+        "two sensors at one place", "frame", config(("[0.32, 0.28,", "[0.08, 0.20,")), 0, "one DOF", "correct the place of the wrong one"
+    ),
     Mistake(
         "hammer and sensor exchanged",
         "plate",
@@ -1696,7 +1698,7 @@ MISTAKES = [
         config(("tight-1.uff", "OTHER"), ("b3-half-b4-loose.uff", "tight-1.uff"), ("OTHER", "b3-half-b4-loose.uff")),
         0,
         "fit the tight model far better than tight-1",
-        "Correct jobs.tight-1.frf",
+        "Are files exchanged? Then exchange jobs.tight-1.frf and jobs.",
     ),
     Mistake(
         "x and y of the hammer exchanged",

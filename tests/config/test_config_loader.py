@@ -144,6 +144,7 @@ CASES = [
     (swap("stiffness: model", "stifness: model"), "model.stifness", ["unknown key", "did you mean 'stiffness'?"]),
     (swap("bolts: bolts.csv", "band: [1, 2]"), "band", ["unknown key", "reduction.band"]),
     (swap("bolts: bolts.csv", "zzz: 1"), "zzz", ["unknown key", "one of campaign, output"]),
+    (swap("alpha: 5.1357, beta", "alpha: 5,1357, beta"), "model.damping.structure.1357", ["write alpha: 5.1357"]),
     (swap("beta: 2.554e-6", "betta: 1"), "model.damping.structure.betta", ["did you mean 'beta'?"]),
     (swap("group: M", "grp: M"), "model.mass.grp", ["did you mean 'group'?"]),
     (swap("row: 1", "rwo: 1"), "responses.acc1.rwo", ["did you mean 'row'?"]),

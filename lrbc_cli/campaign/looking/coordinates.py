@@ -65,7 +65,7 @@ def coordinates_texts(seen: Seen, *, unlike: bool) -> tuple[dict[tuple[int, ...]
         for other, after in each:
             own = list(other.responses)
             # Where the model is far from most responses, it has to come near at the other place.
-            limit = MOST_LEFT if unlike else max(MOST_LEFT, typical)
+            limit = MOST_LEFT if unlike and not other.turned else max(MOST_LEFT, typical)
             most = min(limit, (MOSTLY if len(own) > 1 and not other.turned else CLEARLY) * float(before[own].mean()))
             if other.responses in told or after.mean() > most or np.any(after >= before[own]):
                 continue

@@ -338,6 +338,9 @@ def _unlike(seen: Seen, measurements: Mapping[str, Measurement]) -> Told:
         if text is not None:
             return {("rescaled",): text}
     if float(np.median(own)) > UNLIKE:
+        far = f"{min(own):.1f} to {max(own):.1f} dB apart at the start values, constants taken out"
+        if tighter := tighter_text(seen, measurements):
+            return {("unlike",): f"measured and computed FRFs are {far}: {tighter}"}
         causes = "the springs whose places are warned of may be the reason; else " if inputs.springs_doubt else ""
         causes += (
             "check the mass sum (units of the model), the material of each part, damping, start values, places and directions of hammer "
@@ -345,10 +348,7 @@ def _unlike(seen: Seen, measurements: Mapping[str, Measurement]) -> Told:
         )
         if free := looser(seen, typical):
             causes = f"it is the reference job{free} Name a tight job under update.reference, or measure it again; else {causes}"
-        told["unlike",] = (
-            f"measured and computed FRFs have little in common, it seems: {min(own):.1f} to {max(own):.1f} dB apart at the start "
-            f"values, constants taken out: {tighter_text(seen, measurements)}{causes}"
-        )
+        told["unlike",] = f"measured and computed FRFs have little in common, it seems: {far}: {causes}"
     return told | _alone(inputs, every, "the model")
 
 

@@ -27,7 +27,7 @@ def taken_as_tight(inputs: Inputs) -> set[str]:
 
 
 def tighter_text(seen: Seen, measurements: Mapping[str, Measurement]) -> str:
-    """Which other jobs are those of the model with all bolts tight, where the reference job is not, in a clause."""
+    """Which other jobs are those of the model with all bolts tight, where the reference job is not, and what to do; empty where none is."""
     reference, every = seen.job, {name: Seen.of(seen.source, name, whole) for name, whole in measurements.items()}
     far = {name: float(np.median(apart(own.measured, own.model))) for name, own in every.items()}
 
@@ -39,10 +39,13 @@ def tighter_text(seen: Seen, measurements: Mapping[str, Measurement]) -> str:
     near = {name: own for name, own in far.items() if name != reference and own < min(UNLIKE, share(name) * far[reference])}
     if not near:
         return ""
-    named = ", ".join(f"{name} ({own:.1f} dB)" for name, own in sorted(near.items(), key=lambda each: each[1]))
+    order = sorted(near.items(), key=lambda each: each[1])
+    other = " (or that of another of these)" if len(near) > 1 else ""
+    named, first = ", ".join(f"{name} ({own:.1f} dB)" for name, own in order), order[0][0]
     return (
-        f"{named} {'fits' if len(near) == 1 else 'fit'} the tight model far better than {reference} ({far[reference]:.1f} dB): was a bolt "
-        f"loose there, or are files exchanged? Correct jobs.{reference}.frf, or name a tight job under update.reference; else "
+        f"{named} {'fits' if len(near) == 1 else 'fit'} the tight model far better than {reference} ({far[reference]:.1f} dB). Are files "
+        f"exchanged? Then exchange jobs.{reference}.frf and jobs.{first}.frf{other}. Was a bolt loose in "
+        f"{reference}? Then name a tight job under update.reference"
     )
 
 

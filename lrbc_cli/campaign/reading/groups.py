@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.campaign.reading.doubts.astray import beside_their_dofs, beside_their_springs
+from lrbc_cli.campaign.reading.doubts.astray import beside_their_dofs, beside_their_springs, stray_springs
 from lrbc_cli.campaign.reading.joints import aside_text, bolts_of_terms, bushing_vectors, joint_notes, owners, require_free
 from lrbc_cli.campaign.reading.places import require_near
 from lrbc_cli.campaign.reading.reader import ModelReader, Parts
@@ -268,6 +268,8 @@ class GroupReader(ModelReader):
         astray = None if self.bolts is None or self.disordered else beside_their_springs(self.bolts, places, table.bolt, self.unit.length)
         if astray:
             self.beside.setdefault(astray, []).append(file.name)
+        elif self.bolts is not None and (stray := stray_springs(table, places, self.bolts, self.dofs, self.unit.length)):
+            self.warn(f"{file.name}: {stray}")
         grounded = {node is None for node in table.node_b}
         return vectors, places, table.bolt, grounded.pop() if len(grounded) == 1 else None
 

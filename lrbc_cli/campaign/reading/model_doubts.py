@@ -346,7 +346,11 @@ def _one_place(model: FeModel, responses: Sequence[tuple[str, int]], astray: Col
     for i, ((name, own), row) in enumerate(zip(responses, _columns(model.L.T.tocsc(), scaled=False), strict=True)):
         first = seen.setdefault((row, int(model.output_power[i]), own), name)
         if first != name and not {first, name} & set(astray):
-            yield f"responses {first} and {name} are one DOF of the model: correct responses.{name}, or take one of them out"
+            what = "place or the excitation" if model.B.shape[1] > 1 else "place"
+            yield (
+                f"responses {first} and {name} are one DOF of the model, hit at one place: correct the {what} of the wrong one "
+                f"(responses.{first} or responses.{name}), or take one of them out"
+            )
 
 
 def _terms_twice(model: FeModel, groups: Sequence[TermGroup]) -> Iterator[str]:

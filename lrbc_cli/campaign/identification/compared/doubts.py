@@ -117,9 +117,10 @@ def _factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: s
     if b:
         return text, f"{likely} a derivative or an integral with respect to time, of the input perhaps: convert the FRF file"
     own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-offset.db / 20.0))}"
-    # A sensitivity that lost or won a digit, of some sensors; a unit of theirs may be as near.
+    # A sensitivity that lost or won a digit, of some sensors, or in one job; a unit of theirs may be as near.
     tenfold = float(np.copysign(20.0, offset.db))
-    if len(common.responses) < count and abs(offset.db - tenfold) <= min(max(offset.half, LEAST_REACH), MOST_REACH):
+    some = len(common.responses) < count or job != inputs.campaign.update.reference
+    if some and abs(offset.db - tenfold) <= min(max(offset.half, LEAST_REACH), MOST_REACH):
         options = [(abs(offset.db - tenfold), tenfold, "a sensitivity or a range ten times off")]
         options += [(abs(offset.db - known.db), known.db, known.cause) for known in recognised if known.cause]
         options.sort(key=lambda option: option[0])

@@ -265,7 +265,8 @@ def by_sensors(inputs: Inputs, cycles: Sequence[tuple[int, ...]]) -> list[tuple[
     def sensors(cycle: Sequence[int]) -> list[tuple[int | None, int | None]]:
         return [(inputs.responses[i].node, inputs.responses[i].direction) for i in cycle]
 
-    for cycle in cycles:
+    # In one order, so that it is one finding in all jobs.
+    for cycle in sorted(cycles):
         turns = [(*cycle[k:], *cycle[:k]) for k in range(len(cycle))]
         known = all(inputs.responses[i].node is not None for i in cycle)
         same = ((several, turn) for several in found for turn in turns if known and sensors(turn) == sensors(several[0]))

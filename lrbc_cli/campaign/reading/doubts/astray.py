@@ -10,8 +10,9 @@ from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.campaign.reading.places import EXCHANGES, MILLIMETRES
+from lrbc_cli.io.text.bushings import BushingTable
 from lrbc_cli.io.text.tables import ROUNDING
-from lrbc_cli.model.dofs import PointTable
+from lrbc_cli.model.dofs import DofTable, PointTable
 
 #: Springs of another bolt are nearer than the own ones by more than this factor: those of one place are not.
 CLEARLY_NEARER = 0.5
@@ -74,6 +75,44 @@ def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str
     which = ", ".join(names[k] for k in lost[:8]) + (" ..." if lost.size > 8 else "")
     lie, its = ("lies", "its") if lost.size == 1 else ("lie", "their")
     return f"{which} {lie} nearer to the springs of other bolts than to {its} own; the places are {fix}"
+
+
+def stray_springs(table: BushingTable, places: Floats, bolts: PointTable, dofs: DofTable, unit: float, *, times: float = 3.0) -> str:
+    """What to say of a few springs that lie far from their bolts where all others lie at theirs; empty where there are none.
+
+    Parameters
+    ----------
+    table : BushingTable
+    places : (m, 3) float array
+        Of the springs [m].
+    bolts : PointTable
+    dofs : DofTable
+    unit : float
+        Of the file's coordinates [m].
+    times : float
+        As far as the farthest of the others, so many times, and a quarter of the way to the next bolt.
+    """
+    known = [k for k, bolt in enumerate(table.bolt) if bolt in bolts.name]
+    if len(bolts.name) < 3 or len(known) < 4:
+        return ""
+    own = bolts.xyz[[bolts.name.index(table.bolt[k]) for k in known]]
+    away, next_bolt = np.linalg.norm(places[known] - own, axis=1), cKDTree(bolts.xyz).query(own, 2)[0][:, 1]
+    order = np.argsort(away)
+    # A quarter at most: where more are far off, the bolts file or the whole table is wrong.
+    near = order[: len(known) - len(known) // 4]
+    far = [k for k in order[len(near) :].tolist() if away[k] > max(times * away[near].max(), 0.25 * next_bolt[k])]
+    if not far:
+        return ""
+    said = []
+    for k in sorted(far)[:_MOST]:
+        spring, free = known[k], np.flatnonzero(~dofs.is_acoustic)
+        nearest = int(dofs.node[free[np.argmin(np.linalg.norm(dofs.xyz[free] - own[k], axis=1))]])
+        said.append(
+            f"line {table.lines[spring]}: node {table.node_a[spring]} lies {away[k] / unit:.4g} from {table.bolt[spring]}, whose nearest "
+            f"node is {nearest}"
+        )
+    more = f" and {len(far) - _MOST} more" if len(far) > _MOST else ""
+    return f"{'; '.join(said)}{more}; springs of the others lie {away[near].max() / unit:.3g} from their bolts at most: is a node mistyped?"
 
 
 def _exchange_text(names: Sequence[str], nearest_to: Sequence[int], lost: Sequence[int]) -> str:
