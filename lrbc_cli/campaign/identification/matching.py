@@ -188,7 +188,7 @@ def matched(inputs: Inputs, job: JobConfig, name: str, frf: FrfSet) -> list[FrfR
                 place=record.place,
                 expected=response.quantity,
                 found=record.quantity,
-                hint=f"set responses.{response.name}.quantity, or correct the record",
+                hint=f"set responses.{response.name}.quantity; or, where the file states it wrongly, jobs.{name}.format.quantity",
             )
         records.append(record)
     _require_own(inputs, job, name, records)

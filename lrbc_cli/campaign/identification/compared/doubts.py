@@ -113,6 +113,7 @@ def _factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: s
         keys = ", ".join(f"responses.{inputs.responses[i].name}.quantity: {other}" for i in common.responses)
         if job != inputs.campaign.update.reference:
             keys += f" (where all jobs hold it; else export {job} again as {quantity})"
+        keys += f", and format.quantity: {other} in each job whose file states {quantity}"
         return text, cause + keys + (f", and jobs.{job}.format.unit: {unit}" if unit else "")
     if b:
         return text, f"{likely} a derivative or an integral with respect to time, of the input perhaps: convert the FRF file"
