@@ -291,7 +291,7 @@ def test_a_coherence_of_few_lines(box: Folder) -> None:
 def test_a_measurement_that_was_cut_off(box: Folder) -> None:
     rewrite(box, lambda r: replace(r, frequency_hz=r.frequency_hz[:93], values=r.values[:93]))
     warning = "loose.uff: the lines from 20 to 204 Hz cover 48% of the band from 20 to 400 Hz; is the file complete? "
-    warning += "Else end the band where it was measured: reduction.band: [20, 204]"
+    warning += "Else measure again over the whole band, or end the band of all jobs there: reduction.band: [20, 204]"
     assert measured(box).warnings == (warning,)
     assert measured(box, "reduction.band=[20.0, 210.0]").warnings == ()
     assert warning in box.run("check").stdout

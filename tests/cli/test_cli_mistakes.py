@@ -1140,7 +1140,7 @@ MISTAKES = [
         numbers(FRFS[1], without_signal(2)),
         0,
         "dB below its level in tight, the other responses do not",
-        "Measure it again, or leave it out of loose-2",
+        "Measure it again, or take its record out of the file of loose-2",
     ),
     Mistake(
         "a sensor turned over in a loosened job alone",
@@ -1528,7 +1528,7 @@ MISTAKES = [
         config(("band: [30.0, 500.0]", "band: [30.0, 2000.0]")),
         0,
         "the lines from 30 to 500 Hz cover 24% of the band from 30 to 2000 Hz; is the file complete?",
-        "Else end the band where it was measured: reduction.band: [30, 500]; the same in",
+        "Else measure again over the whole band, or end the band of all jobs there: reduction.band: [30, 500]; the same in",
     ),
     Mistake(
         "each record normalised to its peak",

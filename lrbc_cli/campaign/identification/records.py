@@ -366,7 +366,7 @@ def _why_short(axis: Floats, every: Floats, band: tuple[float, float]) -> str:
             return f"are the frequencies in {unit}? Then say it: format: {{frequency_unit: {unit}}} of the job"
     circular = (low / (2.0 * np.pi), high / (2.0 * np.pi))
     measured = f"[{max(low, axis[0]):g}, {min(high, axis[-1]):g}]"
-    text = f"is the file complete? Else end the band where it was measured: reduction.band: {measured}"
+    text = f"is the file complete? Else measure again over the whole band, or end the band of all jobs there: reduction.band: {measured}"
     # Lines that begin where the band does in Hz are in the unit of the band.
     if _covers(every, circular) and every.min() ** 2 < low * circular[0]:
         text += f"; or is the band in rad/s? It is stated in Hz: reduction.band: [{circular[0]:.3g}, {circular[1]:.3g}]"

@@ -360,7 +360,8 @@ def _alone(inputs: Inputs, every: Floats, of: str, job: str | None = None) -> To
         causes = f"check the place and the component of responses.{response} (lrbc check --picture), and that the channel is not another"
         causes += " sensor's"
         if job is not None:
-            causes = f"was its sensor dead, overloaded or moved, or another one plugged in? Measure it again, or leave it out of {job}"
+            causes = "was its sensor dead, overloaded or moved, or another one plugged in? Measure it again, or take its record out of the "
+            causes += f"file of {job}"
         told["alone", i] = (
             f"{response} lies {every[i]:.1f} dB from {of}, constants taken out, where the median of all responses is "
             f"{float(np.median(every)):.1f} dB: {causes}"

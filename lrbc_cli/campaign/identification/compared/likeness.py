@@ -96,7 +96,7 @@ def off_level(
         told[i] = (
             f"{names} {'lie' if others else 'lies'} {abs(change[i]):.0f} dB {'below' if change[i] < 0 else 'above'} "
             f"{'their' if others else 'its'} level in {reference}, the other responses do not: was the sensor or its cable off, or another "
-            f"range or sensitivity set? Measure it again, or leave it out of {job}"
+            f"range or sensitivity set? Measure it again, or take its record out of the file of {job}"
         )
     return told
 
