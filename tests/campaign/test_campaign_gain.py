@@ -19,6 +19,7 @@ from lrbc_cli.model.dofs import DofTable
 
 
 @pytest.mark.parametrize("decibels", [0.0, 1.0, -1.0])
+@pytest.mark.slow
 def test_a_gain_of_all_responses_makes_no_bolt_loose(tmp_path: Path, decibels: float) -> None:
     folder = make_frame(tmp_path)
     factor = f"{10.0 ** (decibels / 20.0):.6f}"
@@ -80,6 +81,7 @@ def test_a_response_that_is_not_used_has_what_the_others_share() -> None:
     "decibels",
     [(1.0,) * 4, pytest.param((-1.0,) * 4, marks=pytest.mark.slow), pytest.param((1.2, -1.5, 0.3, -0.3), marks=pytest.mark.slow)],
 )
+@pytest.mark.slow
 def test_sensitivities_that_are_off_in_all_jobs_make_no_bolt_loose(tmp_path: Path, decibels: tuple[float, ...]) -> None:
     """The levels of the reference job and the damping made up for them, and tight neighbours of loose bolts were called loose."""
     folder = make_frame(tmp_path)

@@ -327,6 +327,7 @@ def test_no_jobs(box: Folder) -> None:
     assert "no jobs" in result.stderr
 
 
+@pytest.mark.slow
 def test_frame_damaged_files(frame: Folder) -> None:
     """Compressed matrices, vectors, sensor rows and CSV FRFs of the other sample."""
     cases = [

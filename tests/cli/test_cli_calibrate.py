@@ -88,6 +88,7 @@ def test_python_uses_it_as_the_command_line_does(fresh: Folder) -> None:
     assert [use.used for use in used if use is not None] == [True, False]
 
 
+@pytest.mark.slow
 def test_from_end_to_end(fresh: Folder) -> None:
     """What was spoilt is found; every later command uses it and says so."""
     plan = fresh.run("calibrate", "--dry-run")
@@ -261,6 +262,7 @@ def test_one_of_an_earlier_version_is_told(copy: Folder, words: list[str], tmp_p
     assert "calibration: ignored: changed since: the version of the calibration; run `lrbc calibrate`" in done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_watch_tells_one_that_it_does_not_make(tmp_path: Path) -> None:
     folder = finished("two jobs").copy(tmp_path / "frame")
     tree = folder.tree()

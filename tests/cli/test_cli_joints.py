@@ -37,6 +37,7 @@ def folder() -> Folder:
 
 
 @pytest.mark.parametrize("job", ["ring", "single"])
+@pytest.mark.slow
 def test_one_loosened_joint_is_found_and_the_others_are_tight(folder: Folder, job: str) -> None:
     found = folder.result(job)
     assert found["status"] == "converged"
@@ -114,6 +115,7 @@ def test_check_tells_the_joints_and_their_prior(folder: Folder) -> None:
     assert "prior_std: 1 for joints, 0.35 along edges (nothing beside a joint" in text
 
 
+@pytest.mark.slow
 def test_the_report_draws_joints(folder: Folder, tmp_path: Path) -> None:
     copy = folder.copy(tmp_path / "copy")
     assert copy.run("report").code == 0

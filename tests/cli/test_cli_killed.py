@@ -123,6 +123,7 @@ def test_update(calibrated: Folder, undisturbed: Folder, file: str) -> None:
 
 
 @pytest.mark.parametrize("file", [pytest.param("frf.csv", marks=pytest.mark.slow), "result.json"])
+@pytest.mark.slow
 def test_killed_between_the_files_of_a_job(tmp_path: Path, undisturbed: Folder, file: str) -> None:
     """A run with other settings leaves its first tables beside the earlier result: never shown together, and never kept."""
     folder = undisturbed.copy(tmp_path / "frame")

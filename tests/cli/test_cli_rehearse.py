@@ -27,6 +27,7 @@ def cache() -> Path:
     return reduced_cache("frame")
 
 
+@pytest.mark.slow
 def test_what_was_loosened_is_found(tmp_path: Path) -> None:
     """From the model to the verdict: two commands, the second as the first says."""
     out, cache = tmp_path / "rehearsal", tmp_path / "cache"
@@ -74,6 +75,7 @@ def test_the_campaign_is_that_of_the_model(tmp_path: Path, cache: Path) -> None:
     assert lrbc("check", out / "campaign.yaml", "--cache", cache).code == 0
 
 
+@pytest.mark.slow
 def test_one_seed_one_measurement(tmp_path: Path, cache: Path) -> None:
     def measured(name: str, seed: int) -> np.ndarray:
         given = ["--lines", "30:500:10", "--seed", str(seed), "--tight", "1"]

@@ -188,6 +188,7 @@ def test_a_full_disk_loses_nothing(begun: Folder, tmp_path: Path) -> None:
         run.until(lambda: b"loose-2: " in (folder.out / "report.html").read_bytes() and not outdated(folder.out / "report.html"))
 
 
+@pytest.mark.slow
 def test_what_cannot_be_used_is_on_the_page_until_it_is_fixed(begun: Folder, tmp_path: Path) -> None:
     folder = begun.copy(tmp_path / "frame")
     frf, waiting, said = folder.data / "frf", folder.path / "waiting", list[str]()
@@ -237,6 +238,7 @@ def test_what_cannot_be_used_is_on_the_page_until_it_is_fixed(begun: Folder, tmp
     assert "cannot be used" not in page()
 
 
+@pytest.mark.slow
 def test_files_that_stay_unusable_are_told(begun: Folder, tmp_path: Path) -> None:
     """They leave no failure behind, and those that can be used are judged; a campaign's job takes the file of its name."""
     folder = begun.copy(tmp_path / "frame")
@@ -261,6 +263,7 @@ def test_files_that_stay_unusable_are_told(begun: Folder, tmp_path: Path) -> Non
     assert "the campaign file has to name the folder" in found.stderr
 
 
+@pytest.mark.slow
 def test_a_folder_out_of_reach_is_no_all_clear(begun: Folder, tmp_path: Path) -> None:
     folder = begun.copy(tmp_path / "new")
     measure_again(folder.path / "waiting" / "tight.csv", folder.data / "frf" / "again.csv")
@@ -305,6 +308,7 @@ def test_the_help_says_that_documents_come_a_line_each() -> None:
     assert "each verdict is one JSON document on a line of its own" in " ".join(lrbc("watch", "--help").stdout.split())
 
 
+@pytest.mark.slow
 def test_a_folder_that_is_not_there_is_told(tmp_path: Path) -> None:
     """A path with a slip was watched without a word."""
     folder = frame(tmp_path)

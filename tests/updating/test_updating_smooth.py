@@ -95,6 +95,7 @@ def test_they_lead_where_a_descent_on_the_lines_does_not():
 
 
 @pytest.mark.parametrize("seed", [3, 7, 8])
+@pytest.mark.slow
 def test_an_end_in_the_wrong_valley_leads_on_over_them(seed: int):
     """A descent from the tight state alone ends far above the truth; the way on takes fewer evaluations on the measured lines."""
     rng = np.random.default_rng(seed)
