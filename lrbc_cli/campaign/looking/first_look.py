@@ -340,7 +340,7 @@ def _unlike(seen: Seen, measurements: Mapping[str, Measurement]) -> Told:
     if float(np.median(own)) > UNLIKE:
         far = f"{min(own):.1f} to {max(own):.1f} dB apart at the start values, constants taken out"
         if tighter := tighter_text(seen, measurements):
-            return {("unlike",): f"measured and computed FRFs are {far}: {tighter}"}
+            return {("unlike",): f"measured and computed FRFs are {far}: {tighter}{looser(seen, typical)}"}
         causes = "the springs whose places are warned of may be the reason; else " if inputs.springs_doubt else ""
         causes += (
             "check the mass sum (units of the model), the material of each part, damping, start values, places and directions of hammer "

@@ -125,8 +125,10 @@ def _factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: s
         options = [(abs(offset.db - tenfold), tenfold, "a sensitivity or a range ten times off")]
         options += [(abs(offset.db - known.db), known.db, known.cause) for known in recognised if known.cause]
         options.sort(key=lambda option: option[0])
-        own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-options[0][1] / 20.0))}"
-        return text, f"{likely} {' or '.join(cause for *_, cause in options)}: {own}"
+        # Of all responses a unit that is nearer comes first, with its key.
+        if len(common.responses) < count or options[0][1] == tenfold:
+            own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-options[0][1] / 20.0))}"
+            return text, f"{likely} {' or '.join(cause for *_, cause in options)}: {own}"
     if not causes:
         return text, f"{likely} a sensitivity, a gain or a unit that is not known here: check it, then {own}"
     known = next(known for known in recognised if known.cause)
