@@ -46,8 +46,8 @@ class ModalRule:
         Largest distance of a mode's share from the median one, over that, in the half of the modes that lie highest. A choice: bolts lower
         some modes and leave others.
     clocked : int
-        Modes that have to be known, and to agree; all but one where no more are known. On 327 jobs of virtual rigs three of five agreed by
-        chance in two, both with all bolts tight, three of four in one.
+        Modes that have to be known. A choice. On 327 jobs of virtual rigs ``least`` of them agreed by chance in three; where more had to
+        agree, jobs with another clock were judged without a doubt.
     seen : float
         A channel shows a mode with at least this share of the mean square amplitude of all. A choice.
     turned : float
@@ -255,7 +255,7 @@ def _clock(own: Floats, tight: Floats, reference: str, rule: ModalRule, least: f
     if own.size < rule.clocked:
         return None
     share = np.sort(own / tight - 1.0)[::-1]
-    upper = share[: max(min(rule.clocked, share.size - 1), (share.size + 1) // 2)]
+    upper = share[: max(rule.least, (share.size + 1) // 2)]
     typical = float(np.median(upper))
     if abs(typical) < least or np.abs(upper - typical).max() > rule.together * abs(typical):
         return None
