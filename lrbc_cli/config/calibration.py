@@ -20,10 +20,10 @@ FACTOR_NAMES = (*(f"{scale}.{field}" for field in FIELDS for scale in SCALES), S
 
 
 class FactorGroup(Strict):
-    """A share of the model with a factor of its own: matrices that the model's matrices contain once."""
+    """A share of the model with its own factor: matrices that the matrices of the model contain once."""
 
-    stiffness: OperatorRef | None = Field(default=None, description="Its share of K, given like model.stiffness.")
-    damping: OperatorRef | None = Field(default=None, description="Its share of C, where the model's damping is a matrix.")
+    stiffness: OperatorRef | None = Field(default=None, description="Its share of K, given like `model.stiffness`.")
+    damping: OperatorRef | None = Field(default=None, description="Its share of C, if the damping of the model is a matrix.")
     mass: OperatorRef | None = Field(default=None, description="Its share of M.")
 
     @property
@@ -42,20 +42,21 @@ class FactorGroup(Strict):
 class CalibrationConfig(Strict):
     """Global factors of the reference model, identified by `lrbc calibrate` from one job before boundaries are updated."""
 
-    job: Name = Field(description="The job to identify them from, as a rule the reference job: all bolts tight.")
+    job: Name = Field(description="The job from which they are identified, usually the reference job (all bolts tight).")
     factors: Annotated[tuple[str, ...], AfterValidator(check_unique)] = Field(
         default=(),
         description="Factors to identify: stiffness, mass, alpha and beta (proportional damping) or damping (a damping matrix), "
-        "loss_factor (what makes the stiffness complex), each .structure or .acoustic, and sound_speed; 1 is the model as exported. "
-        "Every group is identified too.",
+        "loss_factor (what makes the stiffness complex), each with .structure or .acoustic, and sound_speed. 1 is the model as exported. "
+        "The factor of every group is identified, too.",
     )
     groups: NameMap[FactorGroup] = Field(
         default={},
         validate_default=True,
-        description="Further groups by name: {stiffness:, damping:, mass:}, matrices that those of the model contain once.",
+        description="Further groups by name: {stiffness:, damping:, mass:}, matrices that the matrices of the model contain once.",
     )
     boundary: Literal["identify", "held"] = Field(
-        default="identify", description="identify: the boundary parameters beside the factors; held: they stay at their start values."
+        default="identify",
+        description="identify: the boundary parameters are identified together with the factors. held: they stay at their start values.",
     )
 
     @property
@@ -67,16 +68,16 @@ class CalibrationConfig(Strict):
     def _something(self) -> CalibrationConfig:
         for name in self.groups:
             if name in FACTOR_NAMES:
-                raise problem("a group named like a factor", "groups", name, hint="choose another name")
+                raise problem("the group has the name of a factor", "groups", name, hint="choose another name")
         if not self.names:
             raise problem("a calibration without factors", "factors", expected="at least one factor or group")
         if SOUND_SPEED in self.factors and "stiffness.acoustic" in self.factors:
             raise problem(
-                "two factors of one effect",
+                "two factors for the same effect",
                 "factors",
                 self.factors.index(SOUND_SPEED),
                 expected="sound_speed or stiffness.acoustic",
-                found="both: the acoustic stiffness 1/rho goes with sound_speed²",
+                found="both: sound_speed² scales the acoustic stiffness 1/rho, too",
                 hint="remove one of them",
             )
         return self

@@ -23,7 +23,7 @@ from lrbc_cli.model.units import USUAL_SYSTEMS, UnitSystem, parse_system
 
 def _check_title(value: str) -> str:
     if not value.strip() or "\n" in value:
-        raise problem("not a name for the campaign", expected="a line of text", found=f"{value!r}")
+        raise problem("this is not a valid campaign name", expected="one line of text", found=f"{value!r}")
     return value
 
 
@@ -44,7 +44,7 @@ def _check_units(value: str) -> str:
         parse_system(value)
     except ValueError as error:
         raise problem(
-            "not a system of units",
+            "this is not a system of units",
             expected="SI or three of length, force, mass and time, such as mm-N-t",
             found=f"'{value}': {error}",
             hint=_meant_units(value),
@@ -62,42 +62,45 @@ class Campaign(Strict):
         alias="campaign", description="Name of the campaign, for reports."
     )
     output: FilePath = Field(
-        default=Path("output"), validate_default=False, description="Folder for the results; absent: `output` beside the file."
+        default=Path("output"), validate_default=False, description="Folder for the results. If omitted: `output` beside the campaign file."
     )
     description: Annotated[str, Field(max_length=2000)] = Field(
-        default="", description="What was measured, in a sentence or two, for the head of the page; it changes no result."
+        default="", description="What was measured, in one or two sentences, for the head of the report page. Does not change results."
     )
     test_article: Annotated[str, Field(max_length=200)] = Field(
-        default="", description="What was tested: name, drawing or serial number, for the head of the page."
+        default="", description="What was tested: name, drawing or serial number, for the head of the report page."
     )
-    operator: Annotated[str, Field(max_length=200)] = Field(default="", description="Who measured, for the head of the page.")
+    operator: Annotated[str, Field(max_length=200)] = Field(default="", description="Who measured, for the head of the report page.")
     compare_with: Literal["paper"] | None = Field(
         default=None,
-        description="`paper`: the damping and the times that the paper states for its SoundBox stand beside those of this campaign.",
+        description="`paper`: the damping and the times that the paper states for its SoundBox are shown beside those of this campaign.",
     )
     units: Annotated[str, AfterValidator(_check_units)] = Field(
         default="SI",
-        description="Units of the model's files and of all coordinates, of this file too: three of length, force, mass and time, such as "
-        "mm-N-t, mm-kg-ms or in-lbf-s. Everything else, values and bounds of parameters, damping and results, is in SI; FRFs state their "
-        "own units.",
+        description="Units of the model files and of all coordinates, also of those in this file: three of length, force, mass and time, "
+        "such as mm-N-t, mm-kg-ms or in-lbf-s. Everything else (values and bounds of parameters, damping, results) is in SI. FRF files "
+        "state their own units.",
     )
     model: ModelConfig = Field(description="The finite-element model.")
     excitation: Annotated[NameMap[PointConfig], Field(min_length=1)] = Field(description="Excitation points by name, at least one.")
     responses: Annotated[NameMap[ResponseConfig], Field(min_length=1)] = Field(description="Responses by name, at least one.")
     parameters: Annotated[NameMap[GroupConfig], Field(min_length=1)] = Field(description="Parameter groups by name, at least one.")
     bolts: FilePath | None = Field(
-        default=None, description="Bolts (CSV: name,x,y,z), for verdicts; absent: those that terms name, at their places."
+        default=None,
+        description="File of the bolts to be judged (CSV: name,x,y,z). If omitted: the bolts that the terms name, at the positions of the "
+        "terms.",
     )
     reduction: ReductionConfig = Field(description="The reduced model.")
     update: UpdateConfig = Field(default=UpdateConfig(), description="The identification.")
     calibration: CalibrationConfig | None = Field(
-        default=None, description="Global factors of the model, for `lrbc calibrate`; absent: the model as exported."
+        default=None, description="Global factors of the model, for `lrbc calibrate`. If omitted: the model as exported."
     )
     jobs: NameMap[JobConfig] = Field(
-        default={}, validate_default=True, description="Measurements to identify, by name; each gets a folder of results."
+        default={}, validate_default=True, description="Measurements to identify, by name. Each gets a folder of results."
     )
     watch: WatchConfig | None = Field(
-        default=None, description="A folder whose files are jobs too, named as the files are, for every command; absent: `jobs` alone."
+        default=None,
+        description="A folder in which every file is a further job, with the name of the file, for every command. If omitted: only `jobs`.",
     )
 
     _document: Document = PrivateAttr()

@@ -23,14 +23,14 @@ def check_references(campaign: Campaign) -> None:
         _check_case(campaign, section)
     for name in campaign.jobs:
         if name.lower() in RESERVED_JOBS:
-            raise campaign.error("a job named like a file of the results", "jobs", name, hint="choose another name")
+            raise campaign.error("the job has the name of a result file", "jobs", name, hint="choose another name")
     _check_names(campaign)
     _check_calibration(campaign)
     _check_excitations(campaign)
     if campaign.model.dofs is None:
         for keys in _selections_by_table(campaign):
             raise campaign.error(
-                "selecting by node or place needs the DOF table",
+                "a selection by node or place needs the DOF table",
                 *keys,
                 expected="model.dofs",
                 found="a model without 'dofs'",
@@ -46,7 +46,7 @@ def _check_case(campaign: Campaign, section: str) -> None:
         other = seen.setdefault(name.lower(), name)
         if other != name:
             raise campaign.error(
-                "names that differ in case only would share one file",
+                "the names differ only in case and would share one file",
                 section,
                 name,
                 found=f"'{other}' and '{name}'",
@@ -60,20 +60,20 @@ def _check_names(campaign: Campaign) -> None:
         _known(campaign, campaign.watch.like, campaign.jobs, "job", "watch", "like")
     if update.reference is not None:
         again = campaign.calibration is not None and campaign.calibration.job == update.reference
-        also = " (calibration.job names it, too)" if again else ""
+        also = " (calibration.job names it as well)" if again else ""
         _known(campaign, update.reference, campaign.jobs, "job", "update", "reference", also=also)
     elif update.approach == "bolts" and campaign.jobs:
         raise campaign.error(
-            "changes at bolts against nothing",
+            "'approach: bolts' needs a reference job",
             "update",
             "approach",
             expected="update.reference: the job with all bolts tight",
-            hint="name it, or write approach: paper",
+            hint="set update.reference, or write approach: paper",
         )
     given = [name for name, value in update.nuisances if value is not None and name != "room"]
     if given and update.evaluation == "full":
         raise campaign.error(
-            "nuisances need the reduced model",
+            "nuisance parameters need the reduced model",
             "update",
             "nuisances",
             expected="update.evaluation: auto, port or reduced",
@@ -83,7 +83,7 @@ def _check_names(campaign: Campaign) -> None:
         _known(campaign, name, campaign.jobs, "job", "update", "baselines", index)
         if update.reference is None or name == update.reference:
             raise campaign.error(
-                "a baseline beside the reference job" if update.reference is None else "the reference job is no further baseline",
+                "baselines need a reference job" if update.reference is None else "the reference job cannot be a baseline, too",
                 "update",
                 "baselines",
                 index,
@@ -125,16 +125,16 @@ def _check_calibration(campaign: Campaign) -> None:
             "alpha": f"needs model.damping.{field}.alpha above 0",
             "beta": f"needs model.damping.{field}.beta above 0",
             "damping": "needs a damping matrix in model.damping",
-        }.get(scale, "needs a DOF table with pressures")
+        }.get(scale, "needs a DOF table with pressure DOFs")
         if scale in ("alpha", "beta", "damping") and name not in possible and campaign.model.dofs is None and field != FIELDS[0]:
-            reason = "needs a DOF table with pressures"
+            reason = "needs a DOF table with pressure DOFs"
         raise campaign.error(
             f"the factor '{name}' {reason}", "calibration", "factors", index, expected=f"one of {', '.join(possible)}", found=name
         )
     for name, group in calibration.groups.items():
         if group.damping is not None and not isinstance(damping, MatrixRef):
             raise campaign.error(
-                "a share of the damping matrix, but the model has none",
+                "the group has a damping matrix, but the model has none",
                 "calibration",
                 "groups",
                 name,
@@ -150,11 +150,11 @@ def _check_excitations(campaign: Campaign) -> None:
             _known(campaign, response.excitation, campaign.excitation, "excitation", "responses", name, "excitation")
         elif len(campaign.excitation) > 1:
             raise campaign.error(
-                "which excitation this response belongs to is not said",
+                "the excitation of this response is not stated",
                 "responses",
                 name,
                 expected=f"excitation: one of {', '.join(campaign.excitation)}",
-                hint="add 'excitation:' to every response where there are several excitations",
+                hint="add 'excitation:' to every response if there are several excitations",
             )
 
 
@@ -165,7 +165,7 @@ def _known(campaign: Campaign, name: str, names: Iterable[str], kind: str, *keys
             f"no {kind} has the name '{name}'",
             *keys,
             expected=f"one of {', '.join(names)}" if names else f"a {kind} of this file",
-            hint=f"{suggestion(name, names) or 'name one of them'}{also}" if also else suggestion(name, names),
+            hint=f"{suggestion(name, names) or 'give one of them'}{also}" if also else suggestion(name, names),
         )
 
 
@@ -192,11 +192,11 @@ def _check_beta(campaign: Campaign, name: str, group: GroupConfig) -> None:
     if tied.beta is not None or tied.loss_factor is not None:
         found = "both 0"
     raise campaign.error(
-        "damping tied to the stiffness needs a coefficient beta or a loss factor",
+        "damping tied to the stiffness needs beta or a loss factor",
         "parameters",
         name,
         "damping",
-        expected="parameters.NAME.damping.beta or loss_factor, or such damping of the structure",
+        expected="parameters.NAME.damping.beta or loss_factor, or one of them under model.damping.structure",
         found=found,
-        hint="give 'beta:' here, in seconds, or 'loss_factor:', above 0; 'damping: none' leaves the terms undamped",
+        hint="give 'beta:' (in seconds) or 'loss_factor:' above 0 here, or write 'damping: none' for undamped terms",
     )

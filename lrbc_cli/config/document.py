@@ -177,7 +177,7 @@ class _NodeReader:
         if isinstance(event, yaml.AliasEvent):
             if event.anchor not in self.anchors:
                 self.fail(
-                    f"the alias '*{event.anchor}' stands for nothing that is complete",
+                    f"the alias '*{event.anchor}' has no complete anchor",
                     line,
                     keys,
                     hint="define the anchor before it, not around it",
@@ -229,11 +229,11 @@ class _NodeReader:
             if key in entries:
                 first = entries[key].line
                 self.fail(
-                    f"the key '{key}' stands twice",
+                    f"the key '{key}' is given twice",
                     line,
                     path,
                     "each key once",
-                    f"it on lines {first} and {line}",
+                    f"lines {first} and {line}",
                     "remove or rename one of them",
                 )
             if event.anchor is not None:
@@ -244,15 +244,15 @@ class _NodeReader:
     def tally(self, size: int, line: int, keys: Keys) -> None:
         self.count += size
         if self.count > MAX_NODES:
-            self.fail(f"more than {MAX_NODES} values, aliases written out", line, keys, hint="move long lists into files of their own")
+            self.fail(f"more than {MAX_NODES} values (aliases expanded)", line, keys, hint="move long lists into separate files")
 
     def check_depth(self, depth: int, line: int, keys: Keys) -> None:
         if depth > MAX_DEPTH:
-            self.fail(f"nested deeper than {MAX_DEPTH} levels, aliases written out", line, keys[:4])
+            self.fail(f"nested deeper than {MAX_DEPTH} levels (aliases expanded)", line, keys[:4])
 
     def check_text(self, text: str, line: int, keys: Keys) -> None:
         if any(0xD800 <= ord(char) <= 0xDFFF or char == "\0" for char in text):
-            self.fail("text with characters that no file can hold", line, keys, found=ascii(_short(text)))
+            self.fail("text with characters that a file cannot contain", line, keys, found=ascii(_short(text)))
 
 
 def parse(text: str, *, file: Path | None = None, origin: str = "") -> Node | None:
@@ -294,9 +294,11 @@ def _explain(error: yaml.MarkedYAMLError, reader: _NodeReader) -> NoReturn:
     line = 1 if mark is None else mark.line + 1
     problem = error.problem or error.context or "unknown"
     found = problem if error.context is None or error.problem is None else f"{error.context}: {problem}"
-    hint = "look at the indentation, brackets, colons and quotes here and on the line before"
+    hint = "check the indentation, brackets, colons and quotes here and on the line before"
     if "'\\t'" in problem:
-        reader.fail("a tab where YAML wants blanks", line, expected="blanks for indentation", found="a tab", hint="replace tabs by blanks")
+        reader.fail(
+            "a tab where YAML requires blanks", line, expected="blanks for indentation", found="a tab", hint="replace tabs with blanks"
+        )
     if "escape" in problem:
         hint = "in double quotes a backslash starts an escape: write paths with / or in single quotes"
     elif "mapping values are not allowed" in problem:
@@ -347,7 +349,7 @@ def read_document(path: Path) -> Document:
             "the campaign file is too large",
             file=path,
             expected=f"at most {MAX_BYTES} bytes of YAML",
-            hint="name the campaign file, not a data file; move long lists into files of their own",
+            hint="give the campaign file, not a data file; move long lists into separate files",
         )
     try:
         text = data.decode("utf-8-sig")
@@ -358,7 +360,7 @@ def read_document(path: Path) -> Document:
             file=path,
             place=f"line {line}",
             found=f"byte {data[error.start]:#04x}",
-            hint="save it as UTF-8 (and name the campaign file, not a data file)",
+            hint="save it as UTF-8 (and give the campaign file, not a data file)",
         ) from None
     root = parse(text, file=path)
     if root is None or root.value is None:
@@ -375,7 +377,7 @@ def as_yaml(tree: Mapping[str, object]) -> str:
 
 def _refuse(path: Path) -> NoReturn:
     if path.is_dir():
-        raise ConfigError("a folder, not a campaign file", file=path, hint="name the YAML file in it, for instance campaign.yaml")
+        raise ConfigError("a folder, not a campaign file", file=path, hint="give the YAML file in it, for instance campaign.yaml")
     if path.exists():
         raise ConfigError("not a regular file", file=path)
     raise ConfigError("the campaign file does not exist", file=path, hint="check the path; 'lrbc init' writes a file to start from")

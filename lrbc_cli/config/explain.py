@@ -117,7 +117,7 @@ def _explain_one(detail: ErrorDetails, document: Document, model: type[BaseModel
     expected = "true" if expected == "True" else expected
     if kind in ("too_short", "too_long"):
         count, most = context.get("actual_length"), context.get("max_length")
-        hint = "write numbers with decimal points: a comma divides entries" if most and count == 2 * most else None
+        hint = "write numbers with decimal points: a comma separates entries" if most and count == 2 * most else None
         return document.error("the wrong number of entries", *keys, expected=expected, found=count, hint=hint or "add or remove entries")
     problem = "a value of the wrong type" if kind in WRONG_TYPE else "a value that is not allowed"
     meaning = _description(model, keys)
@@ -172,7 +172,7 @@ def _share(value: object, limits: Mapping[str, Any]) -> str | None:
     most = limits.get("lt", limits.get("le"))
     if most != 1.0 or isinstance(value, bool) or not isinstance(value, int | float) or not 1.0 < value < 100.0:
         return None
-    return f"in per cent, it seems: write {value / 100:.6g}"
+    return f"probably in per cent: write {value / 100:.6g}"
 
 
 def _unknown_key(document: Document, keys: Sequence[str | int], model: type[BaseModel]) -> ConfigError:
@@ -183,10 +183,10 @@ def _unknown_key(document: Document, keys: Sequence[str | int], model: type[Base
     elsewhere = [path for path in key_paths(model) if path.rsplit(".", 1)[-1] == key]
     elsewhere = [path for path in elsewhere if path.count(".") == min(other.count(".") for other in elsewhere)]
     if elsewhere and (hint is None or len(elsewhere) == 1):
-        known_as = f"it is known as {' and '.join(elsewhere[:3])}"
-        hint = known_as if hint is None else f"{hint} Else {known_as}"
+        known_as = f"this key belongs to {' and '.join(elsewhere[:3])}"
+        hint = known_as if hint is None else f"{hint} Otherwise {known_as}"
     if key.isdigit() and (before := _before(document, parents, key)):
-        hint = f"a comma in a number, it seems, which separates keys within braces: write {before[0]}: {before[1]}.{key}"
+        hint = f"probably a decimal comma (within braces a comma separates keys): write {before[0]}: {before[1]}.{key}"
     return document.error(f"unknown key '{key}'", *keys, expected=f"one of {', '.join(dict.fromkeys(known))}", hint=hint or "remove it")
 
 
@@ -260,8 +260,8 @@ _BOLTS = "approach: bolts (the default where there is a reference job) or approa
 
 #: Key of ``update`` -> what to write instead.
 GONE = {
-    "prior": f"remove it, and write {_BOLTS}: paper draws values to their start, bolts changes to the reference job",
-    "unknowns": f"remove it, and write {_BOLTS}: paper seeks values along the edge, bolts changes at bolts",
+    "prior": f"remove it, and write {_BOLTS}: paper draws values to their start values, bolts draws changes to the reference job",
+    "unknowns": f"remove it, and write {_BOLTS}: paper identifies values along the edge, bolts identifies changes at bolts",
     "comparison": "remove it: jobs are compared relative to the reference job with approach: bolts, directly with approach: paper",
     "prior_shape": "remove it: with approach: bolts each bolt is tight or loose, with approach: paper the prior is normal",
     "penalty": "remove it: departures are penalised; write the weight as update.regularisation, with approach: paper",
@@ -269,10 +269,10 @@ GONE = {
 
 #: The same for single values of keys.
 GONE_VALUES = {
-    ("residual", "complex"): "write residual: log-complex, which takes the phase too, or db",
+    ("residual", "complex"): "write residual: log-complex (with the phase), or db",
     ("lines", "resonances-both"): "write lines: resonances",
-    ("weights", "coherence"): "write weights: auto, which takes the coherence where it is known",
-    ("weights", "scatter"): "write weights: auto, which takes the scatter of repeats where no coherence is known",
+    ("weights", "coherence"): "write weights: auto, which uses the coherence where it is known",
+    ("weights", "scatter"): "write weights: auto, which uses the scatter of repeats where no coherence is known",
 }
 
 
@@ -285,9 +285,9 @@ def refuse_gone(document: Document) -> None:
     for key, value in update.items():
         found: tuple[str, str] | None = None
         if key in GONE:
-            found = f"the key '{key}' is gone", GONE[key]
+            found = f"the key '{key}' no longer exists", GONE[key]
         elif isinstance(value, str) and (key, value) in GONE_VALUES:
-            found = f"'{value}' is gone", GONE_VALUES[key, value]
+            found = f"'{value}' no longer exists", GONE_VALUES[key, value]
         if found is not None:
             raise ConfigError(
                 found[0], file=document.file, place=document.place("update", key), expected="a key or value of `lrbc schema`", hint=found[1]
@@ -302,8 +302,8 @@ PLACES = {"excitation": ("near",), "responses": ("near",), "parameters": ("selec
 ANYWHERE: dict[str, list[Any]] = {"near": [0.0, 0.0, 0.0], "box": [[0.0, 0.0], [0.0, 0.0], [0.0, 0.0]]}
 UNFILLED_EXPECTED = "coordinates, as numbers"
 UNFILLED_HINT = (
-    "write them, or select by other keys (`lrbc guide campaign`); with a table name,x,y,z,component of hammer and responses "
-    "beside the files `lrbc init --from` fills them in"
+    "write the coordinates, or select by other keys (`lrbc guide campaign`); `lrbc init --from` fills them in if a table "
+    "name,x,y,z,component of hammer and responses lies beside the files"
 )
 
 
@@ -317,7 +317,7 @@ def refuse_unfilled(document: Document) -> None:
             found.append(f"letters in `{keys[-1]}` of {section} {', '.join(names[:6])}{' ...' if len(names) > 6 else ''}")
     if unfilled:
         raise document.error(
-            "places that are not filled in yet", *unfilled[0], expected=UNFILLED_EXPECTED, found="; ".join(found), hint=UNFILLED_HINT
+            "coordinates are not filled in yet", *unfilled[0], expected=UNFILLED_EXPECTED, found="; ".join(found), hint=UNFILLED_HINT
         )
 
 
@@ -325,7 +325,7 @@ def without_unfilled(document: Document) -> tuple[dict[tuple[str, ...], list[Any
     """Values by key path that let the rest be read where places are still to be filled in, and an error for each of these."""
     places = _unfilled(document)
     errors = [
-        document.error("this place is not filled in yet", *keys, expected=UNFILLED_EXPECTED, hint=None if index else UNFILLED_HINT)
+        document.error("these coordinates are not filled in yet", *keys, expected=UNFILLED_EXPECTED, hint=None if index else UNFILLED_HINT)
         for index, keys in enumerate(places)
     ]
     return {keys: ANYWHERE[keys[-1]] for keys in places}, errors

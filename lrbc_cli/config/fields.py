@@ -82,11 +82,11 @@ def check_name(name: str) -> str:
     """Accept a name that can be a file or folder name on every system, and part of a key path."""
     rule = "letters, digits, '.', '_' and '-', not beginning or ending with '.'"
     if not is_name(name):
-        raise problem("a name that cannot become a file name", expected=rule, found=f"'{name}'" if name else "an empty name")
+        raise problem("this name cannot be used as a file name", expected=rule, found=f"'{name}'" if name else "an empty name")
     if len(name) > NAME_LENGTH:
-        raise problem("a name that is too long", expected=f"at most {NAME_LENGTH} characters", found=f"{len(name)}")
+        raise problem("the name is too long", expected=f"at most {NAME_LENGTH} characters", found=f"{len(name)}")
     if name.split(".")[0].lower() in _WINDOWS:
-        raise problem("a name that Windows reserves for a device", found=f"'{name}'", hint="choose another name")
+        raise problem("Windows reserves this name for a device", found=f"'{name}'", hint="choose another name")
     return name
 
 
@@ -130,7 +130,7 @@ def _to_path(value: object, info: ValidationInfo) -> object:
     if not isinstance(value, str):
         raise problem("a value of the wrong type", expected="a path, as text")
     if not value or "\n" in value:
-        raise problem("not a path", expected="a path relative to the campaign file", found=f"{value!r}")
+        raise problem("this is not a path", expected="a path relative to the campaign file", found=f"{value!r}")
     folder = (info.context or {}).get("folder", Path())
     path = Path(os.path.realpath(Path(folder) / value))
     try:
@@ -138,7 +138,7 @@ def _to_path(value: object, info: ValidationInfo) -> object:
     except OSError as error:
         # What is missing or out of reach is told by whoever reads or writes it.
         if error.errno == errno.ENAMETOOLONG:
-            raise problem("a path longer than this system allows", found=f"{len(str(path))} characters", hint="shorten it") from None
+            raise problem("the path is longer than this system allows", found=f"{len(str(path))} characters", hint="shorten it") from None
     return path
 
 
@@ -160,7 +160,7 @@ def check_ordered(value: tuple[float, float]) -> tuple[float, float]:
     """Accept a pair whose first number is below its second."""
     if not value[0] < value[1]:
         raise problem(
-            "a range that is empty",
+            "the range is empty",
             expected="[lower, upper] with lower below upper",
             found=f"[{value[0]:g}, {value[1]:g}]",
             hint=f"write [{value[1]:g}, {value[0]:g}]" if value[1] < value[0] else None,
@@ -180,7 +180,7 @@ Quantity = Literal["pressure", "displacement", "velocity", "acceleration"]
 def _check_label(value: str) -> str:
     if not value or value != value.strip():
         raise problem(
-            "not a DOF label", expected="UX, UY, UZ, ROTX, ROTY, ROTZ, PRES or another label of the DOF table", found=f"{value!r}"
+            "this is not a DOF label", expected="UX, UY, UZ, ROTX, ROTY, ROTZ, PRES or another label of the DOF table", found=f"{value!r}"
         )
     return value.upper()
 
@@ -193,7 +193,7 @@ def check_inside(initial: float, bounds: tuple[float, float]) -> None:
     """Refuse a start value outside its bounds."""
     if not bounds[0] <= initial <= bounds[1]:
         raise problem(
-            "a start value outside its bounds", "initial", expected=f"between {bounds[0]:g} and {bounds[1]:g}", found=f"{initial:g}"
+            "the start value is outside its bounds", "initial", expected=f"between {bounds[0]:g} and {bounds[1]:g}", found=f"{initial:g}"
         )
 
 
@@ -201,7 +201,7 @@ def check_unique(values: tuple[T, ...]) -> tuple[T, ...]:
     """Accept a list without repetition."""
     for index, value in enumerate(values):
         if value in values[:index]:
-            raise problem("an entry stands twice", index, expected="each entry once", found=f"'{value}'", hint="remove one of them")
+            raise problem("an entry is given twice", index, expected="each entry once", found=f"'{value}'", hint="remove one of them")
     return values
 
 
@@ -228,11 +228,11 @@ MatrixFormat = Literal[
 
 
 class ArraysConfig(Strict):
-    """Names of the arrays of a compressed matrix in HDF5; they may count from 0 or 1, and the matrix is square."""
+    """Names of the arrays of a compressed matrix in HDF5. Indices may count from 0 or 1. The matrix must be square."""
 
-    data: str = Field(default="data", min_length=1, description="Values; complex ones as pairs `real`, `imag`.")
-    indices: str = Field(default="indices", min_length=1, description="Column of each value, or row.")
-    indptr: str = Field(default="indptr", min_length=1, description="Where each row begins, or column, and the end.")
+    data: str = Field(default="data", min_length=1, description="Values; complex values as pairs `real`, `imag`.")
+    indices: str = Field(default="indices", min_length=1, description="Column of each value (csc: row).")
+    indptr: str = Field(default="indptr", min_length=1, description="Begin of each row (csc: column), and the end.")
     layout: Literal["csr", "csc"] = Field(default="csr", description="Whether rows or columns are compressed.")
 
 
@@ -241,11 +241,13 @@ class MatrixRef(Strict):
 
     path: FilePath = Field(alias="file", description="The file, relative to the campaign file.")
     group: str | None = Field(
-        default=None, min_length=1, description="Group or variable inside the file (HDF5, MATLAB); absent where the file holds one matrix."
+        default=None,
+        min_length=1,
+        description="Group or variable inside the file (HDF5, MATLAB). May be omitted if the file contains one matrix.",
     )
-    format: MatrixFormat | None = Field(default=None, description="Format of the file; absent: recognised by its content.")
+    format: MatrixFormat | None = Field(default=None, description="Format of the file. If omitted: recognised by content.")
     arrays: ArraysConfig | None = Field(
-        default=None, description="What a group in HDF5 calls the arrays of a compressed matrix, where it does not say so itself."
+        default=None, description="Names of the arrays of a compressed matrix in a group of HDF5, if the group does not state them."
     )
     _text: str = PrivateAttr(default="")
 
@@ -260,7 +262,7 @@ class MatrixRef(Strict):
         if isinstance(value, str):
             file, hash_sign, group = value.rpartition("#") if "#" in value else (value, "", "")
             if not file or (hash_sign and not group):
-                raise problem("not a reference to a matrix", expected="'file' or 'file#group'", found=f"'{value}'")
+                raise problem("this is not a reference to a matrix", expected="'file' or 'file#group'", found=f"'{value}'")
             value = {"file": file, "group": group} if hash_sign else {"file": file}
         elif not isinstance(value, Mapping):
             raise problem("a value of the wrong type", expected="a matrix: 'file', 'file#group' or {file:, group:, format:}")
@@ -282,25 +284,25 @@ class OperatorRef(MatrixRef):
 
     symmetric: bool | None = Field(
         default=None,
-        description="true: the matrix is symmetric; where the file holds one triangle, the other is filled in. false: a matrix of one "
-        "triangle is meant as it stands. Absent: a matrix of one triangle is refused.",
+        description="true: the matrix is symmetric; if the file contains one triangle, the other is filled in. false: a matrix of one "
+        "triangle is used as given. If omitted: a matrix of one triangle is refused.",
     )
     scale: ComplexFactor = Field(
         default=1.0,
-        description="Factor on the matrix, for instance -1 where another sign was exported; [real, imaginary] where it is complex.",
+        description="Factor on the matrix, for instance -1 if it was exported with the opposite sign; [real, imaginary] if it is complex.",
     )
     conjugate: bool = Field(
         default=False,
-        description="Take the complex conjugate: of hysteretic damping exported for exp(-i omega t), a negative imaginary part.",
+        description="Use the complex conjugate: for hysteretic damping exported for exp(-i omega t), with a negative imaginary part.",
     )
 
 
 def check_smoothing(value: tuple[float, ...]) -> tuple[float, ...]:
     """Weights with a middle, and a positive sum."""
     if len(value) % 2 == 0:
-        raise problem("smoothing weights without a middle", expected="an odd number of weights", found=f"{len(value)}")
+        raise problem("the smoothing weights have no middle", expected="an odd number of weights", found=f"{len(value)}")
     if not sum(value) > 0:
-        raise problem("smoothing weights that are all zero", expected="a positive sum")
+        raise problem("all smoothing weights are zero", expected="a positive sum")
     return value
 
 
@@ -310,9 +312,9 @@ def check_smoothing_sum(weights: tuple[float, ...] | None, normalised: bool) -> 
         return
     own = ", ".join(f"{weight / 100.0:g}" for weight in weights)
     raise problem(
-        "smoothing weights that multiply the stiffness",
+        "the smoothing weights multiply the stiffness",
         "smoothing",
         expected="weights whose sum is about 1",
         found=f"a sum of {sum(weights):g}",
-        hint=f"in per cent, it seems: write [{own}]; or add normalised: true",
+        hint=f"probably in per cent: write [{own}]; or add normalised: true",
     )

@@ -87,16 +87,16 @@ def _build(document: Document) -> Campaign:
 def _override(document: Document, text: str) -> Node:
     if any(0xD800 <= ord(char) <= 0xDFFF for char in text):
         raise ConfigError(
-            "this override holds characters outside the character set of the terminal",
+            "the override contains characters outside the character set of the terminal",
             place=f"--override {text[:60]!a}",
-            expected="a terminal that speaks UTF-8",
+            expected="a terminal with UTF-8",
             hint="set PYTHONUTF8=1 (or LC_ALL=C.UTF-8), or write the value into the campaign file",
         )
     path, equals, value = text.partition("=")
     keys = _split_path(path)
     if not equals or not keys:
         raise ConfigError(
-            "not an override",
+            "this is not an override",
             place=f"--override {text[:60]}",
             expected="key.path=value, for instance update.method=bfgs",
             found=f"'{text[:60]}'",
@@ -120,7 +120,7 @@ def _replace(document: Document, node: Node, keys: list[str], depth: int, value:
     if isinstance(node.value, tuple):
         if not rest[0].isdecimal() or int(rest[0]) >= len(node.value):
             raise ConfigError(
-                f"'{where}' is a list, and has no entry '{rest[0]}'",
+                f"'{where}' is a list without an entry '{rest[0]}'",
                 file=document.file,
                 place=f"--override {path}",
                 expected=f"an index from 0 to {len(node.value) - 1}" if node.value else "an entry of a list that is not empty",
@@ -131,7 +131,7 @@ def _replace(document: Document, node: Node, keys: list[str], depth: int, value:
         return Node(tuple(items), node.line, node.origin)
     if node.value is not None and not isinstance(node.value, Mapping):
         raise ConfigError(
-            f"'{where}' holds a value, no keys",
+            f"'{where}' is a value and has no keys",
             file=document.file,
             place=f"--override {path}",
             hint=f"replace it as a whole: --override '{where}={{{rest[0]}: ...}}'",

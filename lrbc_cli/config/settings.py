@@ -28,7 +28,7 @@ from lrbc_cli.config.structure import Record
 def _check_band(value: tuple[float, float]) -> tuple[float, float]:
     if not value[0] > 0:
         raise problem(
-            "a band that begins at 0 Hz",
+            "the band does not begin above 0 Hz",
             expected="a lower end above 0 Hz",
             found=f"{value[0]:g}",
             hint="begin at the first usable line, for instance 1.0",
@@ -37,23 +37,28 @@ def _check_band(value: tuple[float, float]) -> tuple[float, float]:
 
 
 class ReductionConfig(Strict):
-    """The reduced model: where it must hold, and how well."""
+    """The reduced model: its frequency band and its accuracy."""
 
     band: Annotated[Range, AfterValidator(_check_band)] = Field(description="Frequency band [lower, upper] in Hz.")
     tolerance: float = Field(
-        default=1e-3, gt=0, lt=1, description="Largest measured error of the responses, relative to each line's norm within one quantity."
+        default=1e-3,
+        gt=0,
+        lt=1,
+        description="Largest measured error of the responses, relative to the norm of each line over the responses of one quantity.",
     )
     backend: Literal["auto", "superlu", "pardiso"] = Field(
-        default="auto", description="Sparse solver; auto takes the accelerated one where it is installed. Does not change results."
+        default="auto", description="Sparse solver. auto: the accelerated one if it is installed. Does not change results."
     )
     max_size: int | None = Field(
-        default=None, ge=1, description="Largest order of the reduced model; absent: as large as the tolerance needs."
+        default=None, ge=1, description="Largest order of the reduced model. If omitted: as large as the tolerance needs."
     )
-    held_out: int = Field(default=5, ge=5, le=1000, description="Number of lines outside the basis at which the error is measured.")
+    held_out: int = Field(
+        default=5, ge=5, le=1000, description="Number of lines that are not used for the basis and at which the error is measured."
+    )
     memory_limit: float | None = Field(
         default=None,
         gt=0,
-        description="Memory in GB that a reduction may use, predicted before it begins; absent: what the machine has available.",
+        description="Memory in GB that a reduction may use; the need is predicted before it begins. If omitted: the available memory.",
     )
 
 
@@ -96,40 +101,44 @@ Regularisation = Annotated[
 
 
 class NuisanceConfig(Strict):
-    """What may have drifted between the reference job and another, each with its standard deviation; absent: held."""
+    """What may have drifted between the reference job and another, each with its standard deviation. If omitted: held constant."""
 
     temperature: Positive | None = Field(
-        default=None, description="Standard deviation of the air temperature in K; the speed of sound follows its square root."
+        default=None, description="Standard deviation of the air temperature in K. The speed of sound follows its square root."
     )
     room: Annotated[float, Field(gt=-273.15)] = Field(
         default=20.0, description="Temperature of the reference job in degrees Celsius, about which `temperature` varies."
     )
     sound_speed: Annotated[float, Field(gt=0, lt=0.2)] | None = Field(
-        default=None, description="Standard deviation of the speed of sound, relative; instead of `temperature`."
+        default=None, description="Relative standard deviation of the speed of sound, instead of `temperature`."
     )
     gain: Positive | None = Field(default=None, description="Standard deviation of the gain of each response in dB.")
     hammer: Annotated[float, Field(gt=0, lt=0.1)] | None = Field(
-        default=None, description="Standard deviation of the point that the hammer hits, along the surface, in metres."
+        default=None, description="Standard deviation of the hammer point, along the surface, in metres."
     )
 
     @model_validator(mode="after")
     def _one_speed(self) -> NuisanceConfig:
         if self.temperature is not None and self.sound_speed is not None:
-            raise problem("two ways to say the same", "sound_speed", expected="temperature or sound_speed", found="both")
+            raise problem(
+                "temperature and sound_speed are the same effect", "sound_speed", expected="temperature or sound_speed", found="both"
+            )
         return self
 
 
 class UpdateConfig(Strict):
-    """The identification: what is compared, at which lines, and how the optimum is sought."""
+    """The identification: what is compared, at which lines, and how the optimum is found."""
 
-    reference: Name | None = Field(default=None, description="The job measured with all bolts tight, for verdicts; absent: no comparison.")
+    reference: Name | None = Field(
+        default=None, description="The job measured with all bolts tight, for verdicts. If omitted: no comparison."
+    )
     reference_guessed: bool = Field(
         default=False,
-        description="`lrbc init --from` guessed the reference job from names, and nobody confirmed it: commands and page say so. Remove it "
-        "once all bolts are known to be tight there; it changes no result.",
+        description="true: `lrbc init --from` guessed the reference job from names, and nobody has confirmed it. Commands and report page "
+        "say so. Remove the key once all bolts are known to be tight in that job. Does not change results.",
     )
     responses: Annotated[tuple[Name, ...], Field(min_length=1), AfterValidator(check_unique)] | None = Field(
-        default=None, description="Names of the responses to fit; absent: all. The others are reported only."
+        default=None, description="Names of the responses to fit. If omitted: all. The others are validation channels."
     )
     lines: Lines = Field(
         default="resonances",
@@ -137,79 +146,84 @@ class UpdateConfig(Strict):
     )
     approach: Literal["bolts", "paper"] | None = Field(
         default=None,
-        description="bolts: one change a bolt against the reference job, each tight or loose; paper: all values along the edge, drawn to "
-        "their start values, as published. Absent: bolts where there is a reference job, unless a weight or bfgs is given. Keys of the "
-        "other approach are not used; `lrbc check` says so.",
+        description="bolts: one change per bolt against the reference job, each bolt tight or loose. paper: all values along the edge, "
+        "drawn to their start values, as published. If omitted: bolts if there is a reference job, unless a weight or bfgs is given. Keys "
+        "of the other approach are not used; `lrbc check` reports them.",
     )
     residual: Literal["db", "log-complex"] = Field(
         default="db",
-        description="What is squared: db, the difference of the magnitudes in dB, as in the paper; log-complex, that and the difference of "
-        "the phases (8.69 dB a radian).",
+        description="Residual of a line: db, the difference of the magnitudes in dB, as in the paper; log-complex, also the difference of "
+        "the phases (8.69 dB per radian).",
     )
     loss: Literal["squares", "soft"] = Field(
-        default="squares", description="squares, or soft: differences well above `loss_scale` count by their size only (pseudo-Huber)."
+        default="squares",
+        description="squares, or soft (pseudo-Huber): differences well above `loss_scale` count linearly, not squared.",
     )
-    loss_scale: Positive = Field(default=3.0, description="Where the soft loss bends, in dB.")
+    loss_scale: Positive = Field(default=3.0, description="Difference in dB above which the soft loss becomes linear.")
     floor: Positive | None = Field(
         default=None,
-        description="dB below a response's largest selected line under which differences fade, so that antiresonances do not dominate; "
-        "absent: none.",
+        description="Level in dB below the largest selected line of a response. Differences below this level count less, so that "
+        "antiresonances do not dominate. If omitted: none.",
     )
     weights: Literal["auto", "none"] = Field(
         default="auto",
-        description="Weights of the lines 1/sqrt(1 + (sigma/s)²), sigma from coherence (with the jobs' `averages`) or from the scatter of "
-        "the jobs' `repeats` where measured, s the model discrepancy, which follows the residuals; without either, values that are mostly "
-        "noise by their neighbours are left out; none: all lines alike. With a given weight of the penalty always none.",
+        description="auto: weights of the lines 1/sqrt(1 + (sigma/s)²), with sigma from the coherence (and the `averages` of the job) or "
+        "from the scatter of its `repeats`, if measured, and s the model discrepancy, which follows the residuals. Without either, values "
+        "that are mostly noise, judged by their neighbours, are left out. none: all lines count equally. Always none if a weight of the "
+        "penalty is given.",
     )
     regularisation: Regularisation = Field(
         default="auto",
-        description="For approach: paper, weight eta of the penalty on the values, eq. (29): a number, at least 0, in dB² per decade² "
-        "(0.04 in the paper), or l-curve: chosen for each job at the corner of its L-curve. auto: from the noise of the residuals and "
+        description="For approach: paper. Weight eta of the penalty on the values, eq. (29): a number, at least 0, in dB² per decade² "
+        "(0.04 in the paper), or l-curve: chosen for each job at the corner of its L-curve; auto: from the noise of the residuals and "
         "`prior_std`.",
     )
     prior_std: PositiveOrAuto = Field(
         default="auto",
-        description="Standard deviation in decades with which the unknowns are expected to differ from the prior, where its weight is not "
-        "given. auto: 0.35, and 1 for the change of a joint (a bolt that owns its terms).",
+        description="Standard deviation, in decades, by which the unknowns are expected to differ from the prior; used if no weight of the "
+        "prior is given. auto: 0.35, and 1 for the change of a joint (a bolt that owns its terms).",
     )
     method: Literal["gauss-newton", "bfgs"] = Field(
         default="gauss-newton",
-        description="Optimiser of approach: paper: gauss-newton (bounded least squares, from coarse to fine profiles and from several "
-        "starts) or bfgs (as in the paper, from one start). The L-curve and `lrbc calibrate` take gauss-newton in any case.",
+        description="Optimiser, for approach: paper. gauss-newton: bounded least squares, from coarse to fine profiles and from several "
+        "starts. bfgs: as in the paper, from one start. The L-curve and `lrbc calibrate` always use gauss-newton.",
     )
     max_iterations: int = Field(
         default=100,
         ge=1,
-        description="Limit of iterations of each descent; a job whose last descent reaches it is `stopped`, its result usable.",
+        description="Largest number of iterations of each descent. A job whose last descent reaches it is `stopped`; its result is usable.",
     )
     tolerance: Annotated[float, Field(gt=0, lt=1)] | None = Field(
         default=None,
-        description="Stop rule. bfgs: when successive costs (log10 of the sum, eq. (29)) differ by less, "
-        "1e-3 where absent, as in the paper; gauss-newton: when the sum itself twice decreases by a smaller fraction, 1e-4 where absent.",
+        description="Stopping criterion. bfgs stops when successive costs (log10 of the sum, eq. (29)) differ by less; if omitted: 1e-3, "
+        "as in the paper. gauss-newton stops when the sum itself decreases twice by a smaller fraction; if omitted: 1e-4.",
     )
     evaluation: Literal["auto", "port", "reduced", "full"] = Field(
         default="auto",
-        description="How FRFs are evaluated: port formula, reduced dynamic stiffness, or the full model without reduction; "
-        "auto takes the cheaper of the first two.",
+        description="How FRFs are computed: port (port formula), reduced (reduced dynamic stiffness) or full (full model, no reduction). "
+        "auto: the cheaper of the first two.",
     )
     baselines: Annotated[tuple[Name, ...], AfterValidator(check_unique)] = Field(
         default=(),
-        description="Further jobs with all bolts tight: the scatter of their changes sets the least change that counts as loose.",
+        description="Further jobs with all bolts tight. The scatter of their changes sets the smallest change that counts as loose.",
     )
     loose_change: Annotated[float, Field(lt=0)] | None = Field(
         default=None,
-        description="Change of log10 stiffness at a bolt against the reference job below which it is loose; absent: -0.5, and -0.35 for "
-        "what a mixture says.",
+        description="A bolt is loose if its change of log10 stiffness against the reference job is below this value. If omitted: -0.35 "
+        "where each bolt is a mixture of tight and loose (approach: bolts), else -0.5.",
     )
     confidence: Annotated[float, Field(gt=0.5, lt=1)] = Field(
-        default=0.95, description="Probability that a verdict, loose or tight, needs; otherwise it is inconclusive."
+        default=0.95, description="Probability that the verdict loose or tight requires; otherwise the bolt is inconclusive."
     )
     largest_misfit: Positive = Field(
         default=3.0,
-        description="Mean misfit in dB of the responses that are not used (of those used, where all are) above which the model does not "
-        "explain the measurement: no verdict is given. Not given: 3 for the reference job, and 1.5 above that for the others.",
+        description="Largest mean misfit in dB of the validation channels (of the responses used, if all are used). Above it the model "
+        "does not explain the measurement and no verdict is given. If omitted: 3 for the reference job, and 1.5 above its misfit for the "
+        "others.",
     )
-    nuisances: NuisanceConfig = Field(default=NuisanceConfig(), description="What may drift between jobs, estimated with the unknowns.")
+    nuisances: NuisanceConfig = Field(
+        default=NuisanceConfig(), description="What may drift between jobs (nuisance parameters), estimated with the unknowns."
+    )
 
 
 SEPARATORS = {"tab": "\t", "blank": " "}
@@ -226,38 +240,40 @@ Column = Annotated[
 
 
 class TextFormat(Strict):
-    """Layout of a text file of FRFs; what is absent is recognised. Unit and quantity hold for files of any format."""
+    """Layout of a text file of FRFs. What is omitted is recognised. Unit and quantity apply to files of any format."""
 
     delimiter: Annotated[Literal[",", ";", "\t", " ", "tab", "blank"], AfterValidator(_separator)] | None = Field(
-        default=None, description="Column separator: ',', ';', tab or blank (any run of blanks); absent: recognised."
+        default=None, description="Column separator: ',', ';', tab or blank (any run of blanks). If omitted: recognised."
     )
-    decimal: Literal[".", ","] | None = Field(default=None, description="Decimal sign; absent: recognised.")
+    decimal: Literal[".", ","] | None = Field(default=None, description="Decimal sign. If omitted: recognised.")
     skip: int | None = Field(
-        default=None, ge=0, description="Lines before the heading, or before the numbers where there is none; absent: recognised."
+        default=None, ge=0, description="Lines before the heading, or before the numbers if there is none. If omitted: recognised."
     )
-    frequency: Column | None = Field(default=None, description="Name or number (from 1) of the column of frequencies; absent: recognised.")
-    frequency_unit: Literal["Hz", "kHz", "rad/s"] | None = Field(default=None, description="Hz, kHz or rad/s; absent: from the heading.")
+    frequency: Column | None = Field(default=None, description="Name or number (from 1) of the frequency column. If omitted: recognised.")
+    frequency_unit: Literal["Hz", "kHz", "rad/s"] | None = Field(
+        default=None, description="Hz, kHz or rad/s. If omitted: from the heading."
+    )
     representation: Literal["real-imag", "magnitude-phase", "db-phase"] | None = Field(
         default=None,
-        description="What the two columns of a response hold; absent: recognised from the heading. Of HDF5 and MATLAB files: what the last "
-        "dimension of a real array (lines, responses, 2) holds; absent: such arrays are no FRFs.",
+        description="What the two columns of a response contain. If omitted: recognised from the heading. HDF5 and MATLAB files: what the "
+        "last dimension of a real array (lines, responses, 2) contains. If omitted: such arrays are not read as FRFs.",
     )
-    phase: Literal["deg", "rad"] | None = Field(default=None, description="Unit of the phase; absent: recognised.")
+    phase: Literal["deg", "rad"] | None = Field(default=None, description="Unit of the phase. If omitted: recognised.")
     unit: str | None = Field(
-        default=None, min_length=1, description="Unit of the FRFs, for instance Pa/N or g/N; it takes precedence over what the file says."
+        default=None, min_length=1, description="Unit of the FRFs, for instance Pa/N or g/N. It takes precedence over the file."
     )
     quantity: Quantity | None = Field(
-        default=None, description="pressure, displacement, velocity or acceleration; it takes precedence over what the file says."
+        default=None, description="pressure, displacement, velocity or acceleration. It takes precedence over the file."
     )
     coherence: Column | None = Field(
         default=None,
-        description="Variable of a MATLAB or HDF5 file that holds the coherence, or column (name, or number from 1) of a text file with "
-        "one FRF; absent: coherence, coh and the like beside the FRFs.",
+        description="Variable of a MATLAB or HDF5 file that contains the coherence, or column (name, or number from 1) of a text file with "
+        "one FRF. If omitted: variables called coherence, coh and similar beside the FRFs.",
     )
     columns: Annotated[dict[str, tuple[Column, Column]], AfterValidator(FrozenDict)] = Field(
         default={},
         validate_default=True,
-        description="Two columns (names, or numbers from 1) of each record, by its name; others are left out. Absent: recognised.",
+        description="Two columns (names, or numbers from 1) of each record, by its name; others are left out. If omitted: recognised.",
     )
 
     @model_validator(mode="after")
@@ -268,11 +284,11 @@ class TextFormat(Strict):
 
 
 class MeasuredFile(Strict):
-    """A file with a layout of its own: ``{file:, format:}``."""
+    """A file with its own layout: ``{file:, format:}``."""
 
     file: FilePath = Field(description="The file, relative to the campaign file.")
     format: TextFormat = Field(
-        default=TextFormat(), description="Layout of this file; a key that stands here holds in place of that of the job's `format`."
+        default=TextFormat(), description="Layout of this file. A key given here replaces that key of the job's `format`."
     )
 
 
@@ -314,38 +330,40 @@ class JobConfig(Strict):
     """One measurement to identify."""
 
     frf: Files = Field(
-        description="File with the measured FRFs (UFF 58, CSV and other text, MATLAB, HDF5), recognised by its content; or a list of files "
-        "on the same lines, for instance of one response or one hammer point each; {file:, format:} is one with a layout of its own."
+        description="File with the measured FRFs (UFF 58, CSV and other text, MATLAB, HDF5), recognised by content; or a list of files "
+        "with the same lines, for instance one for each response or hammer point. {file:, format:} is a file with its own layout."
     )
     removed: Annotated[tuple[str, ...], AfterValidator(check_unique)] = Field(
-        default=(), description="Names of the bolts known to be removed; for the report only, the identification never sees them."
+        default=(), description="Names of the bolts known to be removed. For the report only; the identification does not use them."
     )
     format: TextFormat | None = Field(
-        default=None, description="Layout of text files, and unit and quantity of files of any format; absent: recognised."
+        default=None, description="Layout of text files, and unit and quantity of files of any format. If omitted: recognised."
     )
     records: NameMap[Record] = Field(
         default={},
         validate_default=True,
-        description="What the files call a response, by response: a name, a number, {node:, direction:}, {file:} or {file:, number:}.",
+        description="Record of each response in the files, by response: a name, a number, {node:, direction:}, {file:} or {file:, "
+        "number:}.",
     )
     scale: Scale = Field(
         default={},
         validate_default=True,
-        description="Factor on the measured FRFs: one number for all responses, or by response, for instance of a recalibrated sensor.",
+        description="Factor on the measured FRFs: one number for all responses, or by response, for instance for a recalibrated sensor.",
     )
     coherence: Files | None = Field(
-        default=None, description="File with the coherence of these FRFs, or a list of files; absent: from the FRF files, if they have it."
+        default=None,
+        description="File with the coherence of these FRFs, or a list of files. If omitted: from the FRF files, if they contain it.",
     )
 
     averages: int = Field(
         default=5,
         ge=1,
-        description="Averages behind each measured FRF (hammer blows, blocks), for the noise that its coherence tells; of one file.",
+        description="Number of averages of each measured FRF (hammer blows, blocks) of one file. With the coherence it gives the noise.",
     )
     repeats: Annotated[tuple[Files, ...], AfterValidator(check_unique)] = Field(
         default=(),
-        description="Further measurements of the same state on the same lines, each a file or a list of files; FRFs are averaged, their "
-        "scatter tells the noise of the lines.",
+        description="Further measurements of the same state with the same lines, each a file or a list of files. FRFs are averaged; their "
+        "scatter gives the noise of the lines.",
     )
 
     @property
@@ -388,10 +406,10 @@ class JobConfig(Strict):
         for index, files in enumerate(further):
             if set(files) & {*first, *(file for other in further[:index] for file in other)}:
                 raise problem(
-                    "a measurement as its own repeat",
+                    "the repeat uses a file that this job already contains",
                     *("repeats", index),
                     expected="further files",
-                    hint="remove it: repeats are added to frf",
+                    hint="remove it: repeats are measurements in addition to frf",
                 )
         return self
 

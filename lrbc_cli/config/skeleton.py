@@ -53,7 +53,7 @@ def write_skeleton(folder: Path, text: str | None = None) -> list[Path]:
     file, folders = folder / FILE, FOLDERS if text is None else ()
     for below in (folder / name for name in folders):
         if below.exists() and not below.is_dir():
-            raise ConfigError("a file stands where a folder is wanted", file=below, hint="name another folder: lrbc init DIR")
+            raise ConfigError("there is a file where a folder is needed", file=below, hint="give another folder: lrbc init DIR")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with file.open("x", encoding="utf-8", newline="\n") as stream:
@@ -74,7 +74,7 @@ def write_skeleton(folder: Path, text: str | None = None) -> list[Path]:
     except FileExistsError as error:
         taken = Path(error.filename or file)
         raise ConfigError(
-            "it exists already and is left as it is", file=taken, hint="name another folder: lrbc init DIR, or move it away"
+            "it already exists and was left unchanged", file=taken, hint="give another folder: lrbc init DIR, or move it away"
         ) from None
     except (OSError, ValueError) as error:
         raise ConfigError("the folder cannot be written", file=folder, found=getattr(error, "strerror", None) or str(error)) from None

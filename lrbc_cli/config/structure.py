@@ -80,7 +80,7 @@ def _check_form(value: Strict, forms: Forms) -> None:
         if set(required) <= given <= {*required, *optional}:
             return
     found = "{" + ", ".join(f"{key}:" for key in type(value).model_fields if key in given) + "}" if given else "none of these keys"
-    raise problem("not exactly one way of selecting DOFs", expected=_form_text(forms), found=found)
+    raise problem("DOFs must be selected in exactly one way", expected=_form_text(forms), found=found)
 
 
 class FieldDamping(Strict):
@@ -109,7 +109,7 @@ Damping = Annotated[
 
 
 class DofSource(Strict):
-    """What the rows of the matrices are, and where: {map:, nodes:}."""
+    """DOF of each row of the matrices, and coordinates of the nodes: {map:, nodes:}."""
 
     nodes: FilePath = Field(
         description="Coordinates of the nodes: CSV node,x,y,z, an input file (*NODE of Abaqus and CalculiX, GRID of Nastran, NBLOCK or "
@@ -118,17 +118,17 @@ class DofSource(Strict):
     map: FilePath | None = Field(
         default=None,
         description="Node and component of each row: CalculiX .dof, mapping of Ansys HBMAT or nodal mapping vector, or CSV "
-        "dof,node,component; absent where the matrices say it, as those of Abaqus, DMIG and .full do.",
+        "dof,node,component. May be omitted if the matrices state it, as those of Abaqus, DMIG and .full do.",
     )
     order: FilePath | None = Field(
         default=None,
-        description="Matrix that takes the rows of `map` to those of the matrices: NOD2BCS or NOD2SOLV of Ansys, beside a nodal mapping "
-        "vector; absent: they are the same.",
+        description="Matrix that maps the rows of `map` to those of the matrices: NOD2BCS or NOD2SOLV of Ansys, beside a nodal mapping "
+        "vector. If omitted: the rows are the same.",
     )
     components: Annotated[tuple[Component, ...], Field(min_length=1), AfterValidator(check_unique)] | None = Field(
         default=None,
-        description="DOFs of each node in their order, where nothing names them: with a mapping vector of nodes, absent: the usual ones; "
-        "without a map: the rows are the nodes in rising order, each with these.",
+        description="DOFs of each node in their order, if no file names them. With a mapping vector of nodes: if omitted, the usual ones. "
+        "Without a map: the rows are the nodes in ascending order, each with these DOFs.",
     )
 
 
@@ -143,14 +143,14 @@ class ModelConfig(Strict):
     stiffness: OperatorRef = Field(description="Stiffness matrix K: 'file', 'file#group' or {file:, group:, format:, symmetric:}.")
     mass: OperatorRef = Field(description="Mass matrix M, given like the stiffness.")
     damping: Damping | None = Field(
-        default=None, description="Damping: a matrix C, or {structure: {alpha:, beta:, loss_factor:}, acoustic: {...}}; absent: none."
+        default=None, description="Damping: a matrix C, or {structure: {alpha:, beta:, loss_factor:}, acoustic: {...}}. If omitted: none."
     )
     dofs: Dofs | None = Field(
         default=None,
-        description="DOF table (CSV: dof,node,component,x,y,z; 0-based dof); where the matrices name their DOFs, the coordinates of the "
-        "nodes suffice; or {map:, nodes:}. Absent: every DOF is structural, and DOFs are selected by number, vector or file only.",
+        description="DOF table (CSV: dof,node,component,x,y,z; 0-based dof), or {map:, nodes:}. If the matrices name their DOFs, the "
+        "coordinates of the nodes suffice. If omitted: every DOF is structural, and DOFs can only be selected by number, vector or file.",
     )
-    format: MatrixFormat | None = Field(default=None, description="Format of all matrix files; absent: each recognised by its content.")
+    format: MatrixFormat | None = Field(default=None, description="Format of all matrix files. If omitted: each recognised by content.")
 
 
 class PointConfig(Strict):
@@ -159,14 +159,14 @@ class PointConfig(Strict):
     model_config = _forms_schema(POINT_FORMS)
 
     near: Point | None = Field(
-        default=None, description="Coordinates [x, y, z] in metres or the length of `units`; the nearest node with the component is taken."
+        default=None, description="Coordinates [x, y, z] in metres or the length of `units`. The nearest node with the component is used."
     )
     node: NodeNumber | None = Field(default=None, description="Node number of the DOF table.")
     component: Component | None = Field(
         default=None, description="DOF label at the node: UX, UY, UZ, ROTX, ROTY, ROTZ, PRES or another of the DOF table."
     )
-    dof: NodeNumber | None = Field(default=None, description="DOF by its 0-based number.")
-    vector: MatrixRef | None = Field(default=None, description="A vector with one entry a DOF, for interpolated or distributed points.")
+    dof: NodeNumber | None = Field(default=None, description="0-based number of the DOF.")
+    vector: MatrixRef | None = Field(default=None, description="Vector with one entry per DOF, for interpolated or distributed points.")
     scale: float = Field(default=1.0, description="Factor on the load or output row, for instance -1 for the opposite direction.")
 
     @property
@@ -189,18 +189,18 @@ Direction = Annotated[int, Field(ge=0, le=6)]
 
 
 class RecordRef(Strict):
-    """Node and direction by which an FRF file calls a response, and where several hammer points are in it, those of the reference."""
+    """Node and direction of a response in an FRF file; if the file contains several hammer points, also those of the reference."""
 
     node: NodeNumber = Field(description="Response node of the record.")
     direction: Direction = Field(
-        description="Response direction of the record: 0 scalar, 1 to 3 translation, 4 to 6 rotation, without its sign."
+        description="Response direction of the record, without sign: 0 scalar, 1 to 3 translation, 4 to 6 rotation."
     )
-    reference_node: NodeNumber | None = Field(default=None, description="Reference node of the record, where the hammer hit; absent: any.")
-    reference_direction: Direction | None = Field(default=None, description="Reference direction of the record; absent: any.")
+    reference_node: NodeNumber | None = Field(default=None, description="Reference node of the record (hammer point). If omitted: any.")
+    reference_direction: Direction | None = Field(default=None, description="Reference direction of the record. If omitted: any.")
 
 
 class FileRecordRef(Strict):
-    """A record in one of a job's files: {file:} where it holds one, {file:, number:} or {file:, name:}."""
+    """A record in one of the files of a job: {file:} if it contains one record, {file:, number:} or {file:, name:}."""
 
     file: FilePath = Field(description="One of the files of the job's `frf`.")
     number: RecordNumber | None = Field(
@@ -211,7 +211,9 @@ class FileRecordRef(Strict):
     @model_validator(mode="after")
     def _one_way(self) -> FileRecordRef:
         if self.number is not None and self.name is not None:
-            raise problem("a record by number and by name", "name", expected="number or name", found="both", hint="remove one of them")
+            raise problem(
+                "the record is given by number and by name", "name", expected="number or name", found="both", hint="remove one of them"
+            )
         return self
 
 
@@ -235,16 +237,16 @@ class ResponseConfig(PointConfig):
 
     model_config = _forms_schema(RESPONSE_FORMS)
 
-    matrix: MatrixRef | None = Field(default=None, description="A matrix of output rows, one column a DOF.")
+    matrix: MatrixRef | None = Field(default=None, description="Matrix of output rows, one column per DOF.")
     row: NodeNumber = Field(default=0, description="0-based row of the matrix.")
     quantity: Quantity | None = Field(
-        default=None, description="pressure, displacement, velocity or acceleration; absent: pressure at PRES, else displacement."
+        default=None, description="pressure, displacement, velocity or acceleration. If omitted: pressure at PRES, else displacement."
     )
     record: Record | None = Field(
         default=None,
-        description="What the FRF files call this response where that differs: a name, a number from 1, or {node:, direction:}.",
+        description="Record of this response in the FRF files, if its name differs: a name, a number from 1, or {node:, direction:}.",
     )
-    excitation: Name | None = Field(default=None, description="The excitation it belongs to; needed only where there are several.")
+    excitation: Name | None = Field(default=None, description="The excitation of this response; only needed if there are several.")
 
 
 Box = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
@@ -253,7 +255,7 @@ Box = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 def _check_box(value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
     for axis, (lower, upper) in enumerate(value):
         if lower > upper:
-            raise problem("a box that is empty", axis, expected="[from, to] with from at most to", found=f"[{lower:g}, {upper:g}]")
+            raise problem("the box is empty", axis, expected="[from, to] with from at most to", found=f"[{lower:g}, {upper:g}]")
     return value
 
 
@@ -270,44 +272,46 @@ class SelectConfig(Strict):
     model_config = _forms_schema(SELECT_FORMS)
 
     component: Component | None = Field(
-        default=None, description="DOF label at the nodes that are selected; with `bushings` only the springs with this component."
+        default=None, description="DOF label at the selected nodes. With `bushings`: only the springs with this component."
     )
     box: Annotated[Box, AfterValidator(_check_box)] | None = Field(
         default=None,
         description="[[x0, x1], [y0, y1], [z0, z1]] in metres or the length of `units`: all nodes inside, borders included. Several edges "
-        "in it become groups of their own, NAME-1, NAME-2 ..., where values are tied to their neighbours.",
+        "in it become separate groups NAME-1, NAME-2 ... where values are tied to their neighbours.",
     )
     along: Annotated[tuple[Point, ...], Field(min_length=2)] | None = Field(
-        default=None, description="Corners [x, y, z] of a line: all nodes within `tolerance` of it, in their order along it."
+        default=None, description="Corners [x, y, z] of a line: all nodes within `tolerance` of it, in order along it."
     )
-    tolerance: Positive | None = Field(default=None, description="Distance from the line up to which nodes are taken.")
+    tolerance: Positive | None = Field(default=None, description="Distance from the line up to which nodes are selected.")
     boundary: Literal[True] | None = Field(
         default=None,
-        description="true: the nodes on the border of a flat field of nodes, of all with the component or of those in `box`; the "
-        "coordinates tell it, so that nodes in corners that are cut out of the field are left out.",
+        description="true: the nodes on the border of a flat field of nodes, either of all with the component or of those in `box`. The "
+        "border is found from the coordinates; nodes in corners that are cut out of the field are left out.",
     )
     near_bolts: Positive | None = Field(
-        default=None, description="Distance from the bolts of `bolts` up to which nodes are taken; each belongs to its nearest bolt."
+        default=None,
+        description="Distance from the bolts of `bolts` up to which nodes are selected. Each node belongs to its nearest bolt.",
     )
     nodes: Nodes | None = Field(default=None, description="Node numbers, in the order along the edge, or a CSV file with a column `node`.")
     dofs: FilePath | None = Field(
         default=None,
-        description="CSV file with a column `dof` (0-based), one term a line; terms with equal entries in a column `parameter` share one "
-        "parameter; a column `bolt` names the bolt that a term belongs to; columns x,y,z give positions where there is no DOF table.",
+        description="CSV file with a column `dof` (0-based), one term per line. Terms with equal entries in a column `parameter` share one "
+        "parameter. A column `bolt` names the bolt of each term. Columns x,y,z give positions if there is no DOF table.",
     )
-    vectors: MatrixRef | None = Field(default=None, description="Matrix with one column a term, b_k = c_k.")
-    left: MatrixRef | None = Field(default=None, description="Matrix of the left vectors b_k, one column a term.")
-    right: MatrixRef | None = Field(default=None, description="Matrix of the right vectors c_k, one column a term.")
+    vectors: MatrixRef | None = Field(default=None, description="Matrix with one column per term, b_k = c_k.")
+    left: MatrixRef | None = Field(default=None, description="Matrix of the left vectors b_k, one column per term.")
+    right: MatrixRef | None = Field(default=None, description="Matrix of the right vectors c_k, one column per term.")
     positions: FilePath | None = Field(
         default=None,
-        description="CSV file with x,y,z of each term; terms with equal entries in a column `parameter` share one parameter; a column "
-        "`bolt` names the bolt that a term belongs to. Without it, entries of `parameter` that are names of bolts do.",
+        description="CSV file with x,y,z of each term. Terms with equal entries in a column `parameter` share one parameter. A column "
+        "`bolt` names the bolt of each term. Without it, entries of `parameter` that are names of bolts do.",
     )
     bushings: FilePath | None = Field(
         default=None,
-        description="CSV file of springs: bolt,node_a,node_b,component,stiffness, one a line, by nodes of the DOF table; node_b empty: to "
-        "ground; component UX to ROTZ, in local axes where there are columns x_x,x_y,x_z (local x) and y_x,y_y,y_z (a vector in the local "
-        "xy plane). The springs of a bolt share one parameter, in log10 of the stiffness given: 0 is nominal, and where auto starts.",
+        description="CSV file of springs, one per line: bolt,node_a,node_b,component,stiffness, with nodes of the DOF table. node_b empty: "
+        "to ground. component: UX to ROTZ, in local axes if there are columns x_x,x_y,x_z (local x) and y_x,y_y,y_z (a vector in the local "
+        "xy plane). The springs of a bolt share one parameter, in log10 relative to the given stiffness: 0 is nominal, and the start value "
+        "for auto.",
     )
 
     @model_validator(mode="after")
@@ -322,10 +326,10 @@ class GroupDampingConfig(Strict):
     initial: float = Field(default=0.0, description="Start value of p_damp (log10).")
     bounds: Range = Field(default=(-3.0, 4.0), description="Bounds of p_damp (log10).")
     beta: Annotated[float, Field(ge=0)] | None = Field(
-        default=None, description="Stiffness-proportional coefficient [s]; absent: that of the structure in `model.damping`."
+        default=None, description="Stiffness-proportional coefficient [s]. If omitted: that of the structure in `model.damping`."
     )
     loss_factor: Annotated[float, Field(ge=0, le=1.0)] | None = Field(
-        default=None, description="Loss factor of hysteretic damping; absent: that of the structure in `model.damping`."
+        default=None, description="Loss factor of hysteretic damping. If omitted: that of the structure in `model.damping`."
     )
 
     def coefficients(self, model: Damping | None) -> tuple[float, float]:
@@ -367,36 +371,38 @@ class GroupConfig(Strict):
 
     model_config = ConfigDict(json_schema_extra=_conditional_schema)
 
-    kind: Literal["stiffness", "damping", "mass"] = Field(default="stiffness", description="What the terms add to: K, C or M.")
+    kind: Literal["stiffness", "damping", "mass"] = Field(default="stiffness", description="Matrix that the terms are added to: K, C or M.")
     select: SelectConfig = Field(
         description="The terms: {component:, box:}, {component:, along:, tolerance:}, {component:, boundary:}, {component:, near_bolts:}, "
         "{nodes:, component:}, {dofs:}, {vectors:, positions:}, {left:, right:, positions:} or {bushings:}."
     )
     initial: NumberOrAuto = Field(
         default="auto",
-        description="Start value (log10), or auto for stiffness: where the FRFs lie about 0.3 dB from the clamped limit; of bushings the "
-        "nominal stiffness. Damping and mass need a number.",
+        description="Start value (log10), or auto for stiffness: where the FRFs differ by about 0.3 dB from the clamped limit; for "
+        "bushings the nominal stiffness. Damping and mass need a number.",
     )
     bounds: Bounds = Field(
         default="auto",
-        description="Bounds [lower, upper] (log10), or auto for stiffness: upper where the FRFs lie 0.02 dB from the clamped limit. "
+        description="Bounds [lower, upper] (log10), or auto for stiffness: upper where the FRFs differ by 0.02 dB from the clamped limit. "
         "Damping and mass need numbers.",
     )
     baseline: float = Field(
         default=0.0,
         ge=0,
-        description="What the matrices already contain for these terms (linear, not log10); it is subtracted exactly. Of bushings: 1 where "
-        "the stiffness matrix holds them.",
+        description="What the matrices already contain for these terms (linear, not log10); it is subtracted exactly. For bushings: 1 if "
+        "the stiffness matrix contains them.",
     )
     smoothing: Annotated[tuple[Weight, ...], Field(min_length=1, max_length=99), AfterValidator(check_smoothing)] | None = Field(
         default=None,
-        description="Weights over neighbouring terms, an odd number, for instance [0.333333, 0.666667, 0.333333]; absent: none.",
+        description="Weights over neighbouring terms (an odd number of them), for instance [0.333333, 0.666667, 0.333333]. If omitted: "
+        "none.",
     )
-    normalised: bool = Field(default=False, description="Scale each row of smoothing weights to the sum 1, at the ends too.")
+    normalised: bool = Field(default=False, description="Scale each row of smoothing weights to the sum 1, also at the ends.")
     damping: TiedDamping | None = Field(
         default=None,
-        description="{initial:, bounds:, beta:, loss_factor:}, of a stiffness group whose damping exponent p_damp is identified, or the "
-        "word none: undamped. Absent: springs of bolts are damped as the structure in `model.damping`, with p_damp; others not at all.",
+        description="For stiffness groups: {initial:, bounds:, beta:, loss_factor:}, and the damping exponent p_damp is identified; or "
+        "none: undamped. If omitted: springs of bolts are damped as the structure in `model.damping`, with p_damp; other terms are "
+        "undamped.",
     )
 
     @property
@@ -409,7 +415,7 @@ class GroupConfig(Strict):
         for key, value in (("initial", self.initial), *(("bounds", bound) for bound in self.bounds if self.bounds != "auto")):
             if not isinstance(value, str) and value > LARGEST_LOG10:
                 raise problem(
-                    "a logarithm beyond every stiffness",
+                    "the logarithm is too large for a stiffness",
                     key,
                     expected=f"log10 of the value, at most {LARGEST_LOG10:g}",
                     found=f"{value:g}",
@@ -418,12 +424,12 @@ class GroupConfig(Strict):
         if self.kind != "stiffness":
             for key in ("initial", "bounds"):
                 if getattr(self, key) == "auto":
-                    raise problem(f"'auto' serves stiffness only, this group is {self.kind}", key, hint=f"give {key} in log10")
+                    raise problem(f"'auto' is for stiffness only; the kind of this group is {self.kind}", key, hint=f"give {key} in log10")
             if self.damping is not None:
                 raise problem(f"damping tied to a {self.kind} term", "damping", expected="only where kind is stiffness", hint="remove it")
         if self.start is not None and self.bounds != "auto":
             check_inside(self.start, self.bounds)
         if self.normalised and self.smoothing is None:
-            raise problem("normalised rows without smoothing", "normalised", hint="add smoothing, or remove it")
+            raise problem("'normalised' needs smoothing", "normalised", hint="add smoothing, or remove it")
         check_smoothing_sum(self.smoothing, self.normalised)
         return self

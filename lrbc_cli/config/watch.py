@@ -24,7 +24,7 @@ HIDDEN = (".", "~$")
 
 def _check_pattern(value: str) -> str:
     if "/" in value or "\\" in value or not value.strip():
-        raise problem("not a pattern of file names", expected="such as '*.uff', without a folder", found=f"'{value}'")
+        raise problem("this is not a pattern of file names", expected="such as '*.uff', without a folder", found=f"'{value}'")
     return value
 
 
@@ -32,7 +32,7 @@ Pattern = Annotated[str, AfterValidator(_check_pattern)]
 
 
 class WatchConfig(Strict):
-    """A folder of measurements: each file in it is a job, named as the file is."""
+    """A folder of measurements: each file in it is a job with the name of the file."""
 
     folder: FilePath = Field(description="Folder into which FRF files are written, relative to the campaign file.")
     pattern: Annotated[
@@ -41,11 +41,11 @@ class WatchConfig(Strict):
         told_apart(str, "one", "list"),
     ] = Field(
         default=("*.uff", "*.unv", "*.csv", "*.txt", "*.h5", "*.hdf5", "*.mat"),
-        description="Files in it that are measurements: a pattern or several; capitals and small letters are alike.",
+        description="Files in it that are measurements: one pattern or several. Upper and lower case are the same.",
     )
     like: Name | None = Field(
         default=None,
-        description="Job whose format, records, scale and averages hold for the files of the folder; absent: the reference job.",
+        description="Job whose format, records, scale and averages apply to the files of the folder. If omitted: the reference job.",
     )
 
     @property
@@ -95,18 +95,18 @@ class WatchConfig(Strict):
                 first = next((file for file in _below(path, output) if self._matches(file) and file not in mine), None)
                 if first is not None:
                     yield (
-                        f"{first.relative_to(self.folder)} in {self.folder} lies in a sub-folder, so that nobody judges it, nor what else "
-                        "is in there: move measurements up into the watched folder, or name them under `jobs`; move all else out of it"
+                        f"{first.relative_to(self.folder)} in {self.folder} lies in a sub-folder: it is not judged, nor is anything else "
+                        "there. Move measurements up into the watched folder, or list them under `jobs`; move everything else out of it"
                     )
             elif path.name.startswith("~") and (path.suffix.lower() in MEASURED or self._matches(path)):
                 yield (
-                    f"{path.name} in {self.folder} begins with '~' as temporary files do, so that nobody judges it: rename it if it is a "
+                    f"{path.name} in {self.folder} begins with '~' like a temporary file and is not judged: rename it if it is a "
                     "measurement, else remove it"
                 )
             elif path.suffix.lower() in MEASURED:
                 yield (
-                    f"{path.name} in {self.folder} matches no pattern of watch.pattern ({', '.join(self.patterns)}), so that nobody judges "
-                    f"it: add '*{path.suffix}' there if it is a measurement, else move it out of the folder"
+                    f"{path.name} in {self.folder} matches no pattern of watch.pattern ({', '.join(self.patterns)}) and is not judged: "
+                    f"add '*{path.suffix}' there if it is a measurement, else move it out of the folder"
                 )
 
 

@@ -177,7 +177,7 @@ def test_what_is_missing_is_said(tmp_path: Path) -> None:
     checked = folder.run("check")
     assert checked.code == 2
     for place in ("excitation.hammer.near", "responses.response1.near", "parameters.edge.select.box"):
-        assert f"{place}: this place is not filled in yet" in checked.stderr
+        assert f"{place}: these coordinates are not filled in yet" in checked.stderr
     text = folder.config.read_text()
     for place, filled in (("[[x0, x1], [y0, y1], [z0, z1]]", "[[0, 1], [0, 1], [0, 1]]"), ("[x, y, z]", "[0, 0, 0]")):
         text = text.replace(place, filled)
@@ -352,14 +352,14 @@ def test_places_to_fill_in_are_refused_until_they_are(tmp_path: Path) -> None:
     folder, _ = drafted(files, tmp_path / "new")
     refused = folder.run("update")
     assert refused.code == 2
-    for text in (".near: places that are not filled in yet", "excitation hammer", "responses acc1, acc2, acc3, acc4", "fix:"):
+    for text in (".near: coordinates are not filled in yet", "excitation hammer", "responses acc1, acc2, acc3, acc4", "fix:"):
         assert text in refused.stderr
     # All that is to be fixed, in the files too.
     (files / "tight.csv").write_text("nothing\n")
     told = folder.run("check")
     assert told.code == 2
     for name in ("excitation.hammer", *(f"responses.{name}" for name in columns)):
-        assert told.stderr.count(f"{name}.near: this place is not filled in yet") == 1
+        assert told.stderr.count(f"{name}.near: these coordinates are not filled in yet") == 1
     assert told.stderr.count("tight.csv") == told.stderr.count("fix:") - 1 == 1
     tree = folder.run("check", "--json").json
     assert (tree["exit_code"], len(tree["others"]), list(tree["errors"])) == (2, 4, ["tight"])

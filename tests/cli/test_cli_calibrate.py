@@ -147,7 +147,7 @@ def test_from_end_to_end(fresh: Folder) -> None:
     assert exported.json["results"]["tight"]["provenance"]["calibration"] is None
     assert exported.json["results"]["tight"]["misfit_db"]["final"] > result["misfit_db"]["final"] + 0.2
     fresh.run("report")
-    assert "NOT used by the jobs" in (fresh.out / "report.html").read_text()
+    assert "The jobs of this report do NOT use it" in (fresh.out / "report.html").read_text()
 
 
 @pytest.fixture
@@ -299,13 +299,13 @@ class TestCampaignFile:
             ({"job": "tight", "factors": ["alpha.structure"]}, "calibration.factors[0]", "needs model.damping.structure.alpha above 0"),
             ({"job": "tight", "factors": ["mass.acoustic"]}, "calibration.factors[0]", "scales nothing in this model"),
             ({"job": "tight", "factors": ["loss_factor.structure"]}, "calibration.factors[0]", "or a complex stiffness"),
-            ({"job": "tight", "factors": ["stiffness.structure"] * 2}, "calibration.factors[1]", "stands twice"),
+            ({"job": "tight", "factors": ["stiffness.structure"] * 2}, "calibration.factors[1]", "is given twice"),
             ({"job": "tight"}, "calibration.factors", "at least one factor or group"),
             ({"factors": ["stiffness.structure"]}, "calibration.job", "missing"),
-            ({"job": "tight", "factors": ["sound_speed", "stiffness.acoustic"]}, "calibration.factors[0]", "one effect"),
+            ({"job": "tight", "factors": ["sound_speed", "stiffness.acoustic"]}, "calibration.factors[0]", "the same effect"),
             ({"job": "tight", "boundary": "hold", "factors": ["stiffness.structure"]}, "calibration.boundary", "'held'"),
             ({"job": "tight", "groups": {"rib": {}}}, "calibration.groups.rib", "without a matrix"),
-            ({"job": "tight", "groups": {"mass.structure": {"mass": "m.mtx"}}}, "calibration.groups", "named like a factor"),
+            ({"job": "tight", "groups": {"mass.structure": {"mass": "m.mtx"}}}, "calibration.groups", "has the name of a factor"),
             ({"job": "tight", "groups": {"rib": {"stifness": "a.mtx"}}}, "calibration.groups.rib.stifness", "did you mean 'stiffness'?"),
         ],
     )  # fmt: skip
@@ -364,7 +364,7 @@ class TestCampaignFile:
         with_calibration(folder, {"job": "tight", "groups": groups, "boundary": "held"})
         outcome = folder.run("calibrate")
         assert outcome.code == 0, outcome.stderr
-        words = "one and two cannot be told apart by these FRFs: only their combination is determined"
+        words = "one and two cannot be distinguished by these FRFs: only their combination is determined"
         assert f"note: {words}" in outcome.stdout
         assert any(note.startswith(words) for note in stored(folder)["notes"])
         assert folder.run("update", "--job", "tight").code == 0

@@ -98,7 +98,7 @@ def test_nothing_is_replaced_unasked(tmp_path: Path, cache: Path) -> None:
     own.write_text("mine")
     code, said = rehearse(out)
     assert (code, own.read_text()) == (2, "mine")
-    assert "exists already" in said
+    assert "already exists" in said
     assert "--force replaces it" in said
     assert rehearse(out, "--force")[0] == 0
     assert own.stat().st_size > 1000
@@ -115,7 +115,7 @@ def test_mistakes_are_told_before_anything_is_written(tmp_path: Path, cache: Pat
     for given, words in (
         (["--loose", "B3,B77"], "B77"),
         (["--lines", "30:900:1"], "outside its band"),
-        (["--temperature", "2"], "no air to warm"),
+        (["--temperature", "2"], "the model has no air DOFs"),
     ):
         done = lrbc("rehearse", FRAME, "--out", out, *given, "--cache", cache)
         assert done.code == 2

@@ -37,7 +37,7 @@ def test_existing_folders_are_used(tmp_path: Path) -> None:
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
     (tmp_path / "campaign.yaml").write_text("mine")
-    with pytest.raises(ConfigError, match="exists already"):
+    with pytest.raises(ConfigError, match="already exists"):
         write_skeleton(tmp_path)
     assert (tmp_path / "campaign.yaml").read_text() == "mine"
     assert list(tmp_path.iterdir()) == [tmp_path / "campaign.yaml"]
