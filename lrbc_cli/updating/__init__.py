@@ -1,1 +1,1 @@
-"""From measured FRFs to verdicts: the statistical model, the search for the most probable state, its posterior, and judging."""
+"""From measured FRFs to verdicts: statistical model, search for the most probable state, posterior, and judgement of the bolts."""

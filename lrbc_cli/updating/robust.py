@@ -1,4 +1,4 @@
-"""Spread that a few outliers do not move."""
+"""Scatter and medians that a few outliers or missing values do not distort."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ import numpy as np
 
 from lrbc_cli.arrays import Floats
 
-#: Standard deviation of Gaussian values over their median absolute deviation.
+#: Ratio of the standard deviation of Gaussian values to their median absolute deviation.
 DEVIATION = 1.4826
 
 
 def scatter(values: Floats) -> Floats:
-    """Standard deviation of Gaussian values, by the median of their departures from their median; along the first axis."""
+    """Robust standard deviation along the first axis: 1.4826 times the median absolute deviation from the median."""
     return np.asarray(DEVIATION * np.median(np.abs(values - np.median(values, axis=0)), axis=0))
 
 
 def medians(values: Floats, axis: int = -1) -> Floats:
-    """Medians along an axis, of length one then, without values that are NaN; NaN where all are.
+    """Medians along an axis without NaN values; the axis is kept with length one, and the median is NaN where all values are NaN.
 
-    What ``np.nanmedian`` gives, five to ten times as fast: its masked arrays cost most of the time where there are thousands of them.
+    Gives the values of ``np.nanmedian`` five to ten times as fast where there are thousands of medians.
 
     Parameters
     ----------

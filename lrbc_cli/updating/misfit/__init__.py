@@ -1,1 +1,1 @@
-"""FRFs as a function of the unknowns, and the cost of their differences from measured FRFs."""
+"""FRFs of the model as a function of the unknowns, and the cost of their differences from measured FRFs."""

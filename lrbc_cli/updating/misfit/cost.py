@@ -1,4 +1,8 @@
-"""The cost of the paper (29): squared dB differences of the FRFs plus a Tikhonov term on the log10 parameters."""
+"""The cost of the paper (29): squared dB differences of the FRFs plus a Tikhonov term on the log10 parameters.
+
+``Misfit`` is what all searches minimise and what the posterior linearises. It joins the FRFs of the model (``misfit/frf``) to the
+whitened residuals of the data (``statistics/residuals``) and to the rows of the prior.
+"""
 
 from __future__ import annotations
 
@@ -20,21 +24,22 @@ from lrbc_cli.updating.statistics.residuals import DataResidual, ResidualOptions
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluation:
-    """Cost and its ingredients at one theta.
+    """Cost, residuals and Jacobian at one theta.
 
     Attributes
     ----------
     cost : float
         log10 of ``total``, eq. (29).
     total : float
-        Sum of squares of data and regularisation [dB²].
+        Sum of squares of data residuals and penalty [dB²].
     data : float
-        Part of the FRFs.
+        Sum of squares of the data residuals alone [dB²].
     misfit_db : float
-        Mean absolute difference in dB over the selected lines and responses, whatever the residual, its loss and its weights.
+        Mean absolute difference in dB over the selected lines and responses, without loss and weights, gains taken out.
     residual : (m,) float array
-        Data residuals, then weighted deviations from the prior.
+        Data residuals, then the weighted departures from the prior [dB].
     jacobian : (m, size) float array
+        Of ``residual`` to theta.
     """
 
     cost: float
@@ -46,18 +51,21 @@ class Evaluation:
 
     @property
     def gradient(self) -> Floats:
-        """Of ``cost``: 2 Jᵀr / (ln 10 total)."""
+        """(size,) gradient of ``cost``: 2 Jᵀr / (ln 10 total)."""
         return np.asarray(2.0 * self.jacobian.T @ self.residual / (np.log(10.0) * self.total))
 
 
 def penalty_rows(parameters: Parameterisation, value: float = 1.0, slope: float = 0.0) -> Floats:
-    """Rows of the regularisation: departures from the prior, and their differences along each edge, or from the mean of the joints.
+    """Rows R of the penalty ``|R (theta - prior)|²`` for the values of each group.
+
+    A group has a row for the departure of each value from the prior, and rows for differences: between neighbours along an edge, or from
+    the mean of the group among joints, which have no order.
 
     Parameters
     ----------
     parameters : Parameterisation
     value, slope : float
-        Weights of the departures, and of their differences between neighbours, or from the mean of a group of joints [per decade].
+        Weights of the squares of departures and of differences [1/decade²]; the rows hold their square roots, 0 omits the rows.
 
     Returns
     -------
@@ -69,7 +77,7 @@ def penalty_rows(parameters: Parameterisation, value: float = 1.0, slope: float 
         eye = np.eye(group.count)
         for weight, order in ((value, 0), (slope, 1)):
             if weight > 0 and group.count > order:
-                # Joints stand in no order: they are alike, each as much as any other.
+                # Joints have no order: each is compared with the mean of its group.
                 part = np.diff(eye, n=order, axis=0) if group.bolt is None or not order else eye - 1.0 / group.count
                 block = np.zeros((part.shape[0], parameters.size))
                 block[:, values] = np.sqrt(weight) * part
@@ -77,28 +85,28 @@ def penalty_rows(parameters: Parameterisation, value: float = 1.0, slope: float 
     return np.vstack(rows) if rows else np.zeros((0, parameters.size))
 
 
-#: Distance of the lines between which a slope is taken, over the highest line.
+#: Step of the finite difference along the frequency, as a fraction of the highest line.
 SLOPE_STEP = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True)
 class ChangeError:
-    """How wrong a predicted change of the FRFs may be.
+    """Error of a predicted change of the FRFs; its parts ``sigma_l``, G and P are defined on the guide's statistics page, section 3.
 
-    A resonance that the model moves may in fact have moved by some percent more or less, in all responses alike: an unknown shift of the
-    axis of frequency, piecewise linear, with a standard deviation of that share of how far the resonances nearby have moved. And
-    levels may have changed by some percent more or less: every line for itself, and those of a response about a resonance together.
+    A resonance that the model shifts may in fact have shifted by some per cent more or less, in all responses alike: an unknown piecewise
+    linear shift of the frequency axis, whose standard deviation is a share of the predicted shift of the resonances nearby (P). Levels may
+    have changed by some per cent more or less, each line by itself (sigma_l) and the lines of a response about a resonance together (G).
 
     Attributes
     ----------
     most : float
-        Error of a level that no change exceeds [dB].
+        Upper limit of the error of a level: that of the reference state [dB].
     here, nearby : callable
-        From the boundary's theta to (F, R) FRFs at the lines, and at lines that lie ``step_hz`` above.
+        From the boundary parameters (size,) to FRFs (F, R) at the lines, and at lines ``step_hz`` above them.
     frequency_hz : (F,) float array
     step_hz : float
     size : int
-        Of that theta; what drifted stands behind it.
+        Number of boundary parameters; entries of theta beyond these are nuisance parameters and are ignored here.
     errors : ErrorModel
     """
 
@@ -112,13 +120,23 @@ class ChangeError:
     _kept: dict[bytes, tuple[Complexes, Complexes]] = field(default_factory=dict, repr=False)
 
     def _sloped(self, theta: Floats) -> tuple[Complexes, Complexes]:
-        """(F, R) FRFs, and their slopes along the frequency [dB/Hz], radians counting as 8.69 dB."""
+        """(F, R) FRFs and ``20/ln10 d ln(H)/df`` [dB/Hz]; in the imaginary part a radian counts as 8.69 dB."""
         y = self.here(theta[: self.size])
         with np.errstate(divide="ignore", invalid="ignore"):
             return y, np.asarray(DB * np.log(self.nearby(theta[: self.size]) / y) / self.step_hz, dtype=complex)
 
     def __call__(self, prior: Floats, theta: Floats) -> tuple[Floats, Complexes, Integers]:
-        """(F, R) change of the levels from the prior to theta [dB], (F, R, K) shifts of one standard deviation, (F,) the knot nearby."""
+        """Predicted change of the FRFs from prior to theta, and the errors of its shifts of resonances.
+
+        Returns
+        -------
+        change : (F, R) float array
+            Change of the levels [dB].
+        shifts : (F, R, K) complex array
+            Change of ``20/ln10 ln(H)`` by a shift of the frequency axis at each of K knots, of one standard deviation [dB].
+        band : (F,) int array
+            Nearest knot of each line.
+        """
         f = self.frequency_hz
         spacing = self.errors.shift_knots * f.max()
         knots = np.arange(f.min() - spacing, f.max() + 2 * spacing, spacing)
@@ -139,35 +157,35 @@ class ChangeError:
 
 
 class Misfit:
-    """Cost (29) with gradient and Jacobian at the selected lines.
+    """The cost ``rᵀr + eta |R (theta - prior)|²`` with gradient and Jacobian at the selected lines; immutable, changed copies by methods.
 
     Parameters
     ----------
-    model : FrfModel
-        At the selected lines, responses used only.
+    model : Sensitive
+        FRFs at the selected lines, of the compared responses.
     measured : (F, R) complex array
-        Measured FRFs there; lines that are not to count are NaN.
+        Measured FRFs there; NaN where a value is not compared.
     prior : (size,) float array
         p_init of the Tikhonov term.
     eta : float
-        Weight of the squared departures [dB²/decade²]; p_damp is not regularised.
+        Weight of the penalty [dB² per unit of the squared rows; dB²/decade² in (29)].
     penalty : (m, size) float array or None
-        Rows that are applied to ``p - p_init`` before squaring, see ``penalty_rows``; the departures themselves where None, as in (29).
-
+        Rows R, see ``penalty_rows``; None for the departures themselves, as in (29), without p_damp.
     options : ResidualOptions or None
-        How data residuals are formed; as in (29) where None.
+        How data residuals are formed; None for (29).
     sigma : (F, R) float array or None
         Standard deviation of the measured magnitude [dB], by which lines are weighted.
     errors : ErrorModel
     sharp : bool
-        Whether the lines do not resolve the peaks: then squares in dB have a valley between any two lines, see ``on_sphere``.
+        Whether the lines do not resolve the peaks. Squares of dB then have a valley wherever a pole lies between two lines, see
+        ``on_sphere``.
     gains : (R, K) float array or None
         See ``DataResidual``.
 
     Raises
     ------
     DataError
-        Where nothing is left to compare.
+        If no measured value is left to compare with.
     """
 
     def __init__(
@@ -192,30 +210,30 @@ class Misfit:
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """(F, R) lines that count."""
+        """(F, R) whether a value is compared."""
         return self._data.valid
 
     @property
     def target(self) -> Floats:
-        """(F, R) measurement in dB, zero where it does not count."""
+        """(F, R) measured levels [dB], zero where not compared."""
         return self._data.target
 
     @property
     def penalty(self) -> Floats:
-        """(m, size) rows of the penalty with its weight."""
+        """(m, size) rows of the penalty with their weight, ``sqrt(eta) R``."""
         return np.asarray(np.sqrt(self.eta) * self.rows)
 
     def data_rows(self, evaluation: Evaluation) -> int:
-        """How many of its residuals are the data's; those of the penalty stand behind them."""
+        """Number of data residuals in an evaluation; they come before those of the penalty."""
         return int(evaluation.residual.size - self.rows.shape[0])
 
     @property
     def lines(self) -> int:
-        """Lines of one evaluation."""
+        """Number of lines F of one evaluation."""
         return int(self.model.s.size)
 
     def __call__(self, theta: Floats) -> Evaluation:
-        """Evaluate cost, residual and Jacobian in a single pass."""
+        """Cost, residual and Jacobian at theta, from one evaluation of the model."""
         y, J = self.model.sensitivities(theta, self._data.phase)
         own, rows, difference = self._data(y, J)
         penalty = self.penalty
@@ -227,32 +245,32 @@ class Misfit:
         return Evaluation(cost=cost, total=total, data=data, misfit_db=misfit_db, residual=residual, jacobian=jacobian)
 
     def on(self, model: Sensitive, measured: Complexes) -> Misfit:
-        """The same cost with another model and measurement, on other lines that weigh alike."""
+        """The same cost with another model and measurement, on other lines; without noise weights."""
         data = self._data
         return Misfit(model, measured, self.prior, self.eta, self.rows, options=data.options, errors=self.errors, gains=data.gains)
 
     def mean_db(self, y: Complexes) -> float:
-        """Mean absolute difference in dB, as in ``Evaluation``."""
+        """Mean absolute difference [dB] of FRFs y (F, R) from the measurement, as ``Evaluation.misfit_db``."""
         gains = self._data.gains_db(y)
         return float(np.mean(np.abs(decibel(y) - self.target + (0.0 if gains is None else gains))[self.valid]))
 
     def data_sum(self, theta: Floats, frf: Callable[[Floats], Complexes] | None = None) -> float:
-        """Sum of squares of the data residuals, without derivatives; with another way to the same FRFs, see ``FrfModel.nearby``."""
+        """Sum of squares of the data residuals [dB²], without derivatives; ``frf`` may give the FRFs faster, see ``FrfModel.nearby``."""
         y = (frf or self.model.frf)(theta)
         own, _, _ = self._data(y, np.zeros((*y.shape, 0), dtype=complex))
         return float(own @ own)
 
     def sum(self, theta: Floats, frf: Callable[[Floats], Complexes] | None = None) -> float:
-        """Sum of squares of data and penalty, without derivatives."""
+        """Sum of squares of data residuals and penalty [dB²], without derivatives."""
         return self.data_sum(theta, frf) + self.eta * self.departures(theta)
 
     def departures(self, theta: Floats) -> float:
-        """Sum of squares of the penalty before it is weighted by eta [decade²]."""
+        """``|R (theta - prior)|²``, the penalty before it is weighted by eta."""
         rows = self.rows @ (theta - self.prior)
         return float(rows @ rows)
 
     def with_rows(self, rows: Floats) -> Misfit:
-        """The same cost with other rows of the penalty."""
+        """The same cost with other rows R of the penalty; rows of zeros are dropped."""
         other = copy(self)
         other.rows = rows[np.any(rows != 0.0, axis=1)]
         return other
@@ -263,7 +281,7 @@ class Misfit:
         return other
 
     def with_model(self, model: Sensitive, prior: Floats, rows: Floats, eta: float) -> Misfit:
-        """The same comparison with FRFs that depend on more."""
+        """The same comparison with a model that has more unknowns, and their prior, rows and weight."""
         other = copy(self)
         other.model, other.prior, other.eta = model, prior, eta
         return other.with_rows(rows)
@@ -275,12 +293,12 @@ class Misfit:
 
     @property
     def coarsening(self) -> float:
-        """How many residuals count as one: values along an edge are held by their neighbours."""
+        """Number of residuals that count as one: ``ErrorModel.coarsening`` for joints; 1 along edges, where neighbours hold a value."""
         return self.errors.coarsening if self.model.parameters.of_joints else 1.0
 
     @property
     def weighted(self) -> bool:
-        """Whether lines are weighted by what is known of their noise."""
+        """Whether lines have weights, by their noise or by errors of a predicted change."""
         return self._data.weighted
 
     def with_level(self, level: float) -> Misfit:
@@ -288,42 +306,42 @@ class Misfit:
         return self._with_data(self._data.with_level(level))
 
     def weighted_as(self, other: Misfit) -> Misfit:
-        """The same cost with the weights of another on the same lines."""
+        """The same cost with the weights of another one, which has the same lines."""
         return self._with_data(self._data.weighted_as(other._data))
 
     def with_gains(self, gains: Floats) -> Misfit:
-        """The same cost where such gains may be wrong, see ``DataResidual``."""
+        """The same cost with gains as marginalised errors, see ``DataResidual``."""
         return self._with_data(self._data.with_gains(gains))
 
     def gained_about(self, theta: Floats) -> Misfit:
-        """The same cost, linearised in the gains that may be wrong about the most probable ones at theta; itself without such gains."""
+        """The same cost, its loss linearised about the most probable gains at theta; unchanged if there are no gains."""
         if self._data.gains is None:
             return self
         return self._with_data(self._data.gained_about(self.model.frf(theta)))
 
     def on_sphere(self) -> Misfit:
-        """The same cost with differences that are bounded at poles and zeros alike, see ``DataResidual.on_sphere``."""
+        """The same cost with differences on Riemann's sphere, bounded at poles and zeros, see ``DataResidual.on_sphere``."""
         return self._with_data(self._data.on_sphere())
 
     def without(self, theta: Floats, share: float) -> Misfit:
-        """The same cost without the share of the measured values that lie furthest from the model at theta."""
+        """The same cost without that share of the measured values whose levels differ most from the model at theta."""
         return self._with_data(self._data.without(self.model.frf(theta), share))
 
     def about(self, theta: Floats, error: ChangeError) -> Misfit:
-        """The same cost with lines weighted by how far the boundary has moved the model at theta from the prior."""
+        """The same cost with the errors of the change predicted from the prior to theta: the covariance of section 3 at this state."""
         change, shifts, band = error(self.prior, theta)
         return self._with_data(self._data.with_change(self.model.frf(theta), change, error.most, shifts, band))
 
     def gains(self, theta: Floats, jacobian: Floats, covariance: Floats, variance: float) -> tuple[Floats, Floats] | None:
-        """Gains of the responses at an optimum and their standard deviations [dB]; None where none are allowed for.
+        """Gains of the responses at an optimum and their standard deviations, each (R,) [dB]; None if there are no gains.
 
         Parameters
         ----------
         theta : (size,) float array
         jacobian : (m, n) float array
-            Of the data residuals there, to the unknowns.
+            Of the data residuals there to n unknowns.
         covariance : (n, n) float array
-            Of these.
+            Of the unknowns.
         variance : float
             Of the residuals [dB²].
         """
@@ -332,27 +350,27 @@ class Misfit:
 
     @property
     def log_det(self) -> float:
-        """Logarithm of the determinant of the covariance of the data residuals over ``level²``."""
+        """``log det(Cov(q) / level²)`` of the data residuals."""
         return self._data.log_det
 
     def carried(self, columns: Floats, other: Misfit) -> Floats:
-        """Derivatives of the data residuals of another that differs in the weights only, as this one would give them."""
+        """Columns of the Jacobian of the data residuals, computed with the weights of ``other``, converted to the weights of this cost."""
         return self._data.carried(columns, other._data)
 
     def followed(self, theta: Floats, evaluation: Evaluation) -> float:
-        """Standard deviation of the model discrepancy, by what is left at an optimum [dB]: see ``DataResidual.follow``."""
+        """Standard deviation of the model discrepancy from the residuals at an optimum [dB], see ``DataResidual.follow``."""
         rows = self.data_rows(evaluation)
         return self._data.follow(self.model.frf(theta), spent(evaluation.jacobian[:rows], evaluation.jacobian[rows:]))
 
     def with_eta(self, eta: float) -> Misfit:
-        """The same cost with another weight of the penalty."""
+        """The same cost with another weight eta of the penalty."""
         other = copy(self)
         other.eta = eta
         return other
 
 
 def mean_misfit(y: Complexes, measured: Complexes) -> Floats:
-    """(R,) mean absolute dB difference of each response over the lines where it was measured."""
+    """(R,) mean absolute dB difference of each response over the lines where it was measured; NaN if there are none."""
     valid = np.isfinite(measured) & (np.abs(measured) > 0)
     difference = np.abs(decibel(y) - decibel(np.where(valid, measured, 1.0)))
     count = valid.sum(axis=0)

@@ -1,4 +1,7 @@
-"""FRFs as a function of the boundary parameters and of what else moves them: global factors, gains, and the point that the hammer hits."""
+"""FRFs as a function of boundary and nuisance parameters: global factors of the model, gains of responses, offset of the hammer point.
+
+It replaces ``FrfModel`` in calibrations and in jobs with nuisance parameters; both fulfil the protocol ``Sensitive``.
+"""
 
 from __future__ import annotations
 
@@ -15,18 +18,18 @@ from lrbc_cli.updating.statistics.decibels import DB
 
 @dataclass(frozen=True, kw_only=True)
 class Nuisance:
-    """A scalar unknown beside the boundary parameters.
+    """A nuisance parameter: a scalar unknown beside the boundary parameters, with a Gaussian prior.
 
     Attributes
     ----------
     kind : str
-        ``factor``: natural logarithm of a factor of the recipe; ``gain``: of a response [dB]; ``shift``: of a load [m].
+        ``factor``: natural logarithm of a global factor of the model; ``gain``: gain of a response [dB]; ``shift``: offset of a load [m].
     name : str
-        Factor, response or load.
+        Name of the factor, response or load.
     index : int
-        Of the response among all, or ``2 load + direction``; 0 for factors.
+        For a gain the index of the response among all, for a shift ``2 load + direction``, for a factor 0.
     mean, std : float
-        Gaussian prior.
+        Of the prior, in the unit of the kind.
     bounds : (float, float)
     """
 
@@ -39,16 +42,18 @@ class Nuisance:
 
 
 class ExtendedFrf:
-    """FRFs for theta = [boundary parameters, nuisances] by the reduced dynamic stiffness (28).
+    """FRFs and derivatives for theta = [boundary parameters, nuisance parameters] by the reduced dynamic stiffness (28).
 
     Parameters
     ----------
     model : AffineModel
+        Reduced model whose matrices depend on the global factors.
     s : (F,) complex array
+        i omega of the lines.
     parameters : Parameterisation
     nuisances : sequence of Nuisance
-    responses : int array
-        Those to compare.
+    responses : (R,) int array
+        Indices of the responses to compare.
     """
 
     name = "reduced"
@@ -69,20 +74,20 @@ class ExtendedFrf:
 
     @property
     def initial(self) -> Floats:
-        """Start values: of the boundary, and the prior means of the nuisances."""
+        """(size,) start values: those of the boundary parameters, then the prior means of the nuisance parameters."""
         return np.concatenate([self.parameters.initial, [e.mean for e in self.nuisances]])
 
     @property
     def bounds(self) -> Floats:
-        """(size, 2) float array."""
+        """(size, 2) lower and upper bounds."""
         return np.vstack([self.parameters.bounds, np.array([e.bounds for e in self.nuisances]).reshape(-1, 2)])
 
     def factors(self, theta: Floats) -> dict[str, float]:
-        """Values of the factors."""
+        """Global factors at theta by name, ``exp`` of their unknowns."""
         return {name: float(np.exp(theta[at])) for at, name in self._factors}
 
     def offset(self, theta: Floats) -> Floats | None:
-        """(n_in, 2) shifts of the loads [m]; None without them."""
+        """(n_in, 2) offsets of the loads at theta [m]; None if no offset is identified or the model has no derivatives to it."""
         if not self._shifts or self.model.shifts is None:
             return None
         offset = np.zeros(self.model.shifts.shape)
@@ -91,7 +96,7 @@ class ExtendedFrf:
         return offset
 
     def derivatives(self, theta: Floats) -> tuple[Complexes, Complexes]:
-        """(F, R) FRFs and their (F, R, size) complex derivatives to theta."""
+        """FRFs y (F, R) and dy/dtheta (F, R, size), both complex."""
         P, s = self.parameters, self.s
         own = theta[: P.size]
         found = self.model.linearise(s, P.dynamic(own, s), self.factors(theta), [n for _, n in self._factors], self.offset(theta))
@@ -117,11 +122,11 @@ class ExtendedFrf:
         return y, J
 
     def frf(self, theta: Floats) -> Complexes:
-        """(F, R) FRFs."""
+        """(F, R) FRFs at theta."""
         return self.derivatives(theta)[0]
 
     def sensitivities(self, theta: Floats, phase: bool = False) -> tuple[Complexes, Floats | Complexes]:
-        """(F, R) FRFs and the (F, R, size) derivatives of their dB values; with the phase, of ``20/ln10 ln(H)``, as of ``FrfModel``."""
+        """(F, R) FRFs and the (F, R, size) derivatives of their dB values, or of ``20/ln10 ln(H)``, as ``FrfModel.sensitivities``."""
         y, dy = self.derivatives(theta)
         relative = dy * (DB / y)[:, :, None]
         return y, relative if phase else relative.real

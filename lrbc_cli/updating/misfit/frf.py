@@ -1,4 +1,7 @@
-"""FRFs of the model at fixed lines as a function of the boundary parameters, with their derivatives."""
+"""FRFs of the model at fixed lines as a function of the boundary parameters theta, with their derivatives.
+
+This module joins the reduction (H or the reduced matrices) to the cost: ``theta -> D_j(s) -> y(theta)``.
+"""
 
 from __future__ import annotations
 
@@ -18,15 +21,15 @@ from lrbc_cli.updating.statistics.decibels import DB
 
 
 class Sensitive(Protocol):
-    """FRFs at fixed lines with their derivatives to theta."""
+    """Protocol of a model that gives FRFs at fixed lines and their derivatives to theta."""
 
     @property
     def s(self) -> Complexes:
-        """(F,) lines."""
+        """(F,) i omega of the lines."""
 
     @property
     def parameters(self) -> Parameterisation:
-        """Of the boundary; theta begins with it."""
+        """Boundary parameters; they come first in theta, before any nuisance parameters."""
 
     def frf(self, theta: Floats) -> Complexes:
         """(F, R) FRFs."""
@@ -36,28 +39,30 @@ class Sensitive(Protocol):
 
 
 def one_by_one(frf: Callable[[Floats], Complexes]) -> Callable[[Floats], Complexes]:
-    """FRFs of one state, (F, R), or of several, (k, F, R), by a function of one state."""
+    """Extend a function ``theta -> (F, R)`` to several states: (k, size) arrays give (k, F, R)."""
     return lambda theta: frf(theta) if theta.ndim == 1 else np.stack([frf(each) for each in theta])
 
 
-#: Lines times parameters up to which states are remembered: their derivatives are then some MB each.
+#: Results are cached up to this number of lines times parameters: their derivatives then take a few MB per state.
 MOST_KEPT = 100_000
 
 
 @dataclass(frozen=True, kw_only=True)
 class FrfModel:
-    """FRFs of the model at fixed lines as a function of theta, by one of two formulas that give the same.
+    """FRFs of the model at fixed lines as a function of theta, by one of two equivalent formulas (interface FRFs or reduced matrices).
 
     Attributes
     ----------
     s : (F,) complex array
+        i omega of the lines [rad/s].
     parameters : Parameterisation
     values, linearised : callables
-        From D (F, nt) to y (F, R), and to y with dy/dD (F, R, nt), new arrays.
+        From the dynamic values D (F, nt) of the terms to the FRFs y (F, R), and to y with dy/dD (F, R, nt). New arrays: they are
+        modified or cached.
     name : str
         ``port`` or ``reduced``.
     ports : PortFrf or None
-        Where the port formula is used: a change of few terms is then far cheaper than an evaluation, see ``nearby``.
+        Given with the port formula, which makes a change of few terms far cheaper than a full evaluation, see ``nearby``.
     """
 
     s: Complexes
@@ -66,11 +71,11 @@ class FrfModel:
     linearised: Callable[[Complexes], tuple[Complexes, Complexes]]
     name: str
     ports: PortFrf | None = None
-    # A descent begins where another ended, and weights are taken there: a tenth of all evaluations are of one of the last states.
+    # A descent begins where another stopped, and weights are computed there: a tenth of all evaluations repeat one of the last states.
     _last: Remembered[tuple[Any, ...]] = field(default_factory=lambda: Remembered(16), repr=False, compare=False)
 
     def frf(self, theta: Floats) -> Complexes:
-        """(F, R) FRFs, read-only."""
+        """(F, R) FRFs at theta; the array is read-only because it is cached."""
         y: Complexes = self._kept("frf", theta, lambda: (self.values(self.parameters.dynamic(theta, self.s)),))[0]
         return y
 
@@ -82,9 +87,10 @@ class FrfModel:
         return found
 
     def nearby(self, theta: Floats) -> Callable[[Floats], Complexes]:
-        """FRFs at states that differ from theta in some stiffnesses, damping exponents alike: only the terms that differ are solved for.
+        """Function that gives FRFs at states that differ from theta in few stiffnesses: only the terms that differ are solved for.
 
-        Of one state, (F, R), or of several at once, (k, F, R): those that differ in the same terms are best taken together.
+        The function takes one state (size,) and returns (F, R), or several (k, size) and returns (k, F, R). Damping exponents must equal
+        those of theta. States that differ in the same terms are best passed together.
         """
         if self.ports is None:
             return one_by_one(self.frf)
@@ -99,16 +105,16 @@ class FrfModel:
         return frf
 
     def speeds(self, theta: Floats, states: Floats, along: Floats) -> Floats:
-        """How fast FRFs move with some stiffnesses, at states that differ from theta in these alone: ``|dH| / sqrt(|H|² + h²)``.
+        """Norm of ``|dH| / sqrt(|H|² + h²)`` along given directions: how fast the FRFs move when some stiffnesses change.
 
-        With h the median of |H| over the lines. Resonances that move by a bandwidth count alike, whatever their frequency and damping;
-        antiresonances, which may be as sharp as they like, hardly count.
+        h is the median of |H| over the lines. With this measure all resonances that move by one bandwidth count alike, whatever their
+        frequency and damping, and antiresonances, however sharp, hardly count. It is the integrand of L(z) of the guide's statistics page.
 
         Parameters
         ----------
         theta : (size,) float array
         states, along : (k, size) float arrays
-            States, and the direction at each; damping exponents stay.
+            States, which differ from theta in some stiffnesses only, and a direction at each, without damping exponents.
 
         Returns
         -------
@@ -136,15 +142,15 @@ class FrfModel:
         return np.array(found)
 
     def sensitivities(self, theta: Floats, phase: bool = False) -> tuple[Complexes, Floats | Complexes]:
-        """FRFs and the derivative of their dB values to theta; with the phase, of ``20/ln10 ln(H)``.
+        """FRFs and the derivative of their dB values to theta; with ``phase`` the derivative of ``20/ln10 ln(H)``.
 
         ``d|H|dB/dtheta = 20/ln10 Re(conj(H) dH/dtheta)/|H|²`` with the chain rule through ``D_j = c_j(s) kappa_j``, eqs. (35), (36), (A.4).
 
         Returns
         -------
         y : (F, R) complex array
-        J : (F, R, size) float array, complex with the phase
-            dB per decade; imaginary part: 8.69 dB per radian. Both are read-only.
+        J : (F, R, size) float array, complex with ``phase``
+            [dB per decade]; in the imaginary part a radian of phase counts as 8.69 dB. Both arrays are read-only.
         """
         y, J = self._kept(phase, theta, lambda: self._sensitivities(theta, phase))
         self._kept("frf", theta, lambda: (y,))
@@ -153,7 +159,7 @@ class FrfModel:
     def _sensitivities(self, theta: Floats, phase: bool) -> tuple[Complexes, Floats | Complexes]:
         P = self.parameters
         y, relative = self.linearised(P.dynamic(theta, self.s))
-        # Re(conj(H) dH)/|H|² = Re(dH/H); what is rounding, at a zero of an undamped model, has no logarithm to follow.
+        # Re(conj(H) dH)/|H|² = Re(dH/H). At a zero of an undamped model H is rounding error only: the derivative is set to zero there.
         size = np.abs(y)
         relative *= np.where(size > np.finfo(float).eps * size.max(axis=0, initial=0.0), DB / y, 0.0)[:, :, None]
         kappa, chain = P.scales(theta), P.scale_jacobian(theta)
@@ -168,12 +174,12 @@ class FrfModel:
 
 
 def port_model(ports: PortFrf, parameters: Parameterisation) -> FrfModel:
-    """FRFs by the port formula: cost of an evaluation independent of n and r."""
+    """FRFs by the port formula (14)-(18): an evaluation costs the same for any number of DOFs, full or reduced."""
     return FrfModel(s=ports.s, parameters=parameters, values=ports.evaluate, linearised=ports.linearise, name="port", ports=ports)
 
 
 def reduced_model(model: ReducedModel, s: Complexes, parameters: Parameterisation, responses: NDArray[np.int64]) -> FrfModel:
-    """FRFs by the reduced dynamic stiffness (28), (32): cheaper where there are more terms than reduced DOFs."""
+    """FRFs of some responses by the reduced dynamic stiffness (28), (32): cheaper if there are more terms than reduced DOFs."""
 
     def linearise(D: Complexes) -> tuple[Complexes, Complexes]:
         y, dy = model.linearise(s, D)

@@ -1,1 +1,1 @@
-"""The unknowns of a job: where bolts lie, and which values they move."""
+"""The unknowns of a job: where the bolts are, and which stiffness values each of them changes."""

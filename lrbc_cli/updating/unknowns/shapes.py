@@ -1,4 +1,7 @@
-"""What the unknowns of a job are: every value for itself, or one change a bolt: of the terms it owns, or through a shape along its edge."""
+"""The unknowns z of a job, ``theta = prior + T z``: every value by itself, or one change for each bolt.
+
+A bolt changes the terms it owns (a joint) or the values along its edge through a hat. Searches and posterior work on z.
+"""
 
 from __future__ import annotations
 
@@ -15,24 +18,25 @@ from lrbc_cli.model.terms import ParameterGroup, Parameterisation
 from lrbc_cli.updating.statistics.priors import BOLT_PRIOR, VALUE_PRIOR, BoltPrior, ValuePrior
 from lrbc_cli.updating.unknowns.places import Edge, places
 
-#: Distances are told apart down to this share.
+#: Distances that differ by less than this fraction count as equal.
 ROUND_OFF = 1e-9
 
 
 @dataclass(frozen=True)
 class Shapes:
-    """``theta = prior + T z`` with unknowns z.
+    """The map ``theta = prior + T z`` from m unknowns z to theta.
 
     Attributes
     ----------
     T : (size, m) float array
+        A column is the change of theta by one decade of an unknown.
     std : (m,) float array
-        Standard deviations of z in the prior [decades]; infinite where there is no prior.
+        Standard deviations of z in the prior [decades]; infinite if there is no prior.
     bolts : (n,) int array
-        Column of each bolt, of a joint that of the change common to all of its groups; -1 where no term feels it. Empty where the unknowns
-        are the values themselves.
+        Column of each bolt; of a joint the column that changes all of its groups alike; -1 if no term reaches the bolt. Empty if the
+        unknowns are the values themselves.
     joint : (n,) bool array
-        Bolts that own their terms; the column of any other is a hat along an edge.
+        Whether a bolt owns its terms; otherwise its column is a hat along an edge.
     """
 
     T: Floats
@@ -47,26 +51,27 @@ class Shapes:
 
     @property
     def joints_only(self) -> bool:
-        """Whether every bolt that has a column is a joint; those that no term feels do not count."""
+        """Whether every bolt that has a column is a joint."""
         return self.by_bolt and bool(self.joint[self.bolts >= 0].all())
 
     @property
     def joint_columns(self) -> list[int]:
-        """Columns of the bolts where all are joints; else none."""
+        """Columns of the bolts if all are joints, else an empty list."""
         return self.bolts[self.bolts >= 0].tolist() if self.joints_only else []
 
     def mirrored(self, bolts: Floats, one: int, other: int, *, tolerance: float = 0.02) -> list[tuple[int, int]]:
-        """Columns of joints that lie in each other's place where the bolts are mirrored in the plane midway between two of them.
+        """Pairs of columns whose bolts are mirror images of each other in the plane midway between two given bolts.
 
-        These two alone where the bolts are not symmetric about it.
+        Only the two given columns if the arrangement of the bolts is not symmetric about that plane.
 
         Parameters
         ----------
         bolts : (n, 3) float array
+            Positions [m].
         one, other : int
-            Columns.
+            Columns of the two bolts.
         tolerance : float
-            Distance of a mirrored bolt from one, over that of the two.
+            Largest distance of a mirrored bolt from the nearest bolt, over the distance of the two given bolts.
         """
         known = np.flatnonzero(self.bolts >= 0)
         xyz, columns = bolts[known], self.bolts[known].tolist()
@@ -82,19 +87,19 @@ class Shapes:
         return [(columns[a], columns[b]) for a, b in enumerate(partner.tolist()) if a < b]
 
     def penalty(self) -> Floats:
-        """(m, size) rows that give ``z / std`` from ``theta - prior`` for theta in the span, the least change outside it ignored."""
+        """(m, size) rows that give ``z / std`` from ``theta - prior``, by the pseudoinverse of T: exact for theta in the span of T."""
         weight = np.where(np.isfinite(self.std), 1.0 / self.std, 0.0)
         return np.asarray(weight[:, None] * np.linalg.pinv(self.T))
 
 
 def node_shapes(parameters: Parameterisation, std: float) -> Shapes:
-    """Every value for itself; damping exponents without a prior, as in (29)."""
+    """Every entry of theta as its own unknown, with standard deviation ``std`` [decades]; damping exponents without a prior, as in (29)."""
     spread = np.where(parameters.is_damping, np.inf, std)
     return Shapes(np.eye(parameters.size), spread, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool))
 
 
 def edges_of(parameters: Parameterisation) -> list[ParameterGroup]:
-    """Stiffness groups along which bolts can lie."""
+    """Stiffness groups along an edge, on which bolts can be."""
     return [group for group in parameters.groups if _is_edge(group)]
 
 
@@ -103,7 +108,7 @@ def _is_edge(group: ParameterGroup) -> bool:
 
 
 def joints_of(parameters: Parameterisation, count: int) -> list[dict[int, NDArray[np.int64]]]:
-    """For each of so many bolts the stiffness values that it owns: indices in theta, by group; empty where it owns none."""
+    """Stiffness values that each of ``count`` bolts owns: indices in theta by index of the group; an empty dict for bolts along edges."""
     found: list[dict[int, NDArray[np.int64]]] = [{} for _ in range(count)]
     for i, (group, values, _) in enumerate(parameters.placed):
         if group.kind == "stiffness" and group.bolt is not None:
@@ -113,21 +118,23 @@ def joints_of(parameters: Parameterisation, count: int) -> list[dict[int, NDArra
 
 
 def neighbours(parameters: Parameterisation, bolts: Floats, shapes: Shapes) -> list[tuple[int, int]]:
-    """Pairs of bolts side by side: along an edge those that follow each other; among joints relative neighbours.
+    """Pairs of neighbouring bolts: consecutive ones along an edge, and relative neighbours among joints.
 
-    Relative neighbours (Toussaint, Pattern Recognition 12, 1980) are two between which no third lies: none is nearer to both than they
-    are to each other. On a ring, along a row and on a grid these are the next ones.
+    Two joints are relative neighbours (Toussaint, Pattern Recognition 12, 1980) if no third is nearer to both than they are to each
+    other. On a ring, along a row and on a grid these are the adjacent ones.
 
     Parameters
     ----------
     parameters : Parameterisation
     bolts : (n, 3) float array
+        Positions [m].
     shapes : Shapes
-        Bolts without a column do not count.
+        Bolts without a column are left out.
 
     Returns
     -------
     list of (int, int)
+        Indices of bolts.
     """
     hats, joints = (np.flatnonzero((shapes.bolts >= 0) & (shapes.joint == joint)) for joint in (False, True))
     edges = edges_of(parameters)
@@ -146,31 +153,32 @@ def neighbours(parameters: Parameterisation, bolts: Floats, shapes: Shapes) -> l
 
 
 def neighbouring_columns(parameters: Parameterisation, bolts: Floats, shapes: Shapes) -> list[tuple[int, int]]:
-    """Columns of ``neighbours``, of those that have one of their own."""
+    """Pairs of columns of neighbouring bolts, see ``neighbours``."""
     found = ((int(shapes.bolts[a]), int(shapes.bolts[b])) for a, b in neighbours(parameters, bolts, shapes))
     return [(a, b) for a, b in found if a != b]
 
 
 def bolt_shapes(parameters: Parameterisation, bolts: Floats, values: ValuePrior = VALUE_PRIOR, prior: BoltPrior = BOLT_PRIOR) -> Shapes:
-    """One change a bolt: of all the values that it owns, or through a hat along its edge that reaches to the neighbouring bolts.
+    """Unknowns of ``approach: bolts``: one change for each bolt, of all the values it owns or through a hat along its edge.
 
-    A joint has a column that moves its values in all groups alike, and for each group beyond the first one that moves groups against each
-    other: orthonormal contrasts, so that with equal standard deviations no group is preferred. Damping exponents have a column each, as
-    have the values of groups without bolts.
+    A hat is 1 at the bolt and falls to 0 at its neighbours. A joint has a column that changes its values in all groups alike, and for each
+    group beyond the first a column that changes groups against each other: orthonormal contrasts, so that with equal standard deviations
+    no group is preferred. Damping exponents and the values of groups without bolts have a column each.
 
     Parameters
     ----------
     parameters : Parameterisation
     bolts : (n, 3) float array
+        Positions [m].
     values : ValuePrior
-        Standard deviations of the changes, and of those of damping exponents.
+        Standard deviations of the changes and of the damping exponents.
     prior : BoltPrior
-        That of the deviations between the groups of a joint.
+        Standard deviation of the contrasts, ``deviation_std``.
 
     Returns
     -------
     Shapes
-        A bolt beyond the end of its edge, whose hat no term feels, has no column, nor has one that lies aside of all edges.
+        A bolt too far from all edges has no column, nor has one beyond the end of its edge whose hat reaches no term.
     """
     own = joints_of(parameters, bolts.shape[0])
     joint = np.array([bool(parts) for parts in own], dtype=bool)
@@ -205,14 +213,14 @@ def bolt_shapes(parameters: Parameterisation, bolts: Floats, values: ValuePrior 
         column_of[bolt] = len(columns)
         add(np.concatenate(parts), 1.0, values.joint_std)
         for k in range(1, len(parts)):
-            # The mean of the groups before against the next one.
+            # Contrast k: the mean of the first k groups against the next group.
             weight = np.repeat([1.0] * k + [-float(k)], [part.size for part in parts[: k + 1]]) / np.sqrt(k * (k + 1.0))
             add(np.concatenate(parts[: k + 1]), weight, prior.deviation_std)
     return Shapes(np.column_stack(columns), np.array(spread), column_of, joint)
 
 
 def _feet(groups: Sequence[ParameterGroup], bolts: Floats) -> tuple[NDArray[np.int64], Floats]:
-    """Edge of every bolt, -1 for one that lies aside of all, and the arc length of its foot there."""
+    """(n,) edge of every bolt, -1 if it is too far from all of them, and (n,) arc length of its foot there [m]."""
     edges = []
     for group in groups:
         assert group.xyz is not None
@@ -226,7 +234,7 @@ def _feet(groups: Sequence[ParameterGroup], bolts: Floats) -> tuple[NDArray[np.i
 
 
 def _hats(group: ParameterGroup, at: Floats) -> Floats:
-    """(k, b) piecewise linear interpolation from the feet of the bolts to the values; feet in one place share a hat."""
+    """(k, b) hats: weights of the piecewise linear interpolation from the feet ``at`` (b,) of the bolts to the k values of the group."""
     assert group.arc_length is not None
     if at.size == 1:
         return np.ones((group.count, 1))
@@ -236,6 +244,6 @@ def _hats(group: ParameterGroup, at: Floats) -> Floats:
     out = np.zeros((group.count, at.size))
     for place in range(places.size):
         sharing = order[which == place]
-        # Bolts in one place cannot be told apart: they share the change.
+        # Bolts with the same foot cannot be distinguished: they share the hat in equal parts.
         out[:, sharing] = hats[:, [place]] / sharing.size
     return out
