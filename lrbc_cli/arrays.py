@@ -1,4 +1,4 @@
-"""Types of arrays, as the signatures of all rooms name them; shapes and units stand in the docstrings. And a choice of indices."""
+"""Array types for the signatures of all packages (shapes and units are in the docstrings), and a choice of evenly spaced indices."""
 
 from __future__ import annotations
 
@@ -14,6 +14,6 @@ Bools = NDArray[np.bool_]
 
 
 def spaced(count: int, most: int) -> Integers:
-    """At most so many of these indices, evenly spaced from the first to the last."""
+    """At most ``most`` of the indices 0 to ``count - 1``, evenly spaced and including both ends."""
     found: Integers = np.unique(np.linspace(0, max(count - 1, 0), min(count, most)).round().astype(np.int64))
     return found

@@ -1,4 +1,4 @@
-"""Arguments of the public face: refused with one message where they are not what is documented."""
+"""Checks of the arguments of the Python interface (``study``, ``matrices``): each returns the converted argument or raises ConfigError."""
 
 from __future__ import annotations
 
@@ -14,12 +14,21 @@ from lrbc_cli.errors import ConfigError
 
 
 def refuse(name: str, expected: str, found: object) -> ConfigError:
-    """The error of an argument."""
+    """The ConfigError (returned, not raised) for an argument that is not as documented."""
     return ConfigError(f"the argument {name} cannot be used", expected=expected, found=found)
 
 
 def numbers(name: str, value: ArrayLike, shape: tuple[int | None, ...], *, finite: bool = True) -> Floats:
-    """A real array of a shape, None where any number will do; without NaN, and finite unless said otherwise.
+    """The argument as a real array of the given shape, without NaN and, with ``finite``, without inf.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument, for the message.
+    value : array_like
+    shape : tuple
+        Size of each axis; None allows any size.
+    finite : bool
 
     Raises
     ------
@@ -36,7 +45,7 @@ def numbers(name: str, value: ArrayLike, shape: tuple[int | None, ...], *, finit
 
 
 def array(name: str, value: ArrayLike, kind: type, expected: str) -> NDArray[Any]:
-    """An array of real or complex numbers, of whatever shape; raises ConfigError."""
+    """The argument as an array of any shape with elements of ``kind`` (float or complex); raises ConfigError."""
     try:
         if kind is float and np.iscomplexobj(value):
             raise refuse(name, expected, "complex numbers")
@@ -46,7 +55,7 @@ def array(name: str, value: ArrayLike, kind: type, expected: str) -> NDArray[Any
 
 
 def one_or_each(name: str, value: ArrayLike, size: int, *, finite: bool = True) -> Floats:
-    """(size,) array of one number for all, or one for each; raises as ``numbers`` does."""
+    """(size,) array from one number for all or one for each; raises as ``numbers`` does."""
     single = np.isscalar(value) and not isinstance(value, str)
     return np.full(size, numbers(name, value, (), finite=finite)) if single else numbers(name, value, (size,), finite=finite)
 
@@ -57,7 +66,7 @@ def lines(hz: ArrayLike) -> Floats:
 
 
 def matrix(name: str, value: Any, rows: int | None, columns: int | None) -> sp.csc_array:
-    """A sparse or dense matrix with finite entries, None where any number of rows or columns will do.
+    """The argument, sparse or dense, as a sparse matrix with finite entries; ``rows`` or ``columns`` None allow any number.
 
     Raises
     ------
@@ -80,7 +89,7 @@ def matrix(name: str, value: Any, rows: int | None, columns: int | None) -> sp.c
 
 
 def band(value: Any) -> tuple[float, float]:
-    """Ends of a band [Hz]; raises as ``numbers`` does."""
+    """Two ascending frequencies above zero [Hz]; raises as ``numbers`` does."""
     low, high = (float(end) for end in numbers("band_hz", value, (2,)))
     if not 0.0 < low < high:
         raise refuse("band_hz", "two ascending frequencies above 0 Hz", f"{low:g} and {high:g}")
@@ -88,7 +97,7 @@ def band(value: Any) -> tuple[float, float]:
 
 
 def between(name: str, value: Any, low: float, high: float) -> float:
-    """A number between two others; raises as ``numbers`` does."""
+    """A number above ``low`` and below ``high``; raises as ``numbers`` does."""
     found = float(numbers(name, value, ()))
     if not low < found < high:
         raise refuse(name, f"a number above {low:g} and below {high:g}", f"{found:g}")
@@ -96,14 +105,14 @@ def between(name: str, value: Any, low: float, high: float) -> float:
 
 
 def count(name: str, value: Any, least: int = 0) -> int:
-    """A whole number, not below the least; raises ConfigError."""
+    """A whole number of at least ``least``; raises ConfigError."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise refuse(name, f"a whole number from {least} on", _shown(value))
+        raise refuse(name, f"a whole number, at least {least}", _shown(value))
     return int(value)
 
 
 def known(name: str, value: Any, choices: Iterable[str]) -> str:
-    """One of some words; raises ConfigError."""
+    """One of the given words; raises ConfigError."""
     names = list(choices)
     if value not in names:
         raise refuse(name, ", ".join(names), _shown(value))
@@ -111,13 +120,13 @@ def known(name: str, value: Any, choices: Iterable[str]) -> str:
 
 
 def made_by(name: str, value: Any, kind: type, how: str) -> None:
-    """Refuse what is no object of a kind, and say where it comes from; raises ConfigError."""
+    """Raise ConfigError unless the argument has the type ``kind``; ``how`` says where such an object comes from."""
     if not isinstance(value, kind):
         raise refuse(name, how, _shown(value))
 
 
 def _shown(value: Any) -> str:
-    """What was given, briefly."""
+    """A short description of a wrong argument, for the message."""
     if isinstance(value, str):
         return repr(value)
     if isinstance(value, (int, float, complex)) or value is None:

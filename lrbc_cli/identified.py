@@ -1,4 +1,7 @@
-"""One job, identified and judged in memory, and figures of it for scripts and notebooks; the page of `lrbc report` draws its own."""
+"""What ``Study.identify`` returns: one identified and judged job, with figures for scripts and notebooks.
+
+The page of `lrbc report` draws its own figures.
+"""
 
 from __future__ import annotations
 
@@ -14,17 +17,17 @@ from lrbc_cli.updating.judging.evidence import Evidence
 
 @dataclass(frozen=True)
 class Identified:
-    """One job, identified and judged.
+    """One identified and judged job.
 
     Attributes
     ----------
     name : str
     identification : Identification
-        Values, posterior, FRFs before and after.
+        Identified values, their posterior, and the FRFs before and after the identification.
     evidence : Evidence
-        What judging needs of it.
+        The part of the identification on which verdicts rest.
     record : JobRecord
-        What ``result.json`` would hold, see ``lrbc guide results``.
+        Contents of ``result.json``, see ``lrbc guide results``.
     """
 
     name: str
@@ -49,12 +52,12 @@ class Identified:
 
     @property
     def probability_loose(self) -> dict[str, float | None]:
-        """Posterior probability of each bolt of being loose; None where none is stated."""
+        """Posterior probability that each bolt is loose; None if none is stated."""
         return {bolt.name: bolt.probability_loose for bolt in self.record.bolts}
 
 
 def frf_figure(found: Identification, response: int, label: str) -> Any:
-    """Measured, initial and updated FRF of one response: magnitude in dB, as a matplotlib figure."""
+    """Plot the measured, initial and updated FRF of one response (a column index), magnitude in dB, as a matplotlib figure."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, 4), layout="constrained")
@@ -68,7 +71,7 @@ def frf_figure(found: Identification, response: int, label: str) -> Any:
 
 
 def profile_figure(record: JobRecord) -> Any:
-    """Stiffness along each edge, or of each joint, with its 95 % interval, as a matplotlib figure."""
+    """Plot the stiffness along each edge, or of each joint, with its 95 % interval, as a matplotlib figure."""
     from matplotlib.figure import Figure
 
     groups = {name: entry for name, entry in record.parameters.items() if entry.arc_length is not None or entry.bolts}

@@ -1,4 +1,4 @@
-"""The public face for bare matrices: a certified reduced model, its FRFs and their derivatives, without a campaign file."""
+"""The Python interface for matrices without a campaign file: a certified reduced model, its FRFs and their derivatives."""
 
 from __future__ import annotations
 
@@ -24,13 +24,14 @@ from lrbc_cli.remembered import Remembered
 
 @dataclass(frozen=True, repr=False)
 class TermModel:
-    """A certified reduced model of bare matrices: FRFs and derivatives for any values of its low-rank terms.
+    """A certified reduced model made by ``reduce``: FRFs and derivatives for any values of its low-rank terms.
 
     Attributes
     ----------
     model : FeModel
+        The full-order model.
     reduction : Reduction
-        With its certificate: ``worst``, ``held_out``, ``unseen``.
+        The reduced model with its certificate: ``worst``, ``held_out``, ``unseen``.
     """
 
     model: FeModel
@@ -43,19 +44,19 @@ class TermModel:
         return f"TermModel({sizes}, {model.B.shape[1]} loads, {model.L.shape[0]} outputs, {low:g} to {high:g} Hz)"
 
     def frf(self, hz: ArrayLike, values: ArrayLike) -> Complexes:
-        """(F, R) FRFs.
+        """(F, R) FRFs at given values of the terms.
 
         Parameters
         ----------
         hz : (F,) array
             Lines in the band [Hz].
         values : float or (nt,) array
-            Linear value of all terms, or of each; ``inf`` clamps.
+            Linear value (not log10), one for all terms or one for each; ``inf`` clamps, 0 frees.
 
         Raises
         ------
         ConfigError
-            Where lines lie outside the band, or values are none of these.
+            If a line lies outside the band, or a value is not as above.
         """
         s = self._lines(hz)
         kappa = given.one_or_each("values", values, self.model.terms.size, finite=False)
@@ -66,20 +67,20 @@ class TermModel:
         return self._table(s).evaluate(D)
 
     def sensitivities(self, hz: ArrayLike, log10: ArrayLike) -> tuple[Complexes, Floats]:
-        """FRFs and the derivative of their levels to the log10 values.
+        """FRFs, and the derivatives of their levels [dB] with respect to the log10 values of the terms.
 
         Parameters
         ----------
         hz : (F,) array
             Lines in the band [Hz].
         log10 : float or (nt,) array
-            Finite values, of all terms or of each.
+            Finite log10 values, one for all terms or one for each.
 
         Returns
         -------
         y : (F, R) complex array
         J : (F, R, nt) float array
-            dB per decade, eq. (35).
+            Jacobian in dB per decade, eq. (35).
         """
         s = self._lines(hz)
         terms = self.model.terms
@@ -89,7 +90,7 @@ class TermModel:
         return y, np.asarray(20.0 * (dy * D[:, None, :] / y[:, :, None]).real)
 
     def _table(self, s: Complexes) -> PortFrf:
-        """FRFs between ports on the lines s; those of the last few sets of lines are kept for whoever optimises."""
+        """Port FRFs at the lines s; those of the last four sets of lines are kept, since an optimiser asks for the same lines again."""
         return self._tables.of(s.tobytes(), lambda: self.reduction.model.ports(s))
 
     def _lines(self, hz: ArrayLike) -> Complexes:
@@ -115,29 +116,30 @@ def reduce(
     tolerance: float = 1e-3,
     accept: bool = False,
 ) -> TermModel:
-    """Reduce bare matrices with low-rank terms, eqs. (3)-(5): no parameter is sampled, every value of the terms is served.
+    """Reduce matrices with low-rank terms, eqs. (3)-(5), to a model that is valid for all values of the terms.
 
     Parameters
     ----------
     K, M, C : (n, n) arrays, sparse or dense
-        Stiffness and mass without the terms; damping, none where None.
+        Stiffness, mass and damping without the terms; ``C=None``: no damping.
     loads : (n, n_in) array
     outputs : (n_out, n) array
     terms : (n, nt) array
-        Left vectors b of ``value * b cᵀ``.
+        Left vectors b of the terms ``value * b cᵀ``.
     band_hz : (float, float)
+        Ends of the band in which the reduced model is to hold [Hz].
     right : (n, nt) array or None
-        Right vectors c; the left ones where None.
+        Right vectors c; None: equal to the left ones.
     kind : str or sequence of str
-        ``stiffness``, ``damping`` or ``mass``: of all terms, or of each.
+        ``stiffness``, ``damping`` or ``mass``, one for all terms or one for each.
     load_of : (n_out,) int array or None
-        Column of ``loads`` that each output belongs to; None where there is one load.
+        Column of ``loads`` that each output is divided by; may be None if there is one load.
     quantity : str
         Of all outputs: ``displacement``, ``velocity``, ``acceleration`` or ``pressure``.
     acoustic : (n,) bool array or None
-        Which DOFs are pressures.
+        Which DOFs are pressures; None: no DOF.
     tolerance : float
-        Measured relative error of the responses, per line and quantity.
+        Largest measured relative error of the responses, for each line and quantity.
     accept : bool
         Accept a model that does not reach its tolerance.
 
@@ -148,9 +150,9 @@ def reduce(
     Raises
     ------
     ConfigError
-        Where an argument is not as above.
+        If an argument is not as above.
     NumericalError
-        Where the tolerance is not reached and not accepted, or a factorisation fails.
+        If the tolerance is not reached and this is not accepted, or if a factorisation fails.
 
     Examples
     --------
@@ -207,7 +209,7 @@ def reduce(
 
 
 def _loads_of(load_of: ArrayLike | None, outputs: int, loads: int) -> NDArray[np.int64]:
-    """(n_out,) column of the loads of each output."""
+    """(n_out,) column of the loads that each output belongs to, checked."""
     if load_of is None and loads == 1:
         return np.zeros(outputs, dtype=np.int64)
     expected = f"a column from 0 to {loads - 1} of loads for each of {outputs} outputs"

@@ -1,4 +1,4 @@
-"""What a process has worked out once: whoever watches a campaign reads its results and writes its page again for each new job."""
+"""A small cache in memory: `lrbc watch`, for example, reads results and writes its page again for each new job."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ T = TypeVar("T")
 
 
 class Remembered(Generic[T]):
-    """Values by the content that they rest on; the last ones.
+    """Values that are cached by a digest of the content they were computed from; the oldest is dropped first. Safe for threads.
 
     Parameters
     ----------
     most : int
-        So many are kept.
+        Number of values kept.
     """
 
     def __init__(self, most: int) -> None:
         self._most, self._known, self._lock = most, dict[tuple[object, bytes], T](), Lock()
 
     def of(self, content: bytes, make: Callable[[], T], kind: object = None) -> T:
-        """The value of a content, made where it is not known; what ``make`` raises is not kept.
+        """The cached value of a content, computed by ``make`` if it is missing; exceptions of ``make`` pass through and are not cached.
 
         Parameters
         ----------
         content : bytes
         make : callable
-            Its value is shared: nobody changes it.
+            Returns the value, which is shared and must not be changed.
         kind : hashable
-            What is made of the content, where that differs.
+            Tells apart different values that are computed from the same content.
         """
         key = (kind, hashlib.sha256(content).digest())
         with self._lock:

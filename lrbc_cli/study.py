@@ -1,4 +1,4 @@
-"""The public face: a campaign as an object that reduces, computes FRFs, calibrates, identifies and judges; the command line uses it too.
+"""The Python interface to a campaign: ``Study`` reduces, computes FRFs, calibrates, identifies and judges; the command line uses it too.
 
 Only ``calibrate`` and ``update`` write result files.
 """
@@ -44,18 +44,18 @@ Progress = Callable[[str], None]
 
 
 class Study:
-    """A campaign: its model with the stored calibration, its reduced model and its jobs. ``load`` makes it.
+    """A campaign with its (calibrated) full-order model, its reduced model and its jobs; created by ``load``.
 
     Parameters
     ----------
     inputs : Inputs
-        As read, a stored calibration applied.
+        Contents of the campaign, with the stored calibration applied to the model.
     cache : Path or None
-        Folder of the cache; the user's where None.
+        Folder of the cache of reduced models; None: that of the user.
     progress : callable
-        Gets one line of text a step.
+        Called with one line of text for each step.
     exported : Inputs or None
-        The same without a stored calibration, which ``calibrate`` needs; None: they hold none.
+        The same with the model as exported, from which ``calibrate`` starts; None: ``inputs`` contain no calibration.
     """
 
     def __init__(
@@ -88,21 +88,21 @@ class Study:
     def reduce(
         self, *, force: bool = False, accept: bool = False, missed: Callable[[ReductionStage], object] = lambda _: None
     ) -> Reduction:
-        """The reduced model with its certificate: from the cache, or built and kept.
+        """The reduced model with its certificate: read from the cache, or built and stored there.
 
         Parameters
         ----------
         force : bool
-            Build anew.
+            Build it even if the cache has it.
         accept : bool
             Accept a model that does not reach its tolerance.
         missed : callable
-            Gets a model that does not reach it and is not accepted, before that is raised.
+            Called with a model that misses the tolerance and is not accepted, before the error is raised.
 
         Raises
         ------
         NumericalError
-            Where the tolerance is not reached and not accepted, or memory does not suffice.
+            If the tolerance is not reached and this is not accepted, or if memory does not suffice.
         """
         if self._stage is None or force:
             self._stage = obtain_reduction(self.inputs, self._folder, force=force, accept=accept, progress=self._progress, missed=missed)
@@ -111,26 +111,26 @@ class Study:
 
     @property
     def stage(self) -> ReductionStage:
-        """The reduced model, and whether the cache had it."""
+        """The reduced model, and whether it came from the cache; reduces if necessary."""
         self.reduce()
         assert self._stage is not None
         return self._stage
 
     @property
     def source(self) -> FrfSource:
-        """FRFs on any lines of the band: of the reduced model, unless the campaign says ``evaluation: full``."""
+        """Computes FRFs on any lines of the band, with the reduced model or, with ``evaluation: full``, with the full model."""
         if self._source is None:
             self._source = frf_source(self.inputs, None if self.inputs.method.full_order else self.stage, self._progress)
         return self._source
 
     def parameters(self, hz: ArrayLike | None = None) -> Parameterisation:
-        """The unknowns with start values and bounds.
+        """The unknowns (log10 values and damping exponents) with start values and bounds.
 
         Parameters
         ----------
         hz : (F,) array or None
-            Lines on which ``auto`` is resolved, as an identification does on those that were measured [Hz]; None: the 1 Hz lines of the
-            band, as for ``frf`` and `lrbc simulate`.
+            Lines [Hz] on which start values and bounds given as ``auto`` are determined; an identification uses the measured lines. None:
+            the 1 Hz lines of the band, as for ``frf`` and `lrbc simulate`.
         """
         if hz is not None:
             return parameterise(self.inputs, self.source, self._lines(hz))[0]
@@ -142,7 +142,7 @@ class Study:
         return self._start
 
     def frf(self, hz: ArrayLike, theta: ArrayLike | None = None, /, **log10: ArrayLike) -> Complexes:
-        """(F, R) FRFs of the reduced model.
+        """(F, R) FRFs at given values of the unknowns, in the unit of each response, from ``source``.
 
         Parameters
         ----------
@@ -151,8 +151,8 @@ class Study:
         theta : (size,) array or None
             All unknowns, in the order of ``parameters()``; None: their start values.
         **log10
-            Values by parameter group, one or one a parameter, put into theta; ``inf`` clamps, ``-inf`` frees. A damping exponent is
-            ``**{"GROUP.damping": value}``.
+            Values that replace those of a parameter group in theta, one for all or one for each parameter; ``inf`` clamps, ``-inf`` frees.
+            A damping exponent is given as ``**{"GROUP.damping": value}``.
 
         Examples
         --------
@@ -164,7 +164,7 @@ class Study:
         return self.source.model(s, parameters).frf(with_values(parameters, theta, log10, self.inputs.campaign.path))
 
     def sensitivities(self, hz: ArrayLike, theta: ArrayLike | None = None, /, **log10: ArrayLike) -> tuple[Complexes, Floats]:
-        """FRFs and the derivative of their levels to all unknowns.
+        """FRFs, and the derivatives of their levels [dB] with respect to all unknowns.
 
         Parameters
         ----------
@@ -175,7 +175,7 @@ class Study:
         -------
         y : (F, R) complex array
         J : (F, R, size) float array
-            dB per decade, eqs. (35), (36); in the order of ``parameters()``.
+            Jacobian in dB per decade, eqs. (35), (36); columns in the order of ``parameters()``.
         """
         s, parameters = self._lines(hz), self.parameters()
         at = given.numbers("theta", with_values(parameters, theta, log10, self.inputs.campaign.path), (parameters.size,))
@@ -183,24 +183,25 @@ class Study:
         return y, np.asarray(J.real)
 
     def measurement(self, hz: ArrayLike, values: ArrayLike, coherence: ArrayLike | None = None) -> Measurement:
-        """FRFs at hand as a measurement: in SI units, signs as in the model.
+        """A measurement made of arrays instead of a job's file: FRFs in SI units, with the signs of the model.
 
         Parameters
         ----------
         hz : (F,) array
+            Ascending lines [Hz]; those outside the band are left out.
         values : (F, R) complex array
-            One column a response of the campaign, NaN where not measured.
+            One column for each response of the campaign, NaN where not measured.
         coherence : (F, R) array or None
 
         Raises
         ------
         DataError
-            Where shapes do not fit the responses, lines are not ascending or none lies in the band, or coherence is not between 0 and 1.
+            If shapes do not fit the responses, lines are not ascending, none lies in the band, or coherence is not between 0 and 1.
         """
         lines, H = given.lines(hz), given.array("values", values, complex, "FRFs")
         expected = (lines.size, len(self.responses))
         if H.shape != expected or not lines.size or np.any(np.diff(lines) <= 0) or lines[0] < 0.0:
-            raise DataError("these arrays are no measurement", expected=f"ascending lines and FRFs of shape {expected}", found=f"{H.shape}")
+            raise DataError("this is not a measurement", expected=f"ascending lines and FRFs of shape {expected}", found=f"{H.shape}")
         band = self.inputs.campaign.reduction.band
         inside = (lines >= band[0] * (1 - 1e-9)) & (lines <= band[1] * (1 + 1e-9))
         if not inside.any():
@@ -209,7 +210,7 @@ class Study:
         known = np.full(expected, np.nan) if coherence is None else given.array("coherence", coherence, float, "numbers from 0 to 1")
         if known.shape != expected or np.any((known < 0.0) | (known > 1.0 + 1e-6)):
             raise DataError(
-                "this is no coherence", expected=f"numbers from 0 to 1, NaN where unknown, of shape {expected}", found=known.shape
+                "this is not a coherence", expected=f"numbers from 0 to 1, NaN where unknown, of shape {expected}", found=known.shape
             )
         outside = int((lines < band[0] * (1 - 1e-9)).sum()), int((lines > band[1] * (1 + 1e-9)).sum())
         lines, H, known = lines[inside], H[inside], known[inside]
@@ -232,23 +233,23 @@ class Study:
         reference: Identified | None = None,
         baselines: Sequence[Identified] = (),
     ) -> Identified:
-        """Identify one job, and judge it.
+        """Identify the unknowns of one job and judge its bolts; nothing is written.
 
         Parameters
         ----------
         job : str
-            A job of the campaign; with a measurement also a new name.
+            A job of the campaign; together with a measurement also a new name.
         measurement : Measurement or None
-            Instead of the job's file, see ``measurement``.
+            Used instead of the job's file, see ``measurement``.
         reference : Identified or None
-            The reference job, for changes and verdicts; None: a direct identification, as of the reference job itself.
+            The reference job, from which changes are counted; None: values are identified directly, as for the reference job itself.
         baselines : sequence of Identified
-            Other jobs with all bolts tight: how much they scatter moves the threshold.
+            Further jobs with all bolts tight; their scatter moves the threshold.
 
         Raises
         ------
         ConfigError, DataError, NumericalError
-            Where the job is unknown, its measurement unusable, or the optimisation fails.
+            If the job is unknown, its measurement is unusable, or the optimisation fails.
         """
         inputs, before, known = self._task(job, measurement, reference)
         found = identify(inputs, self.source, job, before, known)
@@ -258,17 +259,17 @@ class Study:
         return Identified(name=job, identification=found, evidence=evidence, record=record)
 
     def fit(self, job: str, measurement: Measurement | None = None, *, reference: Identified | None = None) -> Fit:
-        """The cost that ``identify`` minimises, as it is weighted in the end, and where it is least: for studies of the search."""
+        """The cost that ``identify`` minimises, with its final weights, and its minimum: for studies of the search."""
         inputs, before, known = self._task(job, measurement, reference)
         return fit(inputs, self.source, job, before, known)
 
     def calibrate(self, *, force: bool = False, accept: bool = False) -> tuple[CalibrationRecord, bool]:
-        """Identify the global factors of the model as the campaign says, write and use them, as `lrbc calibrate` does.
+        """Identify the global factors of the model, write them and apply them to this study, as `lrbc calibrate` does.
 
         Parameters
         ----------
         force : bool
-            Calibrate again even where nothing changed.
+            Calibrate again even if nothing changed.
         accept : bool
             Accept a reduced model that does not reach its tolerance.
 
@@ -276,7 +277,7 @@ class Study:
         -------
         CalibrationRecord
         bool
-            Whether an earlier one was kept.
+            Whether an earlier calibration was kept.
         """
         from lrbc_cli.campaign.calibrate import run_calibration
 
@@ -285,26 +286,26 @@ class Study:
         return found
 
     def use_calibration(self, wanted: bool = True) -> None:
-        """Put the factors of the stored calibration into the model where it fits, or leave them out."""
+        """Apply the factors of the stored calibration to the model if it still fits, or (``wanted=False``) return to the exported model."""
         self.inputs = with_stored_calibration(self._exported, calibration=wanted)
         self._stage = self._source = self._start = None
 
     def update(self, jobs: Sequence[str] = (), *, force: bool = False, **options: Any) -> Outcome:
-        """Identify and judge jobs and write their results, as `lrbc update` does: what is finished and still holds is kept.
+        """Identify and judge jobs and write their results, as `lrbc update` does; results that are still valid are kept.
 
         Parameters
         ----------
         jobs : sequence of str
-            All where empty.
+            All jobs if empty.
         force : bool
-            Run finished jobs again.
+            Identify finished jobs again.
         **options
             ``accept``, ``workers``, ``remote``, see ``run_jobs``.
 
         Returns
         -------
         Outcome
-            ``results`` by job, and ``errors``: a job that fails is a record, not the end.
+            ``results`` and ``errors`` by job: a job that fails does not end the run.
         """
         from lrbc_cli.campaign.jobs.run import run_jobs
 
@@ -315,20 +316,20 @@ class Study:
         return run_jobs(self.inputs, self._folder, wanted=jobs, force=force, progress=self._progress, **options)[0]
 
     def judge(self, found: Identified, *, baselines: Sequence[Identified] = (), **rule: Any) -> Judgement:
-        """Judge the bolts of an identified job by another decision rule, without identifying anew.
+        """Judge the bolts of an identified job by another decision rule, without identifying it again.
 
         Parameters
         ----------
         found : Identified
         baselines : sequence of Identified
-            Other jobs with all bolts tight.
+            Further jobs with all bolts tight.
         **rule
-            Keys of ``update`` that decide: ``confidence``, ``loose_change``, ``largest_misfit``; others as in the campaign.
+            New values of ``confidence``, ``loose_change``, ``largest_misfit`` (keys of ``update``); the others stay as in the campaign.
 
         Raises
         ------
         ConfigError
-            Where a key is no part of the rule, or its value is none.
+            If a key is not part of the rule, or its value is not valid.
         """
         update = self.inputs.campaign.update
         changed, scatter = changed_rule(update, rule), scatter_of_records(other.record for other in baselines)
@@ -345,18 +346,18 @@ class Study:
         seed: int = 0,
         accept: bool = False,
     ) -> PlanRecord:
-        """What `lrbc update` will say of each bolt if it alone is loose: the record of ``plan.json``, see ``lrbc guide sensors``.
+        """Predict how often `lrbc update` would find each bolt loose if it alone were: the record of ``plan.json``, ``lrbc guide sensors``.
 
         Parameters
         ----------
         state : str or None
-            ``initial``, ``clamped``, ``free`` or ``job:NAME``; None: the reference job's stored result, else ``initial``.
+            Tight state: ``initial``, ``clamped``, ``free`` or ``job:NAME``; None: the stored result of the reference job, else ``initial``.
         noise_db : float or None
-            Standard deviation of a line [dB]; None: what the reference job tells.
+            Standard deviation of the noise of a line [dB]; None: as known from the reference job.
         by : str
             What is loosened, one at a time: ``bolts``, ``values``, or ``auto``.
         draws, seed : int or None, int
-            Rehearsals of each bolt and loss, about 150 in all where None, linearised figures only where 0; and of what is drawn.
+            Rehearsals for each bolt and loss (None: about 150 in all; 0: linearised figures only), and the seed of their random numbers.
         accept : bool
             Accept a reduced model that does not reach its tolerance.
         """
@@ -369,17 +370,17 @@ class Study:
         return make_plan(self.inputs, self._folder, Request(state, noise_db, by, draws, seed), accept=accept, progress=self._progress)
 
     def read(self, job: str) -> Measurement:
-        """The measurement of a job, in SI units on the lines of the band."""
+        """Read the measurement of a job: FRFs in SI units on the lines inside the band."""
         self.inputs.campaign.require_job(job)
         return read_measurement(self.inputs, self.inputs.campaign.jobs[job], job)
 
     def plot_frf(self, found: Identified, response: str) -> Any:
-        """Measured, initial and updated FRF of one response: magnitude in dB, as a matplotlib figure."""
+        """Plot the measured, initial and updated FRF of one response, magnitude in dB, as a matplotlib figure."""
         at = self.responses.index(given.known("response", response, self.responses))
         return frf_figure(found.identification, at, f"{response} [dB re 1 {self.inputs.responses[at].unit}]")
 
     def plot_profile(self, found: Identified) -> Any:
-        """Stiffness along each edge, or of each joint, with its 95 % interval, as a matplotlib figure (paper, Fig. 6)."""
+        """Plot the stiffness along each edge, or of each joint, with its 95 % interval, as a matplotlib figure (paper, Fig. 6)."""
         return profile_figure(found.record)
 
     def _lines(self, hz: ArrayLike) -> Complexes:
@@ -390,11 +391,11 @@ class Study:
     def _task(
         self, job: str, measurement: Measurement | None, reference: Identified | None
     ) -> tuple[Inputs, ReferenceState | None, dict[str, Measurement]]:
-        """What identifying a job takes: inputs that name it, the reference state, and the measurements at hand."""
+        """Arguments of an identification: inputs that contain the job, the reference state, and measurements already in memory."""
         if measurement is not None:
-            given.made_by("measurement", measurement, Measurement, "what measurement or read returned")
+            given.made_by("measurement", measurement, Measurement, "the value returned by measurement or read")
         if reference is not None:
-            given.made_by("reference", reference, Identified, "what identify returned of the reference job")
+            given.made_by("reference", reference, Identified, "the value returned by identify for the reference job")
         known = {} if measurement is None else {job: measurement}
         if reference is not None:
             known[reference.name] = reference.identification.measurement
@@ -412,17 +413,17 @@ def load(
     cache: str | Path | None = None,
     progress: Progress = lambda _: None,
 ) -> Study:
-    """Read a campaign file and its model.
+    """Read a campaign file and its model into a ``Study``.
 
     Parameters
     ----------
     config : path
     overrides : sequence of str
-        ``key.path=value``.
+        Settings that replace those of the file, each ``key.path=value``.
     calibration : bool
-        Apply the stored calibration where it fits, as the command line does.
+        Apply the stored calibration if it fits, as the command line does.
     cache : path or None
-        Folder of the cache of reduced models.
+        Folder of the cache of reduced models; None: that of the user.
     progress : callable
 
     Returns
@@ -432,7 +433,7 @@ def load(
     Raises
     ------
     ConfigError, DataError
-        Where the file or an input is wrong: one message with file, place, expected, found and how to fix it.
+        If the file or an input is wrong; the message names file, place, what was expected and found, and how to fix it.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Symmetry of the operators and the form of a vibro-acoustic coupling, verified numerically."""
+"""Finds out from K, C and M whether Z(s) is symmetric or can be made so (u-p models), which decides between LDLᵀ and LU."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-#: Two blocks count as equal where their difference is below this fraction of their norm.
+#: Two blocks count as equal if their difference is below this fraction of their norm.
 EQUAL = 1e-8
 
 
 @dataclass(frozen=True)
 class Coupling:
-    """How the system can be symmetrised.
+    """Symmetry of the system, and kappa with which a u-p model (displacements and pressures) becomes symmetric.
 
     Attributes
     ----------
     symmetric : bool
-        Z(s) is complex symmetric, for u-p systems after the acoustic rows are divided by -kappa s².
+        Z(s) is complex symmetric, in u-p models after the acoustic rows are divided by -kappa s².
     kappa : float or None
-        Ratio of the coupling blocks, M_as = -kappa K_saᵀ; None where there is no u-p coupling of that form.
+        Ratio of the coupling blocks, M_as = -kappa K_saᵀ (s structure, a acoustic); None without a coupling of this form.
     defect : float
-        Largest relative asymmetry that is left.
+        Largest remaining relative asymmetry.
     text : str
-        The finding in words.
+        The same in words.
     """
 
     symmetric: bool
@@ -39,16 +39,16 @@ def _norm(matrix: sp.sparray) -> float:
 
 
 def asymmetry(matrix: sp.csc_array) -> float:
-    """Relative Frobenius norm of A - Aᵀ."""
+    """Frobenius norm of A - Aᵀ relative to that of A."""
     norm = _norm(matrix)
     return _norm((matrix - matrix.T).tocsc()) / norm if norm else 0.0
 
 
 def _block_norms(X: sp.csc_array, is_acoustic: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """(2, 2) Frobenius norms of the blocks, structure first."""
+    """(2, 2) Frobenius norms of the blocks of both fields, structure first."""
     column = np.repeat(is_acoustic, np.diff(X.indptr))
     at = 2 * is_acoustic[X.indices].astype(np.int8) + column
-    # Squares of entries of 1e-200 would vanish.
+    # Scaled by the largest entry, since the square of 1e-200 would underflow.
     size = np.abs(X.data)
     largest = float(size.max(initial=0.0)) or 1.0
     squares = np.bincount(at, weights=(size / largest) ** 2, minlength=4)
@@ -56,7 +56,7 @@ def _block_norms(X: sp.csc_array, is_acoustic: NDArray[np.bool_]) -> NDArray[np.
 
 
 def coupling_of(K: sp.csc_array, C: sp.csc_array, M: sp.csc_array, is_acoustic: NDArray[np.bool_]) -> Coupling:
-    """Find out whether Z(s) is symmetric, symmetrisable (u-p), or neither.
+    """Determine from K, C and M whether Z(s) is symmetric, can be symmetrised (u-p), or neither.
 
     Parameters
     ----------
@@ -71,13 +71,13 @@ def coupling_of(K: sp.csc_array, C: sp.csc_array, M: sp.csc_array, is_acoustic: 
     for X, foreign in ((K, "as"), (M, "sa"), (C, "both")):
         norm, lack = _block_norms(X, is_acoustic), _block_norms((X - X.T).tocsc(), is_acoustic)
         defects += [lack[f, f] / norm[f, f] if norm[f, f] else 0.0 for f in (0, 1)]
-        # Coupling blocks against the geometric mean of the fields' own blocks: their units differ, and either may dwarf the coupling.
+        # Coupling blocks relative to the geometric mean of the diagonal blocks, whose units and sizes differ.
         scale = np.sqrt(norm[0, 0] * norm[1, 1]) or max(norm[0, 1], norm[1, 0]) or 1.0
         stray.append(max(norm[0, 1] if foreign != "as" else 0.0, norm[1, 0] if foreign != "sa" else 0.0) / scale)
         mixed.append(lack[0, 1] / scale)
     whole = max(*defects, *mixed)
     if whole < EQUAL:
-        # No acoustic rows need scaling; a symmetric coupling needs none either.
+        # Includes models without air, and symmetric couplings: no row needs scaling.
         return Coupling(True, None, whole, "symmetric")
     if not is_acoustic.any() or is_acoustic.all():
         return Coupling(False, None, whole, f"unsymmetric (relative asymmetry {whole:.1e}): LU")

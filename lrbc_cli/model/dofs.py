@@ -1,4 +1,4 @@
-"""The DOF table of a finite-element model, and points in space."""
+"""What the rows of the matrices stand for (node, component, coordinates), and named points such as bolts."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from numpy.typing import NDArray
 
 ACOUSTIC_COMPONENT = "PRES"
 
-#: Labels of a node's DOFs in the order of every FE program.
+#: Labels of the DOFs of a node, in the usual order of FE programs.
 COMPONENTS = ("UX", "UY", "UZ", "ROTX", "ROTY", "ROTZ")
 
 
 @dataclass(frozen=True)
 class DofLabels:
-    """Node and component of each row of a matrix.
+    """Node and component of each row of a matrix, without coordinates.
 
     Attributes
     ----------
     node : (n,) int array
-        Negative for what the FE program added by itself.
+        Node number; negative for DOFs that the FE program added itself.
     component : (n,) str array
-        As in ``DofTable``.
+        Labels as in ``DofTable``.
     """
 
     node: NDArray[np.int64]
@@ -34,21 +34,21 @@ class DofLabels:
         return int(self.node.size)
 
     def find(self, other: DofLabels) -> NDArray[np.int64]:
-        """(m,) row here of each row of another matrix, -1 where there is none."""
+        """(m,) row of this matrix with the same node and component as each of the m rows of the other, -1 if there is none."""
         at = {key: row for row, key in enumerate(zip(self.node.tolist(), self.component.tolist(), strict=True))}
         return np.array([at.get(key, -1) for key in zip(other.node.tolist(), other.component.tolist(), strict=True)], dtype=np.int64)
 
 
 @dataclass(frozen=True)
 class DofTable:
-    """What each row of the matrices stands for.
+    """Node, component and coordinates of each row of the matrices.
 
     Attributes
     ----------
     node : (n,) int array
         Node number of each DOF.
     component : (n,) str array
-        Label, upper case: ``UX UY UZ ROTX ROTY ROTZ PRES``; ``PRES`` is acoustic, any other label structure.
+        Label in upper case: ``UX UY UZ ROTX ROTY ROTZ PRES``; ``PRES`` is acoustic, any other label is structure.
     xyz : (n, 3) float array
         Coordinates in metres.
     """
@@ -64,7 +64,7 @@ class DofTable:
 
     @property
     def is_acoustic(self) -> NDArray[np.bool_]:
-        """(n,) mask of the acoustic pressures."""
+        """(n,) mask of the acoustic pressure DOFs."""
         return np.asarray(self.component == ACOUSTIC_COMPONENT)
 
 
@@ -84,5 +84,5 @@ class PointTable:
 
 
 def numbers_text(node: NDArray[np.int64]) -> str:
-    """What to do about a number that no node has."""
-    return f"the nodes of the model are numbered {node.min()} to {node.max()}: write one of these numbers, those of this model"
+    """Hint for error messages about a node number that the model does not have."""
+    return f"the nodes of the model are numbered {node.min()} to {node.max()}: write the node numbers of this model"

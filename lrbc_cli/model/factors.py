@@ -1,4 +1,8 @@
-"""Global factors of the model: affine in the operators, but not low rank (gamma, delta, alpha and beta of Table 2, and further groups)."""
+"""Global factors of the model, which a calibration identifies: gamma, delta, alpha and beta of Table 2, and factors of further groups.
+
+The operators are sums of constant matrices, each times a product of powers of the factors (``Recipe``). Unlike the terms these
+contributions are not of low rank.
+"""
 
 from __future__ import annotations
 
@@ -17,39 +21,40 @@ FIELDS = ("structure", "acoustic")
 #: The operators of a model in the order in which coefficients are given.
 OPERATORS = ("stiffness", "damping", "mass")
 
-#: What makes the stiffness complex, i Im K: a matrix of its own with the factors ``loss_factor.FIELD``.
+#: The imaginary part of a complex stiffness, i Im K, treated as a matrix of its own with the factors ``loss_factor.FIELD``.
 LOSS = "loss"
 
-#: Scales the acoustic stiffness by its square: with the temperature of a gas rho c² stays and c² goes as 1/rho.
+#: Factor whose square scales the acoustic stiffness: when the temperature of a gas changes, rho c² stays and c² changes as 1/rho.
 SOUND_SPEED = "sound_speed"
 
 
 @dataclass(frozen=True)
 class Monomial:
-    """``coefficient * prod factor**exponent``, a share of one operator (0 stiffness, 1 damping, 2 mass)."""
+    """``coefficient * prod factor**exponent``: weight with which a matrix enters the operator ``slot`` (0 stiffness, 1 damping, 2 mass)."""
 
     slot: int
     coefficient: float
     exponents: Mapping[str, float]
 
     def value(self, factors: Mapping[str, float]) -> float:
-        """At the given factors; those that are not named are one."""
+        """Value at the given factors; factors that are not given are one."""
         return float(self.coefficient * np.prod([factors.get(name, 1.0) ** power for name, power in self.exponents.items()]))
 
 
 @dataclass(frozen=True)
 class Piece:
-    """One constant matrix and its shares of K, C and M.
+    """One constant matrix and the weights with which it enters K, C and M.
 
     Attributes
     ----------
     operator : str
-        Which operator of the model, or of the group, the matrix is taken from, see ``parted``.
+        Operator that the matrix is a block of: ``stiffness``, ``damping``, ``mass`` or ``loss``, see ``parted``.
     field : str
-        ``structure``, ``acoustic`` or ``coupling``.
+        Block: ``structure``, ``acoustic`` or ``coupling``.
     group : str or None
-        A further group instead of the model.
+        Further group that the operator belongs to; None: the model.
     shares : tuple of Monomial
+        The weights.
     """
 
     operator: str
@@ -58,14 +63,14 @@ class Piece:
     shares: tuple[Monomial, ...]
 
     def coefficients(self, factors: Mapping[str, float]) -> NDArray[np.float64]:
-        """(3,) shares of stiffness, damping and mass."""
+        """(3,) weights in stiffness, damping and mass."""
         out = np.zeros(3)
         for share in self.shares:
             out[share.slot] += share.value(factors)
         return out
 
     def slopes(self, factors: Mapping[str, float], name: str) -> NDArray[np.float64]:
-        """(3,) derivative of ``coefficients`` to the natural logarithm of a factor."""
+        """(3,) derivative of ``coefficients`` with respect to the natural logarithm of the factor ``name``."""
         out = np.zeros(3)
         for share in self.shares:
             out[share.slot] += share.exponents.get(name, 0.0) * share.value(factors)
@@ -74,15 +79,15 @@ class Piece:
 
 @dataclass(frozen=True)
 class Recipe:
-    """How the operators are put together from constant matrices and factors.
+    """How K, C and M are assembled from constant matrices and factors; ``make_recipe`` creates it.
 
     Attributes
     ----------
     pieces : tuple of Piece
     names : tuple of str
-        Factors that change something.
+        Factors that have an effect.
     proportional : frozenset of str
-        Factors of proportional damping: no matrix contains them, the recipe applies them.
+        Factors alpha and beta of proportional damping. They are in none of the constant matrices; the recipe applies them.
     """
 
     pieces: tuple[Piece, ...]
@@ -98,16 +103,17 @@ class Recipe:
         groups: Mapping[str, Mapping[str, sp.csc_array]],
         factors: Mapping[str, float],
     ) -> tuple[sp.csc_array, sp.csc_array, sp.csc_array]:
-        """Operators at the given factors.
+        """The operators K, C and M at the given factors.
 
         Parameters
         ----------
         K, C, M : (n, n) csc_array
-            At factors that are all one.
+            Operators with all factors one.
         is_acoustic : (n,) bool array
         groups : mapping of str to mappings of str to csc_array
-            Matrices of the further groups by operator, which K, C, M contain.
+            Matrices of the further groups, by group and operator; K, C, M include them.
         factors : mapping
+            Values by name; factors that are not given are one.
 
         Returns
         -------
@@ -125,7 +131,7 @@ class Recipe:
         return out[0].tocsc(), out[1].tocsc(), out[2].tocsc()
 
     def group_scales(self, name: str, factors: Mapping[str, float]) -> dict[tuple[str, str], float]:
-        """By operator and field, what the matrices of a group are multiplied with where the operators are assembled at these factors."""
+        """Factors by which assembling at ``factors`` multiplies the matrices of a further group, by (operator, field)."""
         scales = {}
         for piece in self.pieces:
             if piece.group == name:
@@ -136,10 +142,10 @@ class Recipe:
         return scales
 
     def at(self, factors: Mapping[str, float]) -> Recipe:
-        """The recipe about operators that were assembled at these factors: one is then what they have."""
+        """The recipe for operators that were assembled at these factors: all factors one then gives these operators back."""
 
         def moved(share: Monomial) -> Monomial:
-            # The other factors are in the matrices; those of proportional damping are not.
+            # The other factors are contained in the matrices now, those of proportional damping are not.
             powers = {name: power for name, power in share.exponents.items() if name in self.proportional}
             return replace(share, coefficient=replace(share, exponents=powers).value(factors))
 
@@ -147,14 +153,14 @@ class Recipe:
 
 
 def with_factors(model: FeModel, recipe: Recipe, factors: Mapping[str, float]) -> tuple[FeModel, Recipe]:
-    """The model with these factors, and the recipe about it: its factors multiply those that are contained.
+    """The model assembled at these factors, and the recipe for it, whose factors multiply those already applied.
 
     Parameters
     ----------
     model : FeModel
     recipe : Recipe
     factors : mapping
-        Those that are not named stay.
+        Values by name; factors that are not given stay one.
 
     Returns
     -------
@@ -170,7 +176,7 @@ def with_factors(model: FeModel, recipe: Recipe, factors: Mapping[str, float]) -
 
 
 def parted(operators: Mapping[str, Any]) -> dict[str, Any]:
-    """Matrices by operator, a complex stiffness in two: its real part, and ``LOSS``."""
+    """Matrices by operator; a complex stiffness is split into its real part and, as ``LOSS``, i times its imaginary part."""
     out = dict(operators)
     if "stiffness" in out and np.iscomplexobj(out["stiffness"]):
         out["stiffness"], out[LOSS] = out["stiffness"].real, 1j * out["stiffness"].imag
@@ -178,12 +184,12 @@ def parted(operators: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _whole(operator: str) -> str:
-    """The operator that a part belongs to."""
+    """The operator that a part belongs to: ``LOSS`` belongs to the stiffness."""
     return "stiffness" if operator == LOSS else operator
 
 
 def block(matrix: sp.csc_array, is_acoustic: NDArray[np.bool_], field: str) -> sp.csc_array:
-    """The entries of a matrix that couple a field with itself, or the two fields (``coupling``)."""
+    """The block of a matrix that belongs to one field, or the two blocks between the fields (``coupling``); size unchanged."""
     coo = matrix.tocoo()
     row, column = is_acoustic[coo.row], is_acoustic[coo.col]
     keep = {"structure": ~row & ~column, "acoustic": row & column, "coupling": row != column}[field]
@@ -197,24 +203,24 @@ def make_recipe(
     groups: Mapping[str, Collection[str]] | None = None,
     lossy: Collection[str] = (),
 ) -> Recipe:
-    """Say how K, C and M depend on the factors.
+    """Define how K, C and M depend on the factors.
 
-    ``stiffness.FIELD`` scales the stiffness of a field, ``mass.FIELD`` its mass; with proportional damping
-    ``C = alpha·(delta M) + beta·(gamma K)`` per field follows them and has the factors ``alpha.FIELD`` and ``beta.FIELD``; otherwise
-    the damping matrix of a field has the factor ``damping.FIELD``. What makes its stiffness complex follows that and has the factor
-    ``loss_factor.FIELD``. The coupling blocks stay. A further group is contained in the operators
-    once: its factor scales this share of them, ``gamma (K + (phi - 1) K_group)`` and likewise for damping and mass.
+    ``stiffness.FIELD`` (gamma) scales the stiffness of a field and ``mass.FIELD`` (delta) its mass. With proportional damping,
+    ``C = alpha (delta M) + beta (gamma K)`` of each field follows them and has the factors ``alpha.FIELD`` and ``beta.FIELD``; otherwise
+    the damping matrix of a field has the factor ``damping.FIELD``. The imaginary part of a complex stiffness is scaled by
+    ``stiffness.FIELD`` and ``loss_factor.FIELD``. The coupling blocks are constant. The operators include the matrices of a further group;
+    its factor phi scales this part of them: ``gamma (K + (phi - 1) K_group)``, and likewise for damping and mass.
 
     Parameters
     ----------
     damping : ((alpha, beta), (alpha, beta)) or None
-        Of structure and air; None where C is a matrix of its own (or nothing).
+        Coefficients of structure and air; None if C is given as a matrix, or is zero.
     acoustic, structural : bool
-        Which fields there are.
+        Which fields the model has.
     groups : mapping of str to collections of str
-        The operators of the model, or their parts, to which a further group contributes.
+        For each further group the operators, or their parts, to which it contributes.
     lossy : collection of str
-        Blocks of the stiffness that are complex: fields, and ``coupling``.
+        Complex blocks of the stiffness: fields, and ``coupling``.
 
     Returns
     -------
@@ -253,7 +259,7 @@ def make_recipe(
 
 
 def _pieces(operator: str, field: str, shares: Sequence[Monomial], groups: Mapping[str, Collection[str]] | None) -> list[Piece]:
-    """A matrix of the model, and what the further groups contribute to it."""
+    """The piece for one block of the model, and one for the contribution of each further group to it."""
     out = [Piece(operator, field, None, tuple(shares))]
     for group, there in (groups or {}).items():
         if operator in there:

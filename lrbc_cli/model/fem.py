@@ -1,4 +1,4 @@
-"""The full-order model: operators, loads, outputs and low-rank terms."""
+"""The full-order finite-element model: operators, loads, outputs and low-rank terms, as read from files and passed to the reduction."""
 
 from __future__ import annotations
 
@@ -22,17 +22,16 @@ class FeModel:
     K, C, M : (n, n) csc_array
         Stiffness, damping and mass *without* the low-rank terms; K may be complex (hysteretic damping), M may be singular.
     B : (n, n_in) csc_array
-        Loads, one column a hammer point [N].
+        Loads, one column for each hammer point; a unit input is 1 N.
     L : (n_out, n) csc_array
-        Outputs, one row a response.
+        Outputs, one row for each response.
     output_power : (n_out,) int array
-        q: 0 for pressures and displacements, 1 for velocities, 2 for accelerations.
+        Power q of s: 0 for pressures and displacements, 1 for velocities, 2 for accelerations.
     is_acoustic : (n,) bool array
         Which DOFs are acoustic pressures.
     terms : LowRankTerms
-        The rank-one terms.
     extras : mapping of str to mappings of str to (n, n) csc_array
-        Matrices of further groups of factors, by group and operator (``stiffness``, ``damping``, ``mass``); K, C, M contain them once.
+        Matrices of further calibration groups, by group and operator (``stiffness``, ``damping``, ``mass``); K, C, M include them.
     """
 
     K: sp.csc_array
@@ -58,7 +57,9 @@ class FeModel:
             *((f"{operator} of {name}", A, (n, n)) for name, group in self.extras.items() for operator, A in group.items()),
         ):
             if matrix.shape != shape:
-                raise DataError(f"the {name} do not fit the other matrices", expected=f"shape {shape}", found=f"shape {matrix.shape}")
+                raise DataError(
+                    f"the size of the {name} does not match the other matrices", expected=f"shape {shape}", found=f"shape {matrix.shape}"
+                )
 
     @property
     def size(self) -> int:
@@ -67,26 +68,26 @@ class FeModel:
 
     @property
     def inputs(self) -> sp.csc_array:
-        """B_ext = [B | b d f], (n, n_in + nt), eq. (11)."""
+        """(n, n_in + nt) inputs of the extended system, B_ext = [B | b d f], eq. (11)."""
         return sp.hstack([self.B, self.terms.left], format="csc")
 
     @property
     def outputs(self) -> sp.csc_array:
-        """L_ext = [L ; cᵀ ; eᵀ ; gᵀ], (n_out + nt, n), eq. (15) with one row a term."""
+        """(n_out + nt, n) outputs of the extended system, L_ext = [L ; cᵀ ; eᵀ ; gᵀ], eq. (15) with one row for each term."""
         return sp.vstack([self.L, self.terms.right.T], format="csr").tocsc()
 
 
 def proportional_damping(
     K: sp.csc_array, M: sp.csc_array, is_acoustic: NDArray[np.bool_], structure: tuple[float, float], acoustic: tuple[float, float]
 ) -> sp.csc_array:
-    """C = alpha M + beta K on the diagonal blocks of each field, never on the coupling.
+    """Proportional damping C = alpha M + beta K on the diagonal block of each field; the coupling blocks stay zero.
 
     Parameters
     ----------
     K, M : (n, n) csc_array
     is_acoustic : (n,) bool array
     structure, acoustic : (alpha, beta)
-        In 1/s and s (Table 2 of the paper).
+        Coefficients in 1/s and s (Table 2 of the paper).
 
     Returns
     -------
@@ -99,12 +100,12 @@ def proportional_damping(
 
 
 def hysteretic(K: sp.csc_array, is_acoustic: NDArray[np.bool_], structure: float, acoustic: float) -> sp.csc_array:
-    """``K (1 + i eta)`` on the diagonal blocks of each field, never on the coupling.
+    """Hysteretic damping, ``K (1 + i eta)`` on the diagonal block of each field; the coupling blocks stay unchanged.
 
     Parameters
     ----------
     K : (n, n) csc_array
-        Where it is complex, the loss factors add to its own.
+        If it is complex, i eta times its real part is added to it.
     is_acoustic : (n,) bool array
     structure, acoustic : float
         Loss factors eta.
@@ -112,7 +113,7 @@ def hysteretic(K: sp.csc_array, is_acoustic: NDArray[np.bool_], structure: float
     Returns
     -------
     (n, n) csc_array
-        The given one without a loss factor.
+        K itself if both loss factors are zero.
     """
     if not structure and not acoustic:
         return K
@@ -122,7 +123,7 @@ def hysteretic(K: sp.csc_array, is_acoustic: NDArray[np.bool_], structure: float
 
 
 def _by_field(matrix: sp.csc_array, is_acoustic: NDArray[np.bool_], structure: float, acoustic: float) -> sp.csc_array:
-    """The diagonal blocks of both fields, each times its number."""
+    """The diagonal blocks of both fields, each multiplied by the number of its field; coupling blocks become zero."""
     column = np.repeat(is_acoustic, np.diff(matrix.indptr))
     factor = np.where(column, acoustic, structure) * (is_acoustic[matrix.indices] == column)
     return sp.csc_array((factor * matrix.data, matrix.indices, matrix.indptr), shape=matrix.shape)

@@ -1,4 +1,4 @@
-"""Measured or computed frequency response functions, in SI units."""
+"""Frequency response functions as read from files, measured or computed, in SI units."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-#: Power of s = i omega that turns a displacement into the quantity; pressures are their own quantity.
+#: Power q of s = i omega in ``y = s^q L x``: turns displacement into velocity or acceleration; pressures are used directly.
 QUANTITIES = {"pressure": 0, "displacement": 0, "velocity": 1, "acceleration": 2}
 
 
@@ -22,20 +22,20 @@ class FrfRecord:
     frequency_hz : (F,) float array
         Strictly increasing lines.
     values : (F,) complex array
-        In Pa/N, m/N, m/s/N or m/s2/N; a negative response or reference direction is already applied as a sign.
+        In Pa/N, m/N, m/s/N or m/s2/N; the sign of a negative response or reference direction is already applied.
     quantity : str or None
-        One of ``QUANTITIES``; None where the file does not say.
+        One of ``QUANTITIES``; None if the file does not say.
     response_node, reference_node : int or None
     response_direction, reference_direction : int
-        0 scalar, 1..3 translation, 4..6 rotation (sign removed, see ``values``).
+        0 scalar, 1 to 3 translation, 4 to 6 rotation, without sign (see ``values``).
     coherence : (F,) float array or None
         Ordinary coherence on the same lines.
     place : str
-        Where in the file, for messages: ``record 3``, ``column mic01_real``.
+        Place in the file, for messages: ``record 3``, ``column mic01_real``.
     number : int
-        Of the record in its file, from 1.
+        Number of the record in its file, from 1.
     file : str
-        The file it was read from.
+        The file that it was read from.
     """
 
     name: str
@@ -64,9 +64,9 @@ class FrfSet:
     notes : tuple of str
         What the reader assumed or repaired, for ``lrbc check``.
     warnings : tuple of str
-        What may be wrong with the file, for every command.
+        What may be wrong with the file, shown by every command.
     titles : tuple of str
-        What whoever wrote it said of the measurement, each line once.
+        Comments on the measurement in the file, each line once.
     """
 
     source: str

@@ -1,4 +1,4 @@
-"""What turns the rows of matrices and vectors into SI."""
+"""Conversion of exported matrices and vectors from the unit system of the FE program to SI."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from lrbc_cli.model.coupling import coupling_of
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofLabels
 from lrbc_cli.model.units import UnitSystem
 
-#: Power of time in the unit of each operator.
+#: Power of time by which the unit of each operator exceeds that of stiffness.
 _TIME = {"stiffness": 0, "damping": 1, "mass": 2}
 
-#: What tells acoustic equations divided by the density, whose coupling blocks are equal, from others.
+#: Tolerance on kappa = 1, which identifies acoustic equations divided by the density (both coupling blocks are then equal up to the sign).
 _EQUAL = 1e-6
 
 
 @dataclass(frozen=True)
 class Scaling:
-    """Units of the degree of freedom and of the equation of each row, in SI.
+    """SI values of the unit of each DOF and of the unit of its equation.
 
     Attributes
     ----------
     unit : UnitSystem
     turns : (n,) bool array
-        Rotations.
+        Which DOFs are rotations.
     motion : (n,) float array
-        Displacement, rotation or pressure.
+        Unit of the DOF: displacement, rotation or pressure.
     source : (n,) float array
-        Force, moment, or what belongs to a pressure.
+        Unit of the right-hand side: force, moment, or the source term of an acoustic equation.
     """
 
     unit: UnitSystem
@@ -40,13 +40,13 @@ class Scaling:
     source: Floats
 
     def matrix(self, matrix: sp.csc_array, operator: str) -> sp.csc_array:
-        """A stiffness, damping or mass matrix in SI."""
+        """Convert a stiffness, damping or mass matrix (``operator``) to SI."""
         column = np.repeat(1.0 / self.motion, np.diff(matrix.indptr))
         data = matrix.data * (self.source[matrix.indices] * column * self.unit.time ** _TIME[operator])
         return sp.csc_array((data, matrix.indices, matrix.indptr), shape=matrix.shape)
 
     def vectors(self, vectors: sp.csc_array) -> sp.csc_array:
-        """Columns in SI: of plain numbers where nodes move and lengths where they turn; of plain numbers where they only turn."""
+        """Convert columns to SI: entries on rotations are lengths in a column that also has other DOFs; all other entries are numbers."""
         column = np.repeat(np.arange(vectors.shape[1]), np.diff(vectors.indptr))
         moved = np.bincount(column, weights=~self.turns[vectors.indices], minlength=vectors.shape[1]) > 0
         factor = np.where(self.turns[vectors.indices] & moved[column], self.unit.length, 1.0)
@@ -54,21 +54,21 @@ class Scaling:
 
 
 def scaling(unit: UnitSystem, labels: DofLabels, K: sp.csc_array, M: sp.csc_array) -> Scaling:
-    """From the units of length, force, mass and time; acoustic equations may be divided by the density.
+    """The scaling of a model given in a unit system.
 
     Parameters
     ----------
     unit : UnitSystem
     labels : DofLabels
     K, M : (n, n) csc_array
-        As exported.
+        As exported; their coupling blocks show whether the acoustic equations are divided by the density, which changes their unit.
     """
     acoustic, turns = labels.component == ACOUSTIC_COMPONENT, np.char.startswith(labels.component, "ROT")
     kappa = None
     if acoustic.any() and not acoustic.all():
         kappa = coupling_of(K, sp.csc_array(K.shape), M, acoustic).kappa
     pressure = unit.force / unit.length**2
-    # Volume accelerations; else pressure times length, as the integral of grad p over the volume is.
+    # Divided by the density: volume accelerations. Else pressure times length, the unit of the integral of grad p over a surface.
     source = unit.length**3 / unit.time**2 if kappa is not None and abs(kappa - 1.0) < _EQUAL else pressure * unit.length
     return Scaling(
         unit=unit,

@@ -1,4 +1,4 @@
-"""Picking DOFs from the DOF table, and ordering terms along their edges, whatever the numbers of the nodes."""
+"""Selects DOFs by position, and finds edges among points and the order along each, from coordinates only, not from node numbers."""
 
 from __future__ import annotations
 
@@ -12,32 +12,33 @@ from scipy.spatial import Delaunay, cKDTree
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.model.dofs import DofTable
 
-#: Spacings beyond which the next term is on another edge: one or two nodes that are missing, as fixed ones are, leave gaps of two or three.
+#: A step of more than this many spacings leads to another edge. One or two missing (e.g. fixed) nodes leave gaps of two or three spacings.
 JUMP = 3.5
 
-#: Spacings up to which two nodes are neighbours whatever their direction, over a corner that is left out as well; beyond, only straight on.
+#: Two nodes up to this many spacings apart are neighbours in any direction, also across a missing corner; beyond, only straight ahead.
 STEP = 1.9
-#: Cosine of the largest turn across such a gap, and neighbours of a node among which its own lie.
+#: Cosine of the largest turn across such a gap, and the number of nearest nodes among which neighbours are sought.
 STRAIGHT, NEIGHBOURS = 0.34, 12
 
-#: Distances to the nearest within which a point of a line has four others, how many beside a corner, and path over shortest tree at most.
+#: ``is_line``: points within BESIDE times the nearest distance are counted, at most CROWD (typically four) on a line; and the largest
+#: ratio of the path through all points to their shortest spanning tree.
 BESIDE, CROWD, DETOUR = 2.1, 5, 1.3
 
-#: Coordinates closer than this are one place [m].
+#: Points closer than this count as one [m].
 ONE_PLACE = 1e-9
 
-#: Spacings that the sides of a triangle between neighbours of a field may have, and its area over its longest side squared at the least;
-#: departure from a plane over the extent.
+#: ``outline``: longest side of a triangle between neighbouring nodes, in spacings; smallest area over longest side squared; and largest
+#: distance from a plane over the extent.
 LONGEST_SIDE, SLIVER, FLAT = 1.9, 1e-4, 1e-3
 
 
 def at_node(table: DofTable, node: int, component: str) -> Integers:
-    """DOFs of a node with a component; empty where there is none."""
+    """DOFs of a node with the given component; empty if there is none."""
     return np.flatnonzero((table.node == node) & (table.component == component))
 
 
 def nearest(table: DofTable, point: Sequence[float], component: str) -> tuple[int, float] | None:
-    """The DOF with a component that is nearest to a point, and its distance in metres; None where no DOF has the component."""
+    """The nearest DOF to a point among those with the given component, and its distance [m]; None if there is none."""
     candidates = np.flatnonzero(table.component == component)
     if not candidates.size:
         return None
@@ -47,7 +48,7 @@ def nearest(table: DofTable, point: Sequence[float], component: str) -> tuple[in
 
 
 def spacing(table: DofTable, dof: int) -> float:
-    """Distance from a DOF to the nearest other node with the same component: the local mesh size in metres."""
+    """Local mesh size [m]: distance from a DOF to the nearest other node with the same component."""
     same = np.flatnonzero((table.component == table.component[dof]) & (table.node != table.node[dof]))
     if not same.size:
         return 0.0
@@ -55,25 +56,25 @@ def spacing(table: DofTable, dof: int) -> float:
 
 
 def in_box(table: DofTable, component: str, box: Sequence[Sequence[float]]) -> Integers:
-    """DOFs with a component inside a box (borders included), edge after edge, each in its order."""
+    """DOFs with the given component inside a box (including its faces), edge by edge and ordered along each edge."""
     low, high = (np.array([axis[side] for axis in box], dtype=float) for side in (0, 1))
     inside = np.all((table.xyz >= low) & (table.xyz <= high), axis=1) & (table.component == component)
     return in_order(table, np.flatnonzero(inside))
 
 
 def in_order(table: DofTable, dofs: Integers) -> Integers:
-    """DOFs edge after edge, each in its order."""
+    """DOFs edge by edge, ordered along each edge."""
     return dofs[np.concatenate(edges_of(table.xyz[dofs]))] if dofs.size else dofs
 
 
 def near_line(table: DofTable, component: str, corners: Floats, tolerance: float) -> Integers:
-    """DOFs with a component within a distance [m] of a polygon (corners, 3), in their order along it."""
+    """DOFs with the given component within ``tolerance`` [m] of a polyline with (m, 3) corners, ordered along it."""
     dofs = np.flatnonzero(table.component == component)
     side = np.diff(corners, axis=0)
     length = np.linalg.norm(side, axis=1)
     before = np.concatenate([[0.0], np.cumsum(length)[:-1]])
     square = np.where(length > 0, length, 1.0) ** 2
-    # (dofs, sides): foot on each side, as a share of it.
+    # (dofs, sides): foot of the perpendicular on each side, from 0 to 1 along the side.
     foot = np.clip(np.einsum("ijk,jk->ij", table.xyz[dofs][:, None] - corners[:-1], side) / square, 0.0, 1.0)
     distance = np.linalg.norm(table.xyz[dofs][:, None] - (corners[:-1] + foot[:, :, None] * side), axis=2)
     nearest = np.argmin(np.round(distance, 12), axis=1)
@@ -84,7 +85,7 @@ def near_line(table: DofTable, component: str, corners: Floats, tolerance: float
 
 
 def near_points(table: DofTable, component: str, points: Floats, radius: float) -> tuple[Integers, Integers]:
-    """DOFs with a component within a distance [m] of points, and the nearest point of each; point after point, the nearest DOF first."""
+    """DOFs with the given component within ``radius`` [m] of points, and their nearest point; sorted by point, then by distance."""
     dofs = np.flatnonzero(table.component == component)
     distance = np.linalg.norm(table.xyz[dofs][:, None] - points, axis=2)
     nearest = np.argmin(distance, axis=1) if points.size else np.zeros(dofs.size, dtype=np.int64)
@@ -95,7 +96,7 @@ def near_points(table: DofTable, component: str, points: Floats, radius: float) 
 
 
 def outline(xyz: Floats) -> Integers:
-    """Points on the border of a flat field of nodes, and on those of its holes, but for nodes in corners that are cut out of it.
+    """Indices of points on the border of a plane mesh and of its holes; nodes in re-entrant corners may be missing.
 
     Parameters
     ----------
@@ -104,7 +105,7 @@ def outline(xyz: Floats) -> Integers:
     Raises
     ------
     ValueError
-        Where the points lie in no plane or on a line, or a mesh of so unequal sides that nothing tells a hole from an element.
+        If the points do not lie in a plane, lie on a line, or are spaced so unevenly that holes and elements cannot be distinguished.
     """
     centred = xyz - xyz.mean(axis=0)
     _, size, axes = np.linalg.svd(centred, full_matrices=False)
@@ -119,7 +120,7 @@ def outline(xyz: Floats) -> Integers:
     a, b, c = (flat[triangles[:, k]] for k in range(3))
     sides = np.stack([np.linalg.norm(p - q, axis=1) for p, q in ((a, b), (b, c), (c, a))])
     area = 0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
-    # Rounding makes slivers along a straight border; what spans a hole or a notch is larger than an element.
+    # Rounding makes slivers along a straight border; triangles across a hole or a notch are larger than elements.
     longest = sides.max(axis=0)
     triangles = triangles[(longest <= LONGEST_SIDE * nearest[triangles].max(axis=1)) & (area > SLIVER * longest**2)]
     if np.unique(triangles).size < flat.shape[0]:
@@ -132,7 +133,7 @@ def outline(xyz: Floats) -> Integers:
 
 
 def edges_of(xyz: Floats) -> list[Integers]:
-    """Points by the edge that they lie on, in their order along it; the same whatever the order in which they are given.
+    """Split points into edges, each ordered along its length; the result does not depend on the order of the points.
 
     Parameters
     ----------
@@ -141,8 +142,8 @@ def edges_of(xyz: Floats) -> list[Integers]:
     Returns
     -------
     list of int arrays
-        Neighbours are not farther apart than two nodes are that corner or gap may be missing between, and rows of a corner's or a gap's
-        distance beside each other are edges of their own.
+        Indices of the points of each edge. A missing corner node, or a gap of one or two nodes straight ahead (``STEP``, ``JUMP``), does
+        not end an edge; parallel rows that far apart are separate edges.
     """
     places, at = np.unique(np.round(xyz / ONE_PLACE).astype(np.int64), axis=0, return_inverse=True)
     points = [np.flatnonzero(at.ravel() == k) for k in range(places.shape[0])] if xyz.shape[0] > places.shape[0] else None
@@ -158,7 +159,7 @@ def edges_of(xyz: Floats) -> list[Integers]:
 
 
 def _pieces(xyz: Floats) -> Integers:
-    """Edge of each of distinct points."""
+    """(m,) index of the edge of each of m distinct points."""
     m = xyz.shape[0]
     if m < 3:
         return np.zeros(m, dtype=np.int64)
@@ -168,7 +169,7 @@ def _pieces(xyz: Floats) -> Integers:
     neighbours: list[list[int]] = [[] for _ in range(m)]
 
     def straight(a: int, b: int) -> bool:
-        """Whether a is an end from which it goes straight on to b."""
+        """Whether a is the end of a row (or alone) and b lies straight ahead of it."""
         if len(neighbours[a]) != 1:
             return not neighbours[a]
         before, after = xyz[a] - xyz[neighbours[a][0]], xyz[b] - xyz[a]
@@ -186,7 +187,7 @@ def _pieces(xyz: Floats) -> Integers:
 
 
 def is_line(xyz: Floats) -> bool:
-    """Whether points in their order follow one line, rather than fill a face or a body.
+    """Whether ordered points follow one line (straight or curved), rather than fill a face or a body.
 
     Parameters
     ----------
@@ -204,7 +205,7 @@ def is_line(xyz: Floats) -> bool:
 
 
 def _spanned(xyz: Floats) -> tuple[Floats, sp.coo_array]:
-    """Distances of each point to its nearest, itself first, and the shortest tree that joins them."""
+    """Distances of each point to its nearest points (itself first), and the shortest spanning tree of all points."""
     m = xyz.shape[0]
     away, index = cKDTree(xyz).query(xyz, k=min(m, NEIGHBOURS + 1))
     # Graphs of older SciPy take 32-bit indices only.
@@ -214,7 +215,7 @@ def _spanned(xyz: Floats) -> tuple[Floats, sp.coo_array]:
 
 
 def along(xyz: Floats) -> Integers:
-    """Order of points along their principal direction; of a ring or a hook, where that goes to and fro, from neighbour to neighbour."""
+    """Order of points along their principal direction, or, where that jumps to and fro (ring, hook), from neighbour to neighbour."""
     if xyz.shape[0] < 3:
         return np.lexsort(xyz.T[::-1])
     centred = xyz - xyz.mean(axis=0)
@@ -224,15 +225,15 @@ def along(xyz: Floats) -> Integers:
     chain = _chain(xyz, int(order[0]))
     stop = jumps(xyz[chain])
     if stop.size:
-        # It began inside: what it came to first is an end.
+        # The chain started between the ends: the point before its first jump is an end.
         chain = _chain(xyz, int(chain[stop[0]]))
-    # An uneven straight edge has steps that look like jumps too; there the projection is the shortest way.
+    # A straight edge with uneven spacing has steps that look like jumps; its projection is the shorter path then.
     shorter = arc_length(xyz[chain])[-1] < arc_length(xyz[order])[-1] * (1.0 - 1e-9)
     return chain if shorter and not jumps(xyz[chain]).size else order
 
 
 def _chain(xyz: Floats, start: int) -> Integers:
-    """Points from one to the nearest that is left."""
+    """Order of points from ``start``, each time to the nearest point not yet visited."""
     left = np.ones(xyz.shape[0], dtype=bool)
     chain = [start]
     left[start] = False
@@ -244,7 +245,7 @@ def _chain(xyz: Floats, start: int) -> Integers:
 
 
 def jumps(xyz: Floats) -> Integers:
-    """Steps between successive points that are no steps along an edge.
+    """Steps between successive points that are too long to be steps along one edge.
 
     Parameters
     ----------
@@ -253,26 +254,26 @@ def jumps(xyz: Floats) -> Integers:
     Returns
     -------
     (j,) int array
-        Index of the point before each: the next one is ``JUMP`` times farther away than either has a neighbour.
+        Index of the point before each jump: the step is more than ``JUMP`` times the nearest distance of either point.
     """
     if xyz.shape[0] < 3:
         return np.zeros(0, dtype=np.int64)
     places, at = np.unique(xyz, axis=0, return_inverse=True)
     if places.shape[0] < 3:
         return np.zeros(0, dtype=np.int64)
-    # Graded meshes have large steps beside small ones, but then one of the two has its nearest neighbour that far.
+    # In a graded mesh a large step follows a small one, but then one of the two points has no nearer neighbour.
     nearest = cKDTree(places).query(places, k=2)[0][:, 1][at.ravel()]
     steps = np.linalg.norm(np.diff(xyz, axis=0), axis=1)
     return np.flatnonzero(steps > JUMP * np.maximum(nearest[1:], nearest[:-1]))
 
 
 def arc_length(xyz: Floats) -> Floats:
-    """Length along a polygon from its first point [m]."""
+    """(k,) length along a polyline from its first point [m]."""
     steps = np.linalg.norm(np.diff(xyz, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)]) if xyz.shape[0] else np.zeros(0)
 
 
 def unit_columns(dofs: Sequence[int] | Integers, n: int, scale: float = 1.0) -> sp.csc_array:
-    """(n, m) matrix of unit vectors."""
+    """(n, m) matrix with one column for each of m DOFs: a unit vector times ``scale``."""
     index = np.asarray(dofs, dtype=np.int64)
     return sp.csc_array((np.full(index.size, scale), (index, np.arange(index.size))), shape=(n, index.size))

@@ -1,4 +1,4 @@
-"""What a load becomes where the hammer hits beside its node: derivatives of a point load along the surface."""
+"""Derivatives of a point load with respect to the position of the hammer, for the nuisance parameter *offset of the hammer point*."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lrbc_cli.model.selection import at_node
 
 AXES = "XYZ"
 
-#: ``du_a/db = sign * rotation`` of a rigid cross-section, u = theta x r.
+#: By (direction a of the load, direction b of the shift): ``du_a/db = sign * rotation`` of a rigid cross-section, u = theta x r.
 SLOPES = {
     ("X", "Z"): ("ROTY", 1.0),
     ("X", "Y"): ("ROTZ", -1.0),
@@ -21,26 +21,26 @@ SLOPES = {
     ("Z", "X"): ("ROTY", -1.0),
 }
 
-#: Neighbours through which a gradient is fitted where the node has no rotations.
+#: Number of neighbours through which a gradient is fitted if the node has no rotations.
 NEIGHBOURS = 8
 
 
 def load_shifts(table: DofTable, dof: int) -> tuple[Floats, tuple[str, str]] | None:
-    """Derivatives of a unit load on a translation to a shift along the two other axes.
+    """Derivatives of a unit load on a translation with respect to shifts of its point along the two other axes.
 
-    The load is work-conjugate to the displacement there, so a load beside the node is the displacement's expansion about it: by the
-    rotations of the node, or by a plane fitted through the nearest nodes with the same component.
+    A load is work-conjugate to the displacement at its point, so its derivatives follow from the gradient of the displacement: given by
+    the rotations of the node, or by a plane fitted through the nearest nodes with the same component.
 
     Parameters
     ----------
     table : DofTable
     dof : int
-        Of a component UX, UY or UZ.
+        A DOF with component UX, UY or UZ.
 
     Returns
     -------
     (n, 2) float array and the two directions, or None
-        [N/m]; None where the DOF is no translation or has no neighbours in both directions.
+        Load vectors [N/m]; None if the DOF is not a translation or has no neighbours in both directions.
     """
     component = str(table.component[dof])
     if len(component) != 2 or component[0] != "U" or component[1] not in AXES:
@@ -72,5 +72,5 @@ def load_shifts(table: DofTable, dof: int) -> tuple[Floats, tuple[str, str]] | N
 
 
 def shift_columns(found: list[Floats]) -> sp.csc_array:
-    """The derivatives of all loads side by side, two columns a load."""
+    """The derivatives of all loads side by side, two columns for each load."""
     return sp.csc_array(np.hstack(found))

@@ -1,4 +1,4 @@
-"""Rank-one terms of the operators and the parameters that scale them."""
+"""Rank-one terms of the operators, eqs. (3)-(5), and the parameters that scale them: log10 values and damping exponents p_damp."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ KIND_POWER = {"stiffness": 0, "damping": 1, "mass": 2}
 
 @dataclass(frozen=True)
 class LowRankTerms:
-    """Rank-one terms ``D_j(s) left_j right_jᵀ`` of the dynamic stiffness.
+    """Vectors of the rank-one terms ``D_j(s) left_j right_jᵀ`` of the dynamic stiffness, eqs. (3)-(5).
 
     Attributes
     ----------
     left, right : (n, nt) csc_array
-        b, d, f and c, e, g of eqs. (3)-(5).
+        Columns b, d, f and c, e, g of eqs. (3)-(5).
     power : (nt,) int array
-        Of s: 0 stiffness, 1 damping, 2 mass.
+        Power of s in D_j: 0 stiffness, 1 damping, 2 mass.
     baseline : (nt,) float array
-        Linear value that the operators already contain; a term is free where ``D_j = -baseline s^power``.
+        Linear value that the exported operators already contain; a term is free at ``D_j = -baseline s^power``.
     """
 
     left: sp.csc_array
@@ -43,23 +43,24 @@ class LowRankTerms:
 
     @property
     def symmetric(self) -> bool:
-        """Whether left and right vectors are the same."""
+        """Whether left and right vectors are equal."""
         return bool(self.left.shape == self.right.shape and (self.left != self.right).nnz == 0)
 
 
 @dataclass(frozen=True)
 class EdgeDamping:
-    """Damping tied to an identified stiffness, eq. (33): one exponent p_damp for the whole group.
+    """Damping tied to an identified stiffness, eq. (33), with one exponent p_damp for the whole group.
 
     Attributes
     ----------
     beta : float
-        Stiffness-proportional damping coefficient [s].
+        Coefficient of stiffness-proportional damping [s].
     initial : float
-        p_damp at the start.
+        Start value of p_damp.
     bounds : (float, float)
+        Of p_damp.
     loss_factor : float
-        Of hysteretic damping.
+        eta of hysteretic damping.
     """
 
     beta: float
@@ -68,13 +69,13 @@ class EdgeDamping:
     loss_factor: float = 0.0
 
     def loss(self, s: Complexes) -> Complexes:
-        """(F,) ``s beta + i loss_factor``, the damping of a unit stiffness where p_damp is 0."""
+        """(F,) ``s beta + i loss_factor``, the damping of a unit stiffness at p_damp = 0."""
         return s * self.beta + 1j * self.loss_factor
 
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterGroup:
-    """Parameters of one kind along one edge or joint, in log10.
+    """A group of k parameters p (log10 values) of one kind, along an edge or of joints, and the terms that they scale.
 
     Attributes
     ----------
@@ -84,20 +85,20 @@ class ParameterGroup:
     terms : (m,) int array
         Columns of ``LowRankTerms`` that belong to the group.
     parameter : (m,) int array
-        Which of the group's parameters scales each of these terms.
+        Index of the parameter that scales each of these terms.
     initial : (k,) float array
-        log10 at the start.
+        Start values, log10.
     bounds : (k, 2) float array
-        log10.
+        Lower and upper bounds, log10.
     smoothing : (k, k) float array
-        W of Fig. 5: the values are ``W 10^p``.
+        W of Fig. 5: the linear values are ``W 10^p``.
     damping : EdgeDamping or None
     xyz : (k, 3) float array or None
         Positions of the parameters [m].
     arc_length : (k,) float array or None
-        Along the edge [m]; None of joints, which lie along none.
+        Position along the edge [m]; None for joints.
     bolt : (k,) int array or None
-        Bolt that owns each parameter, -1 where none does; None where no bolt owns any.
+        Index of the bolt that owns each parameter, -1 for none; None if no bolt owns any.
     """
 
     name: str
@@ -114,12 +115,12 @@ class ParameterGroup:
 
     @property
     def count(self) -> int:
-        """Number of log10 values, p_damp not counted."""
+        """Number k of log10 values, without p_damp."""
         return int(self.initial.size)
 
     def values(self, p: Floats) -> Floats:
         """(k,) linear values W 10^p."""
-        # inf clamps and -inf frees: 0 * inf of the far rows of W must stay 0.
+        # p may be inf (clamped): the zeros of W times inf must give 0.
         power = np.power(10.0, p)
         if np.all(np.isfinite(power)):
             return np.asarray(self.smoothing @ power)
@@ -128,7 +129,7 @@ class ParameterGroup:
         )
 
     def value_jacobian(self, p: Floats) -> Floats:
-        """(k, k) derivative of ``values`` to p."""
+        """(k, k) Jacobian of ``values`` with respect to p."""
         return np.asarray(self.smoothing * (LN10 * np.power(10.0, p)))
 
 
@@ -138,7 +139,7 @@ def smoothing_matrix(weights: Sequence[float] | None, count: int, normalised: bo
     Parameters
     ----------
     weights : sequence of odd length, or None
-        Centre weight in the middle; (1/3, 2/3, 1/3) in the paper, whose rows sum to 4/3 inside and to 1 at the ends.
+        Centre weight in the middle. The paper has (1/3, 2/3, 1/3): rows sum to 4/3, the first and the last to 1. None: W is the identity.
     count : int
         Number of parameters, ordered by arc length.
     normalised : bool
@@ -162,15 +163,15 @@ def smoothing_matrix(weights: Sequence[float] | None, count: int, normalised: bo
 
 @dataclass(frozen=True)
 class Parameterisation:
-    """All groups; theta holds, group by group, the log10 values and then p_damp where there is one.
+    """The vector of unknowns theta: group by group the log10 values, followed by p_damp if the group has tied damping.
 
     Attributes
     ----------
     groups : tuple of ParameterGroup
     placed : tuple of (ParameterGroup, slice, int or None)
-        Each group with the places of its values, and of its damping exponent, in theta.
+        Each group with the slice of its log10 values and the index of its p_damp in theta.
     size : int
-        Of theta.
+        Length of theta.
     """
 
     groups: tuple[ParameterGroup, ...]
@@ -190,7 +191,7 @@ class Parameterisation:
 
     @property
     def of_joints(self) -> bool:
-        """Whether bolts own terms, in some group."""
+        """Whether some group has parameters owned by bolts, i.e. joints."""
         return any(group.bolt is not None for group in self.groups)
 
     @property
@@ -200,7 +201,7 @@ class Parameterisation:
 
     @property
     def initial(self) -> Floats:
-        """Theta at the start."""
+        """(size,) start values of theta."""
         theta = np.zeros(self.size)
         for group, values, at in self.placed:
             theta[values] = group.initial
@@ -235,14 +236,14 @@ class Parameterisation:
         return kappa
 
     def scale_jacobian(self, theta: Floats) -> Floats:
-        """(nt, size) derivative of ``scales``; columns of p_damp are zero."""
+        """(nt, size) Jacobian of ``scales`` with respect to theta; columns of p_damp are zero."""
         J = np.zeros((self.terms, self.size))
         for group, values, _ in self.placed:
             J[group.terms, values] = group.value_jacobian(theta[values])[group.parameter]
         return J
 
     def spectra(self, theta: Floats, s: Complexes) -> Complexes:
-        """(F, nt) c_j(s) with ``D_j(s) = c_j(s) kappa_j``: s^power, times ``1 + (s beta + i loss_factor) 10^p_damp`` (33)."""
+        """(F, nt) c_j(s) of ``D_j = c_j(s) kappa_j``: s^power, times ``1 + (s beta + i loss_factor) 10^p_damp`` with tied damping (33)."""
         c = np.ones((s.size, self.terms), dtype=complex)
         for group, _, at in self.placed:
             spectrum = s ** KIND_POWER[group.kind]
@@ -252,7 +253,7 @@ class Parameterisation:
         return c
 
     def damping_spectra(self, theta: Floats, s: Complexes) -> list[tuple[int, NDArray[np.int64], Complexes]]:
-        """For every p_damp its index in theta, its terms, and (F,) d c_j / d p_damp (36)."""
+        """For every p_damp: its index in theta, its terms, and the (F,) derivative d c_j / d p_damp, eq. (36)."""
         out = []
         for group, _, at in self.placed:
             if group.damping and at is not None:
@@ -260,7 +261,7 @@ class Parameterisation:
         return out
 
     def dynamic(self, theta: Floats, s: Complexes) -> Complexes:
-        """(F, nt) D_j(s), the value to add to matrices without the terms; infinite where a term clamps."""
+        """(F, nt) dynamic values D_j(s) of the terms, infinite for a clamped term."""
         kappa = self.scales(theta)
         finite = np.where(np.isfinite(kappa), kappa, 0.0)
         D = self.spectra(theta, s) * finite
@@ -268,9 +269,9 @@ class Parameterisation:
         return D
 
     def polynomial(self, theta: Floats) -> Floats:
-        """(nt, 3) k, c and m of ``D_j(s) = k + s c + s² m``; the one of its kind is infinite, the others zero, where a term clamps.
+        """(nt, 3) coefficients k, c and m of ``D_j(s) = k + s c + s² m``; of a clamped term one is infinite and the others are zero.
 
-        Damping tied to a stiffness (33) is viscous, ``c = k beta 10^p_damp``; a loss factor has no such form.
+        Damping tied to a stiffness (33) is viscous, ``c = k beta 10^p_damp``. A loss factor has no such form and is left out.
         """
         kappa = self.scales(theta)
         finite = np.isfinite(kappa)

@@ -1,4 +1,4 @@
-"""Systems of units in which FE programs write models."""
+"""Unit systems of FE programs, such as mm-N-t, and their factors to SI."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _UNITS: dict[str, dict[str, float]] = {
 
 @dataclass(frozen=True)
 class UnitSystem:
-    """Three units and the fourth that follows from force = mass length / time².
+    """A consistent unit system: three given units, and the fourth from force = mass length / time².
 
     Attributes
     ----------
     text : str
-        As given, such as ``mm-N-t``.
+        As given, for example ``mm-N-t``.
     length, force, mass, time : float
-        Each unit in SI.
+        Each unit in m, N, kg and s.
     """
 
     text: str
@@ -41,20 +41,20 @@ class UnitSystem:
     time: float
 
 
-#: Systems that are proposed where the numbers, or a name, come near.
+#: Systems that messages propose if the numbers of a model, or a misspelt name, fit one of them.
 USUAL_SYSTEMS = ("mm-N-t", "mm-kg-ms", "in-lbf-s", "cm-kg-s")
 
-#: What everything is in where nothing is said.
+#: The default.
 SI = UnitSystem("SI", 1.0, 1.0, 1.0, 1.0)
 
 
 def parse_system(text: str) -> UnitSystem:
-    """Three units of length, force, mass and time, joined by hyphens: ``mm-N-t``, ``mm-kg-ms``, ``in-lbf-s``; or ``SI``.
+    """The unit system named by three units joined by hyphens (``mm-N-t``, ``mm-kg-ms``, ``in-lbf-s``), or by ``SI``.
 
     Raises
     ------
     ValueError
-        If a unit is unknown, or they are not three of different kinds.
+        If a unit is unknown, the units are not three of different kinds, or the resulting unit of time is neither s, ms nor us.
     """
     if text.upper() == "SI":
         return SI
@@ -62,7 +62,7 @@ def parse_system(text: str) -> UnitSystem:
     for word in text.split("-"):
         kind = next((kind for kind, units in _UNITS.items() if word in units), None)
         if kind is None:
-            raise ValueError(f"'{word}' is no unit of length, force, mass or time")
+            raise ValueError(f"'{word}' is not a unit of length, force, mass or time")
         if kind in known:
             raise ValueError(f"two units of {kind}")
         known[kind] = _UNITS[kind][word]

@@ -1,1 +1,1 @@
-"""From the full-order model to a certified reduced model: ``build`` runs the steps, ``predict`` estimates their cost."""
+"""Model reduction, the first link of the chain: ``build`` makes a certified reduced model, ``predict`` estimates memory and time."""

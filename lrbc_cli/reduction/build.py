@@ -1,7 +1,7 @@
-"""Adaptive multi-point second-order Krylov reduction of the extended system, with a measured certificate.
+"""Adaptive reduction of the extended system (second-order Krylov subspaces at several frequencies) with a measured certificate.
 
-Every factorisation serves twice: the exact port FRFs that it gives are compared with those of the reduced model (so the error
-of y is *measured* there for any parameter vector), and its solutions enrich the basis where that error is too large.
+Every factorisation of the full model is used twice. It gives exact port FRFs, and with them the true error of the FRFs y at that line
+for any parameter vector; where this error is too large, its solutions extend the basis. ``reduce_model`` is the entry point.
 """
 
 from __future__ import annotations
@@ -31,18 +31,20 @@ from lrbc_cli.reduction.steps.estimate import Effectivity, Estimator, Sweep
 from lrbc_cli.reduction.steps.full_lines import FullLine, FullLines
 from lrbc_cli.reduction.steps.unseen import Candidate, unseen_error
 
-#: Directions below this share of the tolerance cannot be seen in y, whose error is a product of two such errors. They are dropped late:
-#: a rich basis needs fewer factorisations, and is compressed afterwards.
+#: Directions with singular values below this share of the tolerance are dropped; they do not affect y, whose error is the product of a
+#: primal and a dual error. The share is small on purpose: a rich basis needs fewer factorisations, and it is compressed afterwards.
 DEFLATION = 1e-3
 
-#: Points without progress after which errors that may be rounding count as that.
+#: Measured errors in a row without progress after which errors below the rounding estimate count as rounding.
 PATIENCE = 4
 
-#: What compression may cost, in tolerances; less by a factor where a full solve shows that it cost too much.
+#: Error that compression may add, as a share of the tolerance, and the factor that lowers it if a full solve shows a larger error.
 COMPRESSION, STRICTER = 0.1, 0.1
 
 
 class _Clock:
+    """Seconds by stage: ``lap`` adds the time since the previous lap to a stage."""
+
     def __init__(self) -> None:
         self.seconds: dict[str, float] = dict.fromkeys(("basis", "projection", "estimate", "compression", "certificate"), 0.0)
         self._last = time.perf_counter()
@@ -55,7 +57,7 @@ class _Clock:
 
 
 class Reducer:
-    """State of one adaptive reduction: ``run`` expands, compresses and certifies; the parameters are those of ``reduce_model``."""
+    """One adaptive reduction and its state: ``run`` expands, compresses and certifies. Parameters as of ``reduce_model``."""
 
     def __init__(self, model: FeModel, input_of: Integers, options: ReductionOptions, *, backend: str = "auto") -> None:
         self.clock = _Clock()
@@ -64,37 +66,37 @@ class Reducer:
         self.basis = self.problem.empty_basis()
         self.estimator = Estimator(self.problem)
         self.effectivity = Effectivity(self.problem.many)
-        # Large bases are costlier than points.
+        # With very many inputs a large basis costs more than further expansion points.
         self.deflation = max((10 if self.problem.many else 1) * DEFLATION * options.tolerance, 1e-12)
         self.loss = COMPRESSION * options.tolerance
-        #: Whether ``max_size`` cuts away what the tolerance needs, so that further points are of no use.
+        #: Whether ``max_size`` is smaller than the basis that the tolerance needs, so that further points are of no use.
         self.capped = False
-        #: Rounding in the latest sweep, at the worst line.
+        #: Estimated rounding error at the worst line of the latest sweep.
         self.rounding = 0.0
         self.exact: dict[float, PortFrf] = {}
         self.enriched: list[float] = []
         self.held_out: list[float] = []
-        #: Errors at held-out lines, of the basis as it is.
+        #: Measured errors of the current basis at held-out lines.
         self.measured: dict[float, dict[str, float]] = {}
         self.trace: list[Step] = []
         self.clock.lap("basis")
 
     @property
     def options(self) -> ReductionOptions:
-        """What is asked for."""
+        """Band, tolerance and limits of this reduction."""
         return self.problem.options
 
     def reduced(self) -> ReducedModel:
-        """The reduced model on the basis so far."""
+        """The reduced model on the current basis."""
         return self.problem.reduced(self.basis)
 
     def run(self, progress: Callable[[str], None] = lambda _: None) -> Reduction:
-        """Grow the basis until the estimate holds over the band and the measured error at the held-out lines.
+        """Extend the basis until the estimated error over the band and the measured errors at held-out lines are within the tolerance.
 
         Raises
         ------
         NumericalError
-            Where a factorisation fails.
+            If a factorisation fails.
         """
         rich = self.expand(progress)
         while True:
@@ -109,7 +111,7 @@ class Reducer:
     # -- expand -----------------------------------------------------------------------------------------------------
 
     def expand(self, progress: Callable[[str], None] = lambda _: None) -> Sweep:
-        """Expand at the first lines, the outer ones first, until the estimate is good."""
+        """Expand at the first three lines (Chebyshev places, outer ones first), fewer if the estimate is already within the tolerance."""
         if self.problem.is_small:
             return self._whole(progress)
         angles = np.pi * (np.arange(FIRST_POINTS) + 0.5) / FIRST_POINTS
@@ -120,13 +122,13 @@ class Reducer:
             solved = self.lines.solve(batch, expand=True)
             self.clock.lap("basis")
             while solved:
-                # Solutions of a line are as large as several bases: none is kept while the next line is solved.
+                # The solutions of a line take as much memory as several bases: they are released before the next line.
                 line = solved.pop(0)
                 error = None
                 if line.exact is not None:
                     self.exact[line.frequency_hz] = line.exact
                     if self.enriched:
-                        # What the basis before it misses there.
+                        # Error of the basis before this line extends it.
                         error = max(self.errors(line.frequency_hz, self.reduced()).values())
                         self.clock.lap("certificate")
                 order, added = self.enrich(line)
@@ -138,7 +140,7 @@ class Reducer:
                     return sweep
 
     def _whole(self, progress: Callable[[str], None]) -> Sweep:
-        """Every direction there is: no state of the terms is missed, not even on a resonance between the lines that are looked at."""
+        """Keep a small model whole: exact for every state of the terms, also for a resonance between the lines of the grid."""
         self.basis.extend([np.eye(part.dofs.size) for part in self.basis.fields])
         self.clock.lap("projection")
         self._record(float("nan"), 0, self.basis.size, None, lambda _: None)
@@ -149,7 +151,7 @@ class Reducer:
             raise NumericalError("the dynamic stiffness is singular in the band", hint="add damping, or choose another band") from None
 
     def enrich(self, line: FullLine) -> tuple[int, int]:
-        """Add the moments at a factorised line to the basis; returns (order, added directions)."""
+        """Extend the basis by the moments at a factorised line; returns (order, number of added directions)."""
         line = self.lines.expanded(line)
         self.lines.release(line)
         assert line.snapshots is not None
@@ -166,9 +168,9 @@ class Reducer:
     # -- compress ---------------------------------------------------------------------------------------------------
 
     def compress(self, rich: Sweep, progress: Callable[[str], None] = lambda _: None) -> Candidate:
-        """Keep the part of the basis that its solutions use, at most ``max_size`` directions."""
+        """Restrict the rich basis to the principal directions of its solutions, at most ``max_size`` of them."""
         whole, limit, size = self._uncompressed(rich), self.options.max_size, self.basis.size
-        # With very many terms it would save little, and each comparison costs as much as several full lines.
+        # With very many terms compression saves little, and each comparison costs as much as several full lines.
         if limit is None and (self.problem.many or self.problem.is_small):
             return whole
         compressor = Compressor(self.problem, self.basis, rich, self.estimator, self.loss)
@@ -198,14 +200,14 @@ class Reducer:
         return Candidate(rich, rich, self.reduced(), self.basis.projected())
 
     def _changed(self) -> None:
-        """Errors are those of another basis now; it can be measured again only where the exact port FRFs are known."""
+        """Discard errors of the previous basis; a line stays held out only if its exact port FRFs are known for a new measurement."""
         self.measured = {}
         self.held_out = [frequency for frequency in self.held_out if frequency in self.exact]
 
     # -- certify ----------------------------------------------------------------------------------------------------
 
     def certify(self, candidate: Candidate, progress: Callable[[str], None] = lambda _: None) -> bool:
-        """Measure the error at lines outside the basis until so many as asked for hold; returns whether one made the basis grow."""
+        """Measure errors until ``held_out`` lines outside the basis meet the tolerance; returns True as soon as one extends the basis."""
         while True:
             missing = self.options.held_out - len(self.held_out)
             if missing > 0:
@@ -222,16 +224,16 @@ class Reducer:
                 return True
 
     def _visit_worst(self, candidate: Candidate, count: int, progress: Callable[[str], None]) -> bool:
-        """Visit lines where the estimate is worst, each in a part of the band of its own."""
+        """Solve and visit the lines with the largest estimates, each in a different part of the band."""
         grid, estimate = self.estimator.grid, candidate.sweep.estimate
         return self._visit(
             self.lines.solve(grid.worst(estimate, self.enriched, self.held_out, count, self.options.held_out)), candidate, progress
         )
 
     def _visit(self, batch: list[FullLine], candidate: Candidate, progress: Callable[[str], None]) -> bool:
-        """Measure the error at lines just solved: each is held out, or enriches the basis; returns whether the basis grew.
+        """Measure the error at solved lines: each is held out, or extends the basis if the error is too large; returns whether one did.
 
-        The others are left where one makes it grow: the next ones depend on the new basis, not on how many lines are solved at a time.
+        The remaining lines are then dropped: which lines come next must depend on the new basis, not on how many are solved at a time.
         """
         tolerance = self.options.tolerance
         self.exact.update({line.frequency_hz: line.exact for line in batch if line.exact is not None})
@@ -247,7 +249,7 @@ class Reducer:
             self.clock.lap("certificate")
             if (error > 0.5 * tolerance or not self._holds(candidate.rich)) and not self.stopped:
                 order, added = self.enrich(line)
-                # Nothing new although the error is too large: the deflation hides what is missing.
+                # No new direction although the error is too large: deflation has dropped what is missing.
                 self.deflation *= 1.0 if added else 0.1
             if not order or self.deflation < 1e-15:
                 self.held_out.append(frequency)
@@ -259,12 +261,12 @@ class Reducer:
         return False
 
     def errors(self, frequency: float, model: ReducedModel) -> dict[str, float]:
-        """Measured relative error of y at a line that was solved for all inputs, by kind of parameter vector."""
+        """Measured relative error of y at a line whose exact port FRFs are known, by kind of parameter vector."""
         exact = self.exact[frequency]
         return port_errors(self.problem.model, self.problem.scale, exact, model.ports(exact.s, workers=1))
 
     def measure(self, line: FullLine, model: ReducedModel) -> dict[str, float]:
-        """The same at a line just factorised, by the residuals where not all inputs were solved."""
+        """The same at a line just factorised; from residuals if its exact port FRFs are not known."""
         if line.exact is not None:
             return self.errors(line.frequency_hz, model)
         inputs = self.problem.inputs
@@ -273,15 +275,15 @@ class Reducer:
         )
 
     def _lost_by_compression(self, line: FullLine, candidate: Candidate, error: float) -> bool:
-        """Whether the rich model is much better than the compressed one at a line."""
+        """Whether the error at a line comes from compression: that of the rich model is less than half of it."""
         return (
             line.exact is not None and candidate.compressed and max(self.errors(line.frequency_hz, candidate.full).values()) < 0.5 * error
         )
 
-    # -- what all three need ----------------------------------------------------------------------------------------
+    # -- used by all three steps ----------------------------------------------------------------------------------------
 
     def _sweep(self, *, seen: bool = False) -> Sweep:
-        """Estimate the error over the band; the trace shows it as what the last factorisation led to."""
+        """Estimate the error of the current basis over the band; with ``seen`` the last step of the trace gets the estimate."""
         sweep = self.estimator.sweep(self.basis.projected())
         self.rounding = float(sweep.rounding.max())
         if seen:
@@ -297,7 +299,7 @@ class Reducer:
 
     @property
     def stopped(self) -> str:
-        """Why no further point is of use; empty where one may be."""
+        """Why further expansion points would not help; empty if they may."""
         if self.capped:
             return f"max_size {self.options.max_size}"
         if len(self.enriched) >= self.options.max_points:
@@ -326,10 +328,10 @@ class Reducer:
         done = f"expansion point, +{added}" if order else "held out"
         progress(f"{frequency:8.2f} Hz  r = {self.basis.size:4d}  {missed}{done}")
 
-    # -- the end ----------------------------------------------------------------------------------------------------
+    # -- result ----------------------------------------------------------------------------------------------------
 
     def _unseen(self, candidate: Candidate) -> float:
-        """Bound of the error at lines that were not solved in full."""
+        """Statistical bound of the error at lines that were not solved with the full model."""
         errors = {line: self.errors(line, candidate.full) if candidate.compressed else self.measured[line] for line in self.held_out}
         return unseen_error(
             self.problem, self.estimator, candidate, self.reduced(), {line: max(found.values()) for line, found in errors.items()}
@@ -341,7 +343,7 @@ class Reducer:
         problem, options = self.problem, self.options
         groups = {name: {key: self.basis.project(A) for key, A in group.items()} for name, group in problem.model.extras.items()}
         lines = tuple(HeldOut(frequency, self.measured[frequency]) for frequency in sorted(self.held_out))
-        # No bound below what was measured.
+        # The bound must not lie below a measured error.
         unseen = max(self._unseen(candidate), max((line.worst for line in lines), default=0.0))
         self.clock.lap("certificate")
         reached = all(line.worst <= options.tolerance for line in lines)
@@ -382,32 +384,32 @@ def reduce_model(
     progress: Callable[[str], None] = lambda _: None,
     rows: Integers | None = None,
 ) -> Reduction:
-    """Reduce a model so that y is within the tolerance on the band for every value of the terms.
+    """Reduce a model so that the FRFs y are within the tolerance in the band for all values of the terms.
 
     Parameters
     ----------
     model : FeModel
     input_of : (n_out,) int array
-        Which input each response belongs to.
+        Which input (column of B) each response belongs to.
     options : ReductionOptions
     backend : str
-        Execution only, see ``DynamicStiffness``.
+        Sparse solver, see ``DynamicStiffness``; affects the time only.
     progress : callable
-        Gets one line of text a factorisation.
+        Called with one line of text for each factorisation.
     rows : (k,) int array or None
-        DOFs at which the result keeps the basis.
+        DOFs at which rows of the basis are kept in the result.
 
     Returns
     -------
     Reduction
-        With ``reached`` False where the tolerance was not met.
+        With ``reached`` False if the tolerance was not met.
 
     Raises
     ------
     NumericalError
-        Where the system is singular on the band.
+        If the system is singular in the band.
     """
-    # Tall and thin QR does not gain from threads, and spinning BLAS threads on busy cores cost a factor of ten; PARDISO keeps its own.
+    # QR of tall matrices does not gain from threads, and BLAS threads on busy cores cost a factor of ten. PARDISO has its own threads.
     with ThreadpoolController().select(internal_api="openblas").limit(limits=1):
         reducer = Reducer(model, input_of, options, backend=backend)
         try:

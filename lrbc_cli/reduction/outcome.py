@@ -1,4 +1,4 @@
-"""What a reduction is asked for, and what it gives: options, held-out errors, trace, certificate."""
+"""Options of a reduction and its result: the reduced model with held-out errors, error bound, trace and costs."""
 
 from __future__ import annotations
 
@@ -7,25 +7,26 @@ from dataclasses import dataclass, field
 from lrbc_cli.arrays import Floats
 from lrbc_cli.reduction.reduced.model import ReducedModel
 
-#: Increased whenever the same input would give another basis.
+#: Part of the cache key; increased whenever a change of the code would give another basis for the same input.
 ALGORITHM_VERSION = 13
 
 
 @dataclass(frozen=True)
 class ReductionOptions:
-    """What decides about the reduced model.
+    """Settings that determine the reduced model.
 
     Attributes
     ----------
     band_hz : (float, float)
+        Ends of the band [Hz].
     tolerance : float
-        Relative error of y, per line and physical quantity.
+        Largest relative error of y, for each line and physical quantity.
     held_out : int
-        Lines outside the basis at which the final error is measured.
+        Number of lines outside the basis at which the final error is measured.
     max_points : int
-        Expansion points after which the reduction gives up.
+        Largest number of expansion points.
     max_size : int or None
-        Reduced DOFs at most.
+        Largest number of reduced DOFs; None: no limit.
     """
 
     band_hz: tuple[float, float]
@@ -37,13 +38,13 @@ class ReductionOptions:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Measured errors at one line outside the basis.
+    """Measured errors at one held-out line, a line that was not used to build the basis.
 
     Attributes
     ----------
     frequency_hz : float
     errors : dict
-        Worst relative error of y by kind of parameter vector.
+        Largest relative error of y by kind of parameter vector (``ERROR_KINDS``).
     """
 
     frequency_hz: float
@@ -51,26 +52,26 @@ class HeldOut:
 
     @property
     def worst(self) -> float:
-        """Largest of them."""
+        """Largest error over all kinds."""
         return max(self.errors.values())
 
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """One factorisation in the trace, or the compression of the basis.
+    """One step in the trace of a reduction: a factorisation, or the compression of the basis.
 
     Attributes
     ----------
     frequency_hz : float
-        NaN for the compression.
+        Line that was factorised; NaN for the compression and for a model kept whole.
     size : int
         Reduced DOFs after the step.
     order, added : int
-        Moments and directions that the basis got.
+        Number of moments, and of directions, added to the basis.
     measured_error : float or None
-        Of the basis before the step.
+        Of the basis before the step; None if it was not measured.
     grid_hz, estimate : (F,) float arrays
-        Estimated error over the band after the step; NaN where the basis did not change or nobody looked.
+        Estimated error over the band after the step; NaN if it was not estimated.
     """
 
     frequency_hz: float
@@ -84,7 +85,7 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True)
 class Reduction:
-    """A reduced model with its certificate and its costs.
+    """A reduced model with its certificate (measured errors and error bound) and its costs.
 
     Attributes
     ----------
@@ -94,13 +95,15 @@ class Reduction:
         Whether every measured error is at most the tolerance.
     held_out : tuple of HeldOut
     unseen : float
-        Statistical bound of the error at the other lines of the band (``unseen_bound``); NaN where it could not be taken.
+        Statistical bound of the error at the other lines of the band (``unseen_bound``); NaN with fewer than two held-out lines.
     trace : tuple of Step
     seconds : dict
-        ``full_line`` (median of factorisation + one solve + one refinement step), ``factor``, ``basis``, ``projection``,
-        ``estimate``, ``compression``, ``certificate``, ``total``.
+        ``full_line`` (one line of the full model: shortest factorisation, one solve, one refinement step), ``factor`` (shortest
+        factorisation), ``basis``, ``projection``, ``estimate``, ``compression``, ``certificate``, ``total``.
     backend : str
+        ``superlu`` or ``pardiso``.
     coupling : str
+        Symmetry of the system in words, from ``Coupling``.
     sizes : tuple of int
         Reduced DOFs of each field.
     full_size : int
@@ -108,13 +111,13 @@ class Reduction:
     vectors : int
         Parameter vectors for which each held-out error was measured.
     machine : dict
-        Where the seconds were measured.
+        Platform, processor and cores on which the seconds were measured.
     date : str
-        When, UTC.
+        Date and time, UTC.
     stopped : str
-        What kept the basis from growing where the tolerance was not reached.
+        Why the basis was not extended further, if the tolerance was not reached; else empty.
     rows : (k, r) float array or None
-        Of the basis, at the DOFs for which they were asked.
+        Rows of the basis at the requested DOFs.
     """
 
     model: ReducedModel
@@ -136,5 +139,5 @@ class Reduction:
 
     @property
     def worst(self) -> float:
-        """Largest measured error."""
+        """Largest measured error at a held-out line; NaN without any."""
         return max((line.worst for line in self.held_out), default=float("nan"))
