@@ -43,7 +43,7 @@ def require_file(path: Path) -> int:
         if not path.exists():
             raise DataError("the file does not exist", file=path, hint=_other_path(path))
         if not path.is_file():
-            hint = "name a file in it, or several as a list [first, second]" if path.is_dir() else None
+            hint = "give a file in it, or several as a list [first, second]" if path.is_dir() else None
             found = "a folder" if path.is_dir() else "something else"
             raise DataError("this is not a file", file=path, expected="a file", found=found, hint=hint)
         with path.open("rb") as stream:
@@ -59,7 +59,7 @@ def require_file(path: Path) -> int:
 def _other_path(path: Path) -> str:
     """What may be meant by the path of a file that is not there."""
     if "\\" in path.name:
-        return "write folders with /, which every system takes"
+        return "write paths with /, which works on every system"
     parent = path.parent
     if not parent.is_dir():
         return f"there is no folder {parent}; relative paths start at the campaign file's folder"
@@ -93,7 +93,7 @@ def whole(path: Path) -> bytes:
 
 def ends_early(path: Path, place: str, expected: object, found: object) -> DataError:
     """Error for a file that stops in the middle of a line, or before all is there that its header states."""
-    hint = "the file was cut when it was copied or written: copy it again, or export it again"
+    hint = "the file was truncated when it was copied or written: copy it again, or export it again"
     return DataError("the file ends early", file=path, place=place, expected=expected, found=found, hint=hint)
 
 
@@ -117,7 +117,7 @@ def check_allocation(needed: int, file_size: int, path: Path, place: str, *, com
     limit = file_size * MAX_COMPRESSION if compressed else file_size
     if needed > max(limit, 0):
         raise DataError(
-            "the header asks for more data than the file holds",
+            "the header states more data than the file contains",
             file=path,
             place=place,
             expected=f"{needed} bytes",
@@ -144,12 +144,12 @@ def check_expansion(needed: int, packed: int, path: Path, place: str) -> None:
     """
     if needed > max(packed * MAX_EXPANSION, ROOM):
         raise DataError(
-            "the compressed data unpack to far more than such a file sensibly holds",
+            "the compressed data unpack to far more than is plausible for such a file",
             file=path,
             place=place,
             expected=f"at most {MAX_EXPANSION} times the {packed} bytes of the file, or {ROOM // 2**20} MB",
             found=f"{needed} bytes",
-            hint="store the matrix as a sparse one, or without compression",
+            hint="store the matrix as a sparse matrix, or without compression",
         )
 
 
@@ -165,7 +165,7 @@ def check_dimensions(shape: tuple[int, ...], file_size: int, path: Path, place: 
         raise DataError("this is not a matrix", file=path, place=place, expected="two dimensions", found=shape)
     if 8 * max(shape) > max(file_size * MAX_EXPANSION, SMALL_ALLOCATION):
         raise DataError(
-            "the header claims dimensions that do not fit the file",
+            "the dimensions in the header do not fit the file",
             file=path,
             place=place,
             expected="dimensions in proportion to the data",

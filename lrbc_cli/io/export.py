@@ -70,7 +70,7 @@ def check_ending(path: Path) -> str:
     ending = path.suffix.lower()
     if ending not in FORMATS:
         raise ConfigError(
-            "this ending of an exported model is not known",
+            "this file ending is not known for an exported model",
             file=path,
             place="--export",
             expected=", ".join(FORMATS),

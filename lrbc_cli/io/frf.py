@@ -120,7 +120,7 @@ def write_frf(path: Path, frf: FrfSet) -> None:
     path = Path(path)
     writer = WRITERS.get(path.suffix.lower())
     if writer is None:
-        raise ConfigError("this ending of a file of FRFs is not known", file=path, expected=", ".join(WRITERS), found=path.suffix or "none")
+        raise ConfigError("this file ending is not known for FRFs", file=path, expected=", ".join(WRITERS), found=path.suffix or "none")
     writer(path, frf)
 
 
@@ -174,7 +174,7 @@ def read_coherence(path: Path, layout: TextLayout | None = None) -> dict[Coheren
     result = {key: value for key, value in found.items() if key not in shared}
     if not result:
         raise DataError(
-            "the file holds no coherence that can be told apart",
+            "the coherences in the file cannot be distinguished",
             file=path,
             expected="names or nodes that differ",
             found=f"{len(entries)} functions",

@@ -36,7 +36,7 @@ def frequency_unit(name: str, unit: str, path: Path, place: str) -> str:
             place=place,
             expected=", ".join(HERTZ),
             found=unit,
-            hint="convert them, or say 'format: {frequency_unit: ...}' under the job if the label is wrong",
+            hint="convert them; or set 'format: {frequency_unit: ...}' of the job if the label is wrong",
         )
     for text in (said, fold(name)):
         if "hz" in text or "hertz" in text:
@@ -88,24 +88,26 @@ def check_frequencies(frequency: NDArray[np.float64], path: Path, place: str) ->
     if bad.size:
         at = int(bad[0])
         found = f"{frequency[at]:.10g} at point {at + 1}"
-        hint = "take out the lines that have no frequency"
+        hint = "remove the lines that have no frequency"
         if np.isfinite(frequency[at]):
-            hint = "export one-sided spectra, or take out the lines below 0 Hz, which hold the conjugates of those above"
+            hint = "export one-sided spectra, or remove the lines below 0 Hz (complex conjugates of those above)"
         raise DataError("a frequency is wrong", file=path, place=place, expected="finite numbers from 0 Hz", found=found, hint=hint)
     fall = np.flatnonzero(frequency[1:] <= frequency[:-1])
     if fall.size:
         at = int(fall[0])
         found = f"{frequency[at]:.10g} Hz, then {frequency[at + 1]:.10g} Hz at point {at + 2}"
-        hint = "take out the line that is there twice" if frequency[at] == frequency[at + 1] else "sort the lines"
+        hint = "remove the duplicate line" if frequency[at] == frequency[at + 1] else "sort the lines"
         if (
             fall.size == 1
             and frequency[at + 1] < frequency[at]
             and at + 2 < frequency.size
             and frequency[at + 1] <= np.median(frequency[: at + 1])
         ):
-            hint = f"two measurements in one file, it seems: leave one of them there, the points up to {at + 1} or those from {at + 2} on"
-        hint += ", or say which column holds the frequencies: 'format: {frequency: ...}'" if "column" in place else ""
-        raise DataError("the frequencies do not rise", file=path, place=place, expected="each above the one before", found=found, hint=hint)
+            hint = f"probably two measurements in one file: keep one of them, the points up to {at + 1} or those from {at + 2} on"
+        hint += ", or give the column with the frequencies: 'format: {frequency: ...}'" if "column" in place else ""
+        raise DataError(
+            "the frequencies do not increase", file=path, place=place, expected="each above the one before", found=found, hint=hint
+        )
 
 
 def first_bad(values: NDArray[Any]) -> int | None:
@@ -118,7 +120,7 @@ def not_finite(path: Path, place: str, value: object) -> DataError:
     """Error for a value that is NaN or infinite."""
     hint = "leave out this line or measure it again"
     return DataError(
-        "the FRF holds a value that is not a finite number", file=path, place=place, expected="finite numbers", found=value, hint=hint
+        "the FRF contains a value that is not a finite number", file=path, place=place, expected="finite numbers", found=value, hint=hint
     )
 
 
@@ -168,9 +170,9 @@ def clean_coherence(values: NDArray[Any], path: Path, place: str) -> tuple[NDArr
             place=place,
             expected="0 to 1",
             found=f"{real[at]:.6g} at point {at + 1}",
-            hint="in per cent, it seems: divide all its values by 100"
+            hint="probably in per cent: divide all values by 100"
             if percent
-            else "is it the coherence? Give the column, variable or file that holds it, or leave it out",
+            else "check whether this is the coherence; give the column, variable or file that contains it, or leave it out",
         )
     return np.clip(real, 0.0, 1.0), bool(undefined.any())
 
@@ -194,15 +196,16 @@ def conversion(label: str, layout: TextLayout, path: Path, place: str, notes: li
         # A quotient without a dimension, such as g/g, is a transmissibility; "1" says nothing.
         if other is not None and (other.dimension != (0, 0, 0) or label.strip("[] ") != "1"):
             raise DataError(
-                "this is not the unit of an FRF" if any(other.dimension) else "this is a transmissibility, no FRF over a force",
+                "this is not the unit of an FRF" if any(other.dimension) else "this is a transmissibility, not an FRF over a force",
                 file=path,
                 place=place,
                 expected="a pressure or a motion over a force, such as Pa/N or (m/s²)/N",
                 found=label,
-                hint="export FRFs (H1, response over hammer force), not spectra; or say 'format: {unit: ...}' if the label is wrong",
+                hint="export FRFs (H1, response over hammer force), not spectra; or set 'format: {unit: ...}' of the job if the label is "
+                "wrong",
             )
         if label.strip("- "):
-            warnings.append(f"unit {label!r} not understood; SI taken: say which under 'format: {{unit: ...}}' of the job")
+            warnings.append(f"unit {label!r} not understood, SI assumed: set 'format: {{unit: ...}}' of the job")
         return reference, layout.quantity
     quantity = layout.quantity or response_quantity(unit)
     if quantity != response_quantity(unit):

@@ -58,7 +58,7 @@ def parse_json(text: str) -> Any:
 
 
 def _refuse(name: str) -> Any:
-    raise ValueError(f"{name} is no JSON")
+    raise ValueError(f"{name} is not JSON")
 
 
 def _integer(text: str) -> int:
@@ -77,7 +77,7 @@ def _check(value: Any, texts: bool) -> None:
                 try:
                     item.encode("utf-8")
                 except UnicodeEncodeError:
-                    raise ValueError("a text that is no Unicode") from None
+                    raise ValueError("a text that is not Unicode") from None
                 continue
             inside = [*item.values(), *item] if isinstance(item, dict) else item
             if math.inf in inside or -math.inf in inside:

@@ -92,7 +92,7 @@ class Named:
                     place=f"variable {name}",
                     expected="one unit",
                     found=f"{known[first]} ({first}) and {text} ({key})",
-                    hint="say which holds: 'format: {unit: ...}' under the job",
+                    hint="set 'format: {unit: ...}' of the job",
                 )
         return next(iter(found.values()), ())
 
@@ -118,14 +118,16 @@ def frf_set(named: Named, path: Path, layout: TextLayout) -> FrfSet:
     if not reader.records:
         pairs = [name for name, array in named.arrays.items() if array.ndim > 2 and array.shape[-1] == 2 and array.dtype.kind == "f"]
         raise DataError(
-            "the file holds no FRF that is understood",
+            "no FRF was recognised in the file",
             file=path,
             expected="a variable 'f' and complex arrays with as many rows, as variables or fields of one structure, or a complex "
             "matrix with the frequency in its first column",
             found=listing([f"{name} {array.shape} {array.dtype.kind}" for name, array in named.arrays.items()]),
-            hint=f"if the last dimension of {pairs[0]} holds real and imaginary part: 'format: {{representation: real-imag}}' of the job"
+            hint=f"if the last dimension of {pairs[0]} contains real and imaginary part, set 'format: {{representation: real-imag}}' of "
+            "the job"
             if pairs
-            else reader.cut() or "name the frequencies under 'format: {frequency: ...}' of the job, or export CSV or a universal file",
+            else reader.cut()
+            or "set 'format: {frequency: ...}' of the job to the variable of the frequencies, or export CSV or a universal file",
         )
     return FrfSet(str(path), tuple(reader.records), (*reader.notes.lines(), *reader.left_out()), tuple(dict.fromkeys(reader.warnings)))
 
@@ -184,8 +186,8 @@ class _NamedFrfs:
                 near = [size for size in array.shape if array.dtype.kind == "c" and 0 < abs(size - axis.size) <= 2]
                 if near and _group(key) in (_group(name), ""):
                     return (
-                        f"{key} has {axis.size} entries, {name} {near[0]} lines: one of them was cut without the other, often of the "
-                        "line at 0 Hz: export both again, each frequency with its line"
+                        f"{key} has {axis.size} entries, {name} has {near[0]} lines: only one of them was cut, often by the line at 0 Hz. "
+                        "Export both again, each line with its frequency"
                     )
         return ""
 
@@ -205,12 +207,12 @@ class _NamedFrfs:
         vectors = [_last(key) for key, array in arrays.items() if array.size == max(array.shape) == count and array.dtype.kind == "f"]
         name, unit = (vectors[0], frequency_unit(vectors[0], "", self.path, place)) if vectors else ("...", "...")
         return DataError(
-            "no variable of frequencies was recognised",
+            "no frequency variable was recognised",
             file=self.path,
             place=place,
             expected="one called f, freq, frequency or omega, or a matrix with the frequencies in its first column",
             found=listing([f"{key} {array.shape}" for key, array in arrays.items()]),
-            hint=f"say which it is, and its unit, under the job: 'format: {{frequency: {name}, frequency_unit: {unit}}}'",
+            hint=f"give the variable and its unit in the job: 'format: {{frequency: {name}, frequency_unit: {unit}}}'",
         )
 
     def is_coherence(self, name: str) -> bool:
@@ -255,7 +257,7 @@ class _NamedFrfs:
             return False
         if list(array.shape).count(2) > 1 + (count == 2):
             raise DataError(
-                "it is not clear which dimension holds the parts of the FRFs",
+                "it is not clear which dimension contains the parts of the FRFs",
                 file=self.path,
                 place=f"variable {name}",
                 expected="one dimension of 2",
@@ -273,13 +275,13 @@ class _NamedFrfs:
                 place=f"variable {name}",
                 expected="deg or rad",
                 found="an array of numbers",
-                hint="say which under the job: 'format: {phase: ...}'",
+                hint="set 'format: {phase: ...}' of the job",
             )
         return combined(array[..., 0], array[..., 1], representation, phase or "rad")
 
     def _not_there(self, key: str, what: str, wanted: str) -> DataError:
         return DataError(
-            f"the variable of {what} is not there",
+            f"the variable of {what} was not found",
             file=self.path,
             place=f"format.{key}",
             expected=wanted,
@@ -322,7 +324,7 @@ class _NamedFrfs:
                 place=f"variable {name}",
                 expected=f"one unit, or {len(columns)}",
                 found=f"{len(units)}: {listing(units)}",
-                hint="correct the list, or say 'format: {unit: ...}' under the job",
+                hint="correct the list, or set 'format: {unit: ...}' of the job",
             )
         quality = self._coherence_of(name, array.shape, axis)
         for index, (label, column) in enumerate(zip(labels, columns, strict=True)):

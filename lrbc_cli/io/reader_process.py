@@ -139,12 +139,12 @@ def read_apart(reader: Callable[..., T], path: Path, *arguments: object) -> T:
                 code = process.process.wait(timeout=_POLL * 100)
                 _stop()
                 raise _unreadable(
-                    path, "the HDF5 library crashes on this file", "data or an error", f"the end of its process (exit code {code})"
+                    path, "the HDF5 library crashes on this file", "data or an error", f"the process ended (exit code {code})"
                 )
         except TimeoutError:
             _stop()
             raise _unreadable(
-                path, "the HDF5 library does not come to an end with this file", f"an answer within {seconds:.0f} s", "none"
+                path, "the HDF5 library does not finish reading this file", f"an answer within {seconds:.0f} s", "none"
             ) from None
         except (OSError, subprocess.TimeoutExpired) as error:
             _stop()
@@ -179,7 +179,7 @@ def _running() -> _ReaderProcess | None:
             _stop()
             if not _told:
                 _told.append(str(error) or type(error).__name__)
-                log.warning("HDF5 files are read without a deadline: no process for them could be started (%s)", *_told)
+                log.warning("HDF5 files are read without a time limit: the reading process could not be started (%s)", *_told)
             return None
         except BaseException:
             _stop()

@@ -102,7 +102,7 @@ def from_compressed(
         )
     if pointers[0] != 0 or np.any(pointers[1:] < pointers[:-1]):
         raise refuse(
-            "the index pointer is not rising from 0", "0 <= p[0] <= p[1] <= ...", f"first fault at pointer {_first_fall(pointers)}"
+            "the index pointer does not ascend from 0", "0 <= p[0] <= p[1] <= ...", f"first fault at pointer {_first_fall(pointers)}"
         )
     if not pointers[-1] == positions.size == values.size:
         raise refuse(
@@ -166,7 +166,7 @@ def canonical(matrix: Any, path: Path, place: str) -> Any:
         at = int(bad[0])
         column = int(np.searchsorted(result.indptr, at, side="right")) - 1
         raise DataError(
-            "the matrix holds a value that is not a finite number",
+            "the matrix contains a value that is not a finite number",
             file=path,
             place=f"{place}, row {int(result.indices[at])}, column {column} (counted from 0)",
             expected="finite numbers",
@@ -212,19 +212,19 @@ def only_matrix(names: list[str], path: Path, notes: list[str], *, holder: str =
     """
     if len(names) != 1:
         raise DataError(
-            "it is not clear which matrix is meant" if names else f"the {holder} holds no matrix",
+            "it is not clear which matrix is meant" if names else f"the {holder} contains no matrix",
             file=path,
             expected="exactly one matrix, or its name after '#'",
             found=listing(names or beside),
             hint="write file#name" if names else hint,
         )
-    notes.append(f"took {names[0]!r}, the only matrix in the file")
+    notes.append(f"using {names[0]!r}, the only matrix in the file")
     return names[0]
 
 
 def no_such_matrix(name: str, names: list[str], path: Path, holder: str = "file") -> DataError:
     """Error for a name that none of a file's matrices has."""
-    problem, hint = f"the {holder} holds no such matrix", "name one of these after '#'"
+    problem, hint = f"the {holder} contains no such matrix", "give one of these after '#'"
     return DataError(problem, file=path, place=name, expected=repr(name), found=listing(names), hint=hint)
 
 

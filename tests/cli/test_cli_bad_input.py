@@ -340,7 +340,7 @@ def test_frame_damaged_files(frame: Folder) -> None:
         Case("bolts", truncated("model/bolts.csv"), 3, ("bolts.csv",)),
         Case("csv text", substitute("frf/tight.csv", r"^40,[^,]*", "40,abc"), 3, ("tight.csv", "line 12", "abc")),
         Case("csv inf", substitute("frf/tight.csv", r"^40,[^,]*", "40,inf"), 3, ("tight.csv", "line 12", "acc1_real", "finite")),
-        Case("csv order", substitute("frf/tight.csv", r"^40,", "39,"), 3, ("tight.csv", "frequencies do not rise", "39 Hz")),
+        Case("csv order", substitute("frf/tight.csv", r"^40,", "39,"), 3, ("tight.csv", "frequencies do not increase", "39 Hz")),
         Case("csv column", substitute("frf/tight.csv", "acc2_imag", "acc2_img"), 3, ("tight.csv", "acc2")),
         Case(
             "csv unit",

@@ -217,7 +217,7 @@ def test_rows_at_the_end_may_be_missing(tmp_path: Path) -> None:
         (f"DMIG    K              0       6       2       0\nDMIG*   K{'x':>31}{1:16d}\n", "line 2"),
         ("DMIG    K              0       6       4       0       1               2\n", "POLAR 0"),
         (f"DMIG*   {'K':16}{0:16d}{6:16d}{4:16d}\n*       {0:16d}{1:16d}{'':16}{2:16d}\n", "line 2(.|\\n)*POLAR 0"),
-        ("title\n 1 1 1 1 0\nRSA 2 2 99999999999 0\n(1I14) (1I14) (3E25.17)\n1\n", "more data than the file holds"),
+        ("title\n 1 1 1 1 0\nRSA 2 2 99999999999 0\n(1I14) (1I14) (3E25.17)\n1\n", "more data than the file contains"),
         (f"title\n 3 1 1 1 0\nRSA {'9' * 5000} 2 1 0\n(1I14) (1I14) (3E25.17)\n1\n", "cannot be read"),
         ("title\n 3 1 1 1 0\nRSE 2 2 1 0\n(1I14) (1I14) (3E25.17)\n1\n", "not assembled"),
         ("title\n 3 1 1 1\nqsa 2 2 1 0\n(1I14) (1I14) (3E25.17)\n1\n", "has no values"),
@@ -335,7 +335,7 @@ def test_coordinates_that_cannot_be_used(tmp_path: Path) -> None:
         ("GRID,1,,0.,0.,0.,5\n", "displacements in the basic system"),
         ("GRID    1               0.0     0.0     0.0            5\n", "displacements in the basic system"),
         ("*PART, NAME=A\n*NODE\n1, 0, 0, 0\n*END PART\n*INSTANCE, NAME=A1, PART=A\n500., 0., 0.\n", "at the place of its part"),
-        ("*NODE, NSET=ALL\n*ELEMENT\n", "holds no nodes"),
+        ("*NODE, NSET=ALL\n*ELEMENT\n", "contains no nodes"),
     ):
         path.write_text(text)
         with pytest.raises(DataError, match=message):
@@ -349,10 +349,10 @@ def test_what_stands_twice(tmp_path: Path) -> None:
     matrix.write_text(entries)
     assert read_matrix(matrix).matrix.shape == (2, 2)
     matrix.write_text(2 * entries)
-    with pytest.raises(DataError, match="stand twice"):
+    with pytest.raises(DataError, match="are given twice"):
         read_matrix(matrix)
     dofs.write_text("1.1\n1.2\n1.1\n")
-    with pytest.raises(DataError, match="one DOF stands twice"):
+    with pytest.raises(DataError, match="a DOF is given twice"):
         read_dof_map(dofs, 3)
 
 
@@ -400,12 +400,12 @@ def test_whole_numbers_are_no_matrix(tmp_path: Path) -> None:
     with h5py.File(path, "w") as file:
         file["map/dofs"] = np.arange(12).reshape(6, 2)
         file["K"] = example().toarray()
-    assert read_matrix(path).notes[0] == "took 'K', the only matrix in the file"
+    assert read_matrix(path).notes[0] == "using 'K', the only matrix in the file"
     with pytest.raises(DataError, match=r"map/dofs(.|\n)*int64"):
         read_matrix(path, "map/dofs")
     path = tmp_path / "k.mat"
     scipy.io.savemat(path, {"K": example(), "dofs": np.arange(12, dtype=np.int32).reshape(6, 2)})
-    assert read_matrix(path).notes[0] == "took 'K', the only matrix in the file"
+    assert read_matrix(path).notes[0] == "using 'K', the only matrix in the file"
     with pytest.raises(DataError, match="dofs"):
         read_matrix(path, "dofs")
 

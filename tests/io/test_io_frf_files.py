@@ -104,7 +104,7 @@ def change(name, value):
         (change("frf", np.zeros((2, 3, 1))), "do not fit together"),
         (change("frf", np.full((3, 3, 1), np.nan + 0j)), r"output 1 .mic01., line 1 .10 Hz."),
         (change("frf", np.array([["x"]], dtype=object)), "not numbers|cannot be read"),
-        (change("frequency_hz", np.array([1.0, 1.0, 2.0])), "do not rise"),
+        (change("frequency_hz", np.array([1.0, 1.0, 2.0])), "do not increase"),
         (change("frequency_hz", np.array([1.0, np.inf, 2.0])), "a frequency is wrong"),
         (change("name", np.array([1, 2, 3])), "name: the arrays do not fit"),
         (change("quantity", ["loudness", "", ""]), "loudness"),
@@ -153,15 +153,15 @@ def test_matlab_with_an_axis_of_its_own(tmp_path, axis):
 def test_bad_matlab(tmp_path):
     path = tmp_path / "frf.mat"
     scipy.io.savemat(path, {"x": 3.0})
-    with pytest.raises(DataError, match="no FRF that is understood"):
+    with pytest.raises(DataError, match="no FRF was recognised"):
         read_frf(path)
     scipy.io.savemat(path, {"f": FREQUENCY, "H": np.array([1, np.nan, 2j])[:, None]})
     with pytest.raises(DataError, match="H, row 2"):
         read_frf(path)
     scipy.io.savemat(path, {"f": FREQUENCY[::-1], "H": H[:, None]})
-    with pytest.raises(DataError, match="do not rise"):
+    with pytest.raises(DataError, match="do not increase"):
         read_frf(path)
-    with pytest.raises(DataError, match="variable of frequencies"):
+    with pytest.raises(DataError, match="variable of frequencies was not found"):
         read_frf(path, TextLayout(frequency="omega"))
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(DataError, match="cut off"):

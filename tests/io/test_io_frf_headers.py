@@ -49,7 +49,7 @@ def test_german_testlab_like_csv(tmp_path: Path) -> None:
     np.testing.assert_allclose(mic.values, H, rtol=1e-11)
     np.testing.assert_allclose(acc.values, G, rtol=1e-11)
     np.testing.assert_array_equal(mic.frequency_hz, HZ)
-    assert "the first line of numbers cannot be used (empty or not finite); left out" in result.notes
+    assert "left out: the first line of numbers (empty or not finite)" in result.notes
     assert result.warnings == ()
 
 
@@ -116,7 +116,7 @@ def test_several_functions_in_one_pulse_file(tmp_path: Path, again: list[str]) -
     np.testing.assert_allclose(mic.coherence, gamma2, rtol=1e-11)
     assert acc.coherence is None
     assert "left out: record 2 (Autospectrum(acc1) - Input)" in result.notes
-    assert "4 functions one below the other" in result.notes
+    assert "4 functions, one below the other" in result.notes
     # A lone FRF with its coherence is called by its file, as one without.
     frf, quality = (
         ("Frequency Response H1(mic01,hammer)", "Pa/N", "Complex", G.real, G.imag),
@@ -138,7 +138,7 @@ def test_pulse_files_that_cannot_be_trusted(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=f"line {len(broken) - 1}: a line does not fit"):
         read_frf(write(tmp_path, broken))
     spectra = block("Autospectrum(acc1) - Input", "g^2/Hz", "Real", OTHER_DB)
-    with pytest.raises(DataError, match="holds no FRF") as caught:
+    with pytest.raises(DataError, match="contains no FRF") as caught:
         read_frf(write(tmp_path, [*PULSE, *spectra, *spectra]))
     assert caught.value.found == "records 1-2 (Autospectrum(acc1) - Input)"
     # Cross spectra are complex too.
@@ -210,7 +210,7 @@ def test_a_pulse_function_of_one_part_is_no_frf(tmp_path: Path, kind: str, part:
     """Its frequencies were taken as real parts."""
     title = "Frequency Response H1(acc1,hammer) - Input"
     lines = [*PULSE, *block(title, "g/N", kind, np.abs(H))]
-    with pytest.raises(DataError, match="holds no FRF") as caught:
+    with pytest.raises(DataError, match="contains no FRF") as caught:
         read_frf(write(tmp_path, lines))
     assert caught.value.found == f"record 1 ({title}, {part} only)"
     lines += block("Frequency Response H1(mic01,hammer) - Input", "Pa/N", "Complex", G.real, G.imag)
@@ -229,7 +229,7 @@ def test_units_of_pulse_functions(tmp_path: Path) -> None:
 
     for units in (["furlong/N"], ["furlong/N", "g/N"]):
         result = read_frf(functions(*units))
-        assert result.warnings == ("unit 'furlong/N' not understood; SI taken: say which under 'format: {unit: ...}' of the job",)
+        assert result.warnings == ("unit 'furlong/N' not understood, SI assumed: set 'format: {unit: ...}' of the job",)
         np.testing.assert_allclose(result.records[0].values, H, rtol=1e-11)
     for units in (["N/g"], ["g/N", "N/(m/s²)"]):
         with pytest.raises(DataError, match="this is not the unit of an FRF") as caught:
@@ -239,12 +239,12 @@ def test_units_of_pulse_functions(tmp_path: Path) -> None:
         result = read_frf(functions("g/N", unit))
         assert [record.number for record in result.records] == [1]
         assert f"left out: record 2 (Frequency Response H1(acc1,hammer) in {unit}, not over a force)" in result.notes
-        with pytest.raises(DataError, match="holds no FRF"):
+        with pytest.raises(DataError, match="contains no FRF"):
             read_frf(functions(unit))
     (found,) = read_frf(functions("m/s^2"), TextLayout(unit="g/N")).records
     np.testing.assert_allclose(found.values, STANDARD_GRAVITY * H, rtol=1e-11)
     # A lone function of real values is no FRF either: its frequencies were taken as real parts.
-    with pytest.raises(DataError, match="holds no FRF"):
+    with pytest.raises(DataError, match="contains no FRF"):
         read_frf(write(tmp_path, [*PULSE, *block("Autospectrum(acc1)", "g^2", "Real", OTHER_DB)]))
 
 
@@ -328,9 +328,7 @@ def test_a_frequency_before_each_frf_and_parts_without_names(tmp_path: Path) -> 
 
 def test_units_that_are_not_understood_are_warned_of(tmp_path: Path) -> None:
     lines = ["Frequency [Hz];acc1_real [EU/N];acc1_imag [EU/N]", *rows(HZ, H.real, H.imag)]
-    assert read_frf(write(tmp_path, lines)).warnings == (
-        "unit 'EU/N' not understood; SI taken: say which under 'format: {unit: ...}' of the job",
-    )
+    assert read_frf(write(tmp_path, lines)).warnings == ("unit 'EU/N' not understood, SI assumed: set 'format: {unit: ...}' of the job",)
     assert read_frf(write(tmp_path, lines), TextLayout(unit="g/N")).warnings == ()
 
 
@@ -362,7 +360,7 @@ def test_files_of_other_programs_are_named(tmp_path: Path, start: bytes, words: 
     ("header", "message"),
     [
         ("Zeit [s];acc1 [m/s^2];hammer [N]", "this is a time history(.|\\n)*H1"),
-        ("Frequency [Hz];acc1;acc2", "do not pair up(.|\\n)*acc1, acc2"),
+        ("Frequency [Hz];acc1;acc2", "cannot be paired(.|\\n)*acc1, acc2"),
         ("Frequency [Hz];acc1 [g^2/Hz];acc1 [g^2/Hz]", "not the unit of an FRF(.|\\n)*not spectra"),
         ("Frequenz;mic01 Betrag;mic02 Betrag", "magnitudes without a phase(.|\\n)*real and imaginary"),
     ],
@@ -487,7 +485,7 @@ def test_thousands_separators_are_named(tmp_path: Path, cell: str) -> None:
 
 
 def test_a_coherence_in_per_cent(tmp_path: Path) -> None:
-    for factor, fix in ((100.0, "in per cent, it seems: divide all its values by 100"), (-1.0, "is it the coherence?")):
+    for factor, fix in ((100.0, "probably in per cent: divide all values by 100"), (-1.0, "check whether this is the coherence")):
         values = rows(HZ, H.real, H.imag, factor * np.full(HZ.size, 0.98))
         with pytest.raises(DataError, match="a coherence is wrong") as caught:
             read_frf(write(tmp_path, ["f;a_real;a_imag;a_coherence", *values]))

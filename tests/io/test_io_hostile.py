@@ -87,7 +87,7 @@ def finished(child):
 
 def test_a_file_that_hangs_the_library_has_a_deadline(tmp_path):
     found = finished(start(READ, 3, hanging(tmp_path / "k.h5")))
-    assert "k.h5: the HDF5 library does not come to an end with this file" in found
+    assert "k.h5: the HDF5 library does not finish reading this file" in found
     assert "export it again" in found
     assert found.endswith("True\n")
 
@@ -133,7 +133,7 @@ def test_without_a_second_process_files_are_still_read(tmp_path, monkeypatch, ca
     monkeypatch.setattr(sys, "executable", str(tmp_path / "nothing"))
     for _ in range(2):
         assert read_vectors(foreign(tmp_path / "k.h5"), "K").matrix.shape == (3, 3)
-    assert [record.message.partition(":")[0] for record in caplog.records] == ["HDF5 files are read without a deadline"]
+    assert [record.message.partition(":")[0] for record in caplog.records] == ["HDF5 files are read without a time limit"]
 
 
 def test_own_files_are_checked_before_they_are_opened(tmp_path, monkeypatch):

@@ -205,8 +205,8 @@ def test_triangles_are_told_field_by_field():
         ("1 1 2\n2 1 3\n1 2 3\n", "both triangles"),
         # Some pairs only: no longer the half of all entries.
         ("1 1 2\n2 1 3\n1 2 3\n3 1 4\n3 2 5\n", "both triangles(.|\n)*row 2, column 1"),
-        ("1 1 2\n2 1 3\n3 1 4\n2 1 3\n", "row 2, column 1: an entry stands twice"),
-        ("1 1 2\n2 1 3\n1 1 2\n", "row 1, column 1: an entry stands twice"),
+        ("1 1 2\n2 1 3\n3 1 4\n2 1 3\n", "row 2, column 1: an entry is given twice"),
+        ("1 1 2\n2 1 3\n1 1 2\n", "row 1, column 1: an entry is given twice"),
     ],
 )
 @pytest.mark.parametrize("symmetry", ["symmetric", "hermitian"])
@@ -227,7 +227,7 @@ def test_doubles_of_a_general_file_are_told(tmp_path):
     path = tmp_path / "k.mtx"
     path.write_text("%%MatrixMarket matrix coordinate real general\n2 2 5\n1 1 1\n1 1 2\n1 2 1\n1 2 -1\n2 2 0\n")
     (warning,) = read_matrix(path).warnings
-    assert warning.startswith("k.mtx: 2 of 5 entries have the place of an earlier one")
+    assert warning.startswith("k.mtx: 2 of 5 entries have the row and column of an earlier entry")
     path.write_text("%%MatrixMarket matrix coordinate real general\n2 2 3\n1 1 1\n1 2 0\n2 1 4\n")
     assert read_matrix(path).warnings == ()
 
@@ -250,7 +250,7 @@ def test_a_last_line_without_an_end_is_told(tmp_path):
     path = tmp_path / "k.mtx"
     path.write_text("%%MatrixMarket matrix coordinate real general\n1 1 1\n1 1 2.5")
     (warning,) = read_matrix(path).warnings
-    assert "the last line has no end" in warning
+    assert "the last line has no line break" in warning
     path.with_suffix(".gz").write_bytes(gzip.compress(path.read_bytes()))
     assert read_matrix(path.with_suffix(".gz")).warnings == ()
 
@@ -281,9 +281,9 @@ def test_hdf5_layouts(tmp_path):
 
 def test_the_only_matrix_is_taken_and_noted(tmp_path):
     write_matrix_hdf5(tmp_path / "k.h5", {"K": example()})
-    assert read_matrix(tmp_path / "k.h5").notes == ("took 'K', the only matrix in the file",)
+    assert read_matrix(tmp_path / "k.h5").notes == ("using 'K', the only matrix in the file",)
     scipy.io.savemat(tmp_path / "k.mat", {"K": example(), "title": "a text"})
-    assert "took 'K', the only matrix in the file" in read_matrix(tmp_path / "k.mat").notes
+    assert "using 'K', the only matrix in the file" in read_matrix(tmp_path / "k.mat").notes
 
 
 def test_matlab_stores_dense_arrays_transposed(tmp_path):
@@ -302,7 +302,7 @@ def test_links_into_other_files_are_refused(tmp_path):
     for name in ("K", "through", "through/data", "empty/up"):
         with pytest.raises(DataError, match="another file"):
             read_matrix(tmp_path / "m.h5", name)
-    with pytest.raises(DataError, match="holds no matrix"):
+    with pytest.raises(DataError, match="contains no matrix"):
         read_matrix(tmp_path / "m.h5")
 
 
@@ -338,8 +338,8 @@ def test_unknown_encoding_version(tmp_path):
         ({"indices": np.array([0, 1, 7])}, "outside the matrix"),
         ({"indices": np.array([0, -1, 1])}, "outside the matrix"),
         ({"indices": np.array([0.5, 1, 1])}, "list of integers"),
-        ({"indptr": np.array([0, 2, 1, 3])}, "not rising"),
-        ({"indptr": np.array([1, 1, 2, 3])}, "not rising"),
+        ({"indptr": np.array([0, 2, 1, 3])}, "does not ascend"),
+        ({"indptr": np.array([1, 1, 2, 3])}, "does not ascend"),
         ({"indptr": np.array([0, 3])}, "wrong length"),
         ({"indptr": np.array([0, 1, 2, 4])}, "differ in length"),
         ({"data": np.array([1.0, 2.0])}, "differ in length"),
@@ -375,15 +375,15 @@ MARKET = "%%MatrixMarket matrix coordinate real general\n"
     ("text", "message"),
     [
         ("%%MatrixMarket matrix coordinate pattern general\n1 1 1\n1 1\n", "only a pattern"),
-        ("%%MatrixMarket matrix coordinate real strange\n1 1 1\n1 1 1\n", "something unknown"),
-        ("%%MatrixMarket vector coordinate real general\n1 1 1\n1 1 1\n", "something unknown"),
+        ("%%MatrixMarket matrix coordinate real strange\n1 1 1\n1 1 1\n", "an unknown word"),
+        ("%%MatrixMarket vector coordinate real general\n1 1 1\n1 1 1\n", "an unknown word"),
         ("%%MatrixMarket matrix coordinate real symmetric\n1 2 1\n1 1 1\n", "must be square"),
         (MARKET, "size line is missing"),
         (MARKET + "2 2\n", "size line is wrong"),
         (MARKET + "2 -2 1\n1 1 1\n", "size line is wrong"),
-        (MARKET + "2 2 1000000000000\n1 1 1\n", "more data than the file holds"),
+        (MARKET + "2 2 1000000000000\n1 1 1\n", "more data than the file contains"),
         (MARKET + "1000000000000 1000000000000 1\n1 1 1\n", "do not fit the file"),
-        ("%%MatrixMarket matrix array real general\n1000000 1000000\n1\n", "more data than the file holds"),
+        ("%%MatrixMarket matrix array real general\n1000000 1000000\n1\n", "more data than the file contains"),
         (MARKET + "2 2 2\n1 1 1\n", "line 3: the file ends early(.|\n)*2 entries(.|\n)*copy it again"),
         (MARKET + "2 2 1\n1 1 1\n1 2 2\n", "number of entries"),
         (MARKET + "2 2 1\n1 1 1e", "line 3"),

@@ -62,11 +62,11 @@ def test_any_order_of_lines_and_columns(tmp_path, order, columns):
         ("dof,node,component,x,y\n0,1,UX,0,0\n", "the column z is missing"),
         (
             DOFS.replace("z\n", "z,cs\n").replace("3\n", "3,0\n"),
-            "line 1: the column 'cs' would not be used(.|\n)*dof, node, component, x, y, z",
+            "line 1: unknown column 'cs'(.|\n)*dof, node, component, x, y, z",
         ),
         (DOFS.replace("roty", "ux"), "line 3, column 'component': two DOFs have one node and component(.|\n)*UX at node 11(.|\n)*line 2"),
         (DOFS.replace("roty,0.1", "roty,0.11"), "line 3, column 'node': one node lies at two places(.|\n)*line 2 says"),
-        ("dof,dof,node,component,x,y,z\n", "header twice"),
+        ("dof,dof,node,component,x,y,z\n", "is given twice in the header"),
         ("dof,node,component,x,y,z\n", "no lines"),
         (DOFS.replace("0.2", "0,2", 1), "line 2: the line does not fit the header"),
         (DOFS.replace(",PRES", ""), "line 4: the line does not fit"),
@@ -103,7 +103,7 @@ def test_points(tmp_path):
         DataError, match=r"line 3, column 'name'(.|\n)*lines 2 and 3 are both B01 but lie at different places \(x 0 and 1, "
     ):
         read_points(write(tmp_path, "name,x,y,z\nB01,0,0.5,1\nB01,1,2,3\n"))
-    with pytest.raises(DataError, match=r"line 3, column 'name'(.|\n)*lines 2 and 3 say the same: remove one"):
+    with pytest.raises(DataError, match=r"line 3, column 'name'(.|\n)*lines 2 and 3 are identical: remove one"):
         read_points(write(tmp_path, "name,x,y,z\nB01,0,0.5,1\nB01,0.0,0.50,1\n"))
     with pytest.raises(DataError, match="line 2, column 'name'"):
         read_points(write(tmp_path, "name,x,y,z\n,0,0.5,1\n"))
@@ -112,7 +112,7 @@ def test_points(tmp_path):
 @pytest.mark.parametrize("offset", [0.0, 1e-8])
 def test_two_points_at_one_place(tmp_path, offset):
     text = f"name,x,y,z\nB1,0,0.5,1\nB2,1,2,3\nB3,{offset!r},0.5,1\n"
-    with pytest.raises(DataError, match=r"line 4, column 'name': two points lie at one place(.|\n)*line 2 puts B1"):
+    with pytest.raises(DataError, match=r"line 4, column 'name': two points lie at one place(.|\n)*line 2 already puts B1"):
         read_points(write(tmp_path, text))
     assert len(read_points(write(tmp_path, text.replace(f"B3,{offset!r}", "B3,1e-3"))).name) == 3
 
@@ -134,7 +134,7 @@ def test_fields_may_be_numbered_apart(tmp_path):
     ],
 )
 def test_columns_that_would_not_be_used_are_refused(tmp_path, reader, text, known):
-    with pytest.raises(DataError, match=f"would not be used(.|\n)*expected: {known}\n"):
+    with pytest.raises(DataError, match=f"unknown column(.|\n)*expected: {known}\n"):
         reader(write(tmp_path, text))
 
 
@@ -176,7 +176,7 @@ def test_empty_cells_and_empty_columns_are_told_as_such(tmp_path):
     with pytest.raises(DataError, match="the column 'z' is empty") as caught:
         read_positions(write(tmp_path, "x,y,z\n0,1,\n0,2,\n"))
     assert caught.value.place == "lines 2 to 3"
-    assert "where all points lie in one plane, write one number" in caught.value.hint
+    assert "if all points lie in one plane, write the same number" in caught.value.hint
     with pytest.raises(DataError, match="the column 'dof' is empty") as caught:
         read_dof_list(write(tmp_path, "dof,x,y,z\n,1,2,3\n"))
     assert (caught.value.place, caught.value.hint) == ("line 2", "fill it in")

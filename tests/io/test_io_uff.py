@@ -142,7 +142,7 @@ def test_spectra_and_geometry_are_no_frfs():
         ("Sample_UFF58b_bin.uff", "time response"),
         ("testlab_161_164_18_15_82.uff", "no dataset 58"),
     ):
-        with pytest.raises(DataError, match="holds no FRF") as caught:
+        with pytest.raises(DataError, match="contains no FRF") as caught:
             read_frf(DATA / name)
         assert message in str(caught.value)
     functions, _, notes = read_datasets(DATA / "testlab_161_164_18_15_82.uff")
@@ -215,7 +215,7 @@ def test_units(tmp_path, units_dataset, numerator, denominator, response, factor
     assert found.quantity == quantity
     assert (abs(factor - 1) > 1e-12) == any("to give SI" in note for note in result.notes)
     if units_dataset is None and parse_fails(numerator[4]):
-        assert any("SI taken" in note for note in result.notes)
+        assert any("SI assumed" in note for note in result.notes)
 
 
 def parse_fails(label):
@@ -297,12 +297,12 @@ def test_other_functions_are_left_out_with_one_note(tmp_path):
         (function(kind=9, ordinate=2) + function(kind=2, ordinate=2), "record 1 (power spectral density), record 2 (auto spectrum)", "H1"),
         (function(kind=5), "record 1 (transmissibility)", "over the hammer force"),
         (function(ordinate=2), "record 1 (FRF without phase, real values)", "complex"),
-        (function(kind=6, ordinate=2, values=(0.1, 0.2, 0.3)), "coherence only", "beside it"),
+        (function(kind=6, ordinate=2, values=(0.1, 0.2, 0.3)), "coherence only", "export the FRFs with it"),
         ("    -1\n   151\nmodel\n    -1\n" + units(*SI), "no dataset 58, but 151 (header), 164 (units)", "functions"),
     ],
 )
 def test_what_to_export_instead(tmp_path, content, found, fix):
-    with pytest.raises(DataError, match="holds no FRF") as caught:
+    with pytest.raises(DataError, match="contains no FRF") as caught:
         read(tmp_path, content)
     assert found in str(caught.value.found)
     assert fix in str(caught.value.hint)
@@ -311,7 +311,7 @@ def test_what_to_export_instead(tmp_path, content, found, fix):
 def test_an_frf_without_a_type_is_known_by_its_axes(tmp_path):
     result = read(tmp_path, "    -1\n   151\nmodel\n    -1\n" + function(kind=0) + function(kind=0, denominator=(12, 0, 0, "", "")))
     assert [record.number for record in result.records] == [1]
-    assert "record 1: function type 0, taken as an FRF by its axes" in result.notes
+    assert "record 1: function type 0, read as an FRF because of its axes" in result.notes
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("Hz", 1.0), ("NONE", 1.0), ("kHz", 1e3), ("rad/s", 1 / (2 * np.pi))])
@@ -403,12 +403,12 @@ def test_bytes_that_look_like_a_closing_line(tmp_path):
         (function(spacing="  1.00000E+01 -5.00000E-01"), "record 7 .*abscissa increment\n.*above 0\n.*'-5.00000E-01' in"),
         (function(spacing=""), "record 7 .*abscissa increment"),
         (function(spacing=" -1.00000E+01  5.00000E-01"), "a frequency is wrong"),
-        (function(body="9 1 1 8 1 1 7 1 1").replace(f"{1:10d}  1.00000E+01", f"{0:10d}  0.00000E+00"), "do not rise"),
+        (function(body="9 1 1 8 1 1 7 1 1").replace(f"{1:10d}  1.00000E+01", f"{0:10d}  0.00000E+00"), "do not increase"),
         (function(denominator=(12, 0, 0, "", "NONE")), r"record 1: this is not an FRF over force"),
         (function(denominator=(0, 0, 0, "", "m/s^2")), "not an FRF over force"),
         (function(abscissa=(17, "s")), "not a frequency"),
         (function(numerator=(12, 0, 0, "", "Pa"), denominator=(13, 0, 0, "", "N")), "unit label and data type contradict"),
-        (units(*MM) + function(numerator=(0, 0, 0, "", "NONE")), "cannot be told"),
+        (units(*MM) + function(numerator=(0, 0, 0, "", "NONE")), "cannot be determined"),
         (units(1, -1.0, 1.0) + function(), "units .dataset 164. cannot be read"),
         (function(response=("a", 7, 9)), "direction"),
         (function((0.5, 1.5, 0.7), **COHERENCE), "a coherence is wrong"),
@@ -418,7 +418,7 @@ def test_bytes_that_look_like_a_closing_line(tmp_path):
         ("    -1\n   164\n    -1\n", "cannot be read"),
         ("    -1\nhello\n    -1\n", "no table of numbers"),
         (function() + "hello\n", "dataset 2, line 16: a dataset does not start with its number"),
-        (binary(VALUES)[:-20], "does not hold the number of values"),
+        (binary(VALUES)[:-20], "does not contain the number of values"),
         (binary(VALUES)[:300], "cut off"),
         (binary(VALUES, form=1), "float format 2"),
         (binary(VALUES).replace(b"         3         1", b"999999999         1"), "999999999 points"),
@@ -546,7 +546,7 @@ def test_units_and_coherence_written_by_pyuff(tmp_path):
     np.testing.assert_allclose(found.coherence, gamma2, rtol=1e-9)
     assert (found.name, found.quantity, found.response_node, found.reference_node) == ("acc1", "acceleration", 12, 5)
     # A file that says itself what its coherence is takes no other word for it.
-    with pytest.raises(DataError, match="says itself"):
+    with pytest.raises(DataError, match="itself states"):
         read_frf(path, TextLayout(coherence="gamma2"))
 
 
@@ -593,4 +593,4 @@ def test_a_coherence_on_other_lines_is_told_by_the_number_of_its_record() -> Non
     record = FrfRecord(name="mic01", frequency_hz=two, values=two + 0j, response_node=7, response_direction=3, place="somewhere", number=4)
     notes = Notes()
     assert _attach([record], [Coherence("mic01", (7, 3, 0, 0), three, three / 3, 5)], notes)[0].coherence is None
-    assert "record 4: the coherence has other lines; left out" in notes.lines()
+    assert "record 4: the coherence has different lines; left out" in notes.lines()

@@ -57,10 +57,10 @@ def _read(path: Path, layout: TextLayout) -> FrfSet:
             return frf_set(_named(file, path), path, layout)
         if version != VERSION:
             raise DataError(
-                "this HDF5 file holds no FRFs in a known layout",
+                "this HDF5 file contains no FRFs in a known layout",
                 file=path,
                 expected=f"encoding-type {ENCODING}, encoding-version {VERSION}",
-                found=f"{kind or 'none'}, {version or 'none'}; it holds {listing(list(file))}",
+                found=f"{kind or 'none'}, {version or 'none'}; it contains {listing(list(file))}",
             )
         frequency = numeric(_dataset(file, "frequency_hz", path), path, "frequency_hz")
         values = numeric(_dataset(file, "frf", path), path, "frf")
@@ -107,7 +107,7 @@ def _read(path: Path, layout: TextLayout) -> FrfSet:
                 )
             )
     if not records:
-        raise DataError("the file holds no FRF", file=path, place="frf", expected="at least one output and input", found=values.shape)
+        raise DataError("the file contains no FRF", file=path, place="frf", expected="at least one output and input", found=values.shape)
     return FrfSet(str(path), tuple(records))
 
 
@@ -142,12 +142,12 @@ def _named(file: h5py.File, path: Path) -> Named:
         if len(arrays) + len(texts) >= _MOST_OBJECTS:
             # A unit or a coherence beyond the limit would be missed.
             raise DataError(
-                "the file holds more data sets than are read",
+                "the file contains more data sets than are read",
                 file=path,
                 place=name,
                 expected=f"at most {_MOST_OBJECTS}",
                 found="more",
-                hint="export the FRFs alone, the responses as columns of one array",
+                hint="export only the FRFs, with the responses as columns of one array",
             )
         if isinstance(node, h5py.Group):
             attributes(node, f"{name}.")

@@ -129,7 +129,7 @@ def _mapping(node: Any) -> str | None:
     rest = [name for name in arrays if name not in whole]
     if len(whole) != 2 or len(rest) != 1 or arrays[rest[0]].size != arrays[whole[1]].size:
         return None
-    return f"say `arrays: {{data: {rest[0]}, indices: {whole[1]}, indptr: {whole[0]}}}` beside `file:` and `group:`"
+    return f"add `arrays: {{data: {rest[0]}, indices: {whole[1]}, indptr: {whole[0]}}}` beside `file:` and `group:`"
 
 
 def _read_arrays(node: Any, name: str, path: Path, arrays: ArrayNames, notes: list[str]) -> Any:

@@ -59,7 +59,7 @@ def write_store(path: Path, tree: dict[str, Any]) -> None:
         If the file cannot be written, a full disk included; nothing is left then.
     """
     if not isinstance(tree, dict):
-        raise TypeError(f"a store holds a dictionary, not {type(tree).__name__}")
+        raise TypeError(f"a store contains a dictionary, not {type(tree).__name__}")
 
     def fill(file: h5py.File) -> None:
         file.attrs["store"] = np.bytes_(_ROOT)
@@ -93,8 +93,8 @@ def read_store(path: Path, keys: Collection[str] | None = None) -> dict[str, Any
             "this store cannot be read: it does not end with its checksum",
             file=path,
             expected="a file as this version writes it",
-            found="a file that was cut, or changed, or written by another program",
-            hint="delete the file; it will be built anew",
+            found="a file that was truncated, changed or written by another program",
+            hint="delete the file; it will be built again",
         )
     if not fits:
         raise changed(path)
@@ -110,7 +110,7 @@ def read_store(path: Path, keys: Collection[str] | None = None) -> dict[str, Any
             return {key: _read(lookup(file, key, path), path) for key in keys if key in file}
         tree = _read(file, path)
     if not isinstance(tree, dict):
-        raise DataError("this store holds no dictionary", file=path, expected="a dictionary", found=type(tree).__name__)
+        raise DataError("this store contains no dictionary", file=path, expected="a dictionary", found=type(tree).__name__)
     return tree
 
 
@@ -146,7 +146,7 @@ def _write(parent: h5py.Group, key: str, value: Any) -> None:
     else:
         value = value.item() if isinstance(value, np.generic) else value
         if not _is_plain(value):
-            raise TypeError(f"a store cannot hold {type(value).__name__} ({key!r})")
+            raise TypeError(f"a store cannot contain {type(value).__name__} ({key!r})")
         # ASCII, as json writes it.
         node = parent.create_dataset(key, data=np.bytes_(json.dumps(value)), track_times=False)
         _mark(node, "json")
@@ -160,7 +160,7 @@ def _write_array(parent: h5py.Group, key: str, array: Any) -> None:
         node = parent.create_dataset(key, data=array, track_times=False)
         _mark(node, "array")
     else:
-        raise TypeError(f"a store cannot hold an array of type {array.dtype} ({key!r})")
+        raise TypeError(f"a store cannot contain an array of type {array.dtype} ({key!r})")
 
 
 def _is_plain(value: Any) -> bool:
@@ -179,7 +179,7 @@ def _read(node: Any, path: Path) -> Any:
             place=place or None,
             expected=f"one of {', '.join(_KINDS)}, version {VERSION}",
             found=f"{kind or 'none'}, version {version or 'none'}",
-            hint="delete the file; it will be built anew",
+            hint="delete the file; it will be built again",
         )
     is_group = isinstance(node, h5py.Group)
     if is_group != (kind in ("dict", "list", "csc_matrix")):
@@ -214,7 +214,7 @@ def _read_sparse(node: Any, path: Path, place: str) -> Any:
         and (indices.size == 0 or (int(indices.min()) >= 0 and int(indices.max()) < shape[0]))
     )
     if not well_formed:
-        raise DataError("a sparse matrix in the store is damaged", file=path, place=place, hint="delete the file; it will be built anew")
+        raise DataError("a sparse matrix in the store is damaged", file=path, place=place, hint="delete the file; it will be built again")
     return csc_array((numeric(data, path, place), indices, indptr), shape=shape)
 
 

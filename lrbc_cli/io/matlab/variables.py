@@ -209,7 +209,7 @@ def _fields(variable: _Variable, path: Path, elements: bool, depth: int = 1) -> 
         kind, length = struct.unpack_from(order + "II", data, position)
         element = data[position + 8 : position + 8 + length]
         if kind != _MATRIX or len(element) < length:
-            raise ValueError(f"a field of {variable.name} is no array")
+            raise ValueError(f"a field of {variable.name} is not an array")
         position += 8 + length + -length % 8
         owner = variable.name if count == 1 else f"{variable.name}({at + 1})"
         found = _describe(element, False, order, f"{owner}.{name}") if length else None
@@ -312,7 +312,7 @@ def _values(variable: _Variable, path: Path) -> Any:
         size = path.stat().st_size
         return from_compressed("csc", values, rows[:entries], pointers, shape, path=path, place=variable.name, file_size=size)
     if variable.kind not in _NUMERIC:
-        raise DataError("this variable holds no numbers", file=path, place=variable.name, expected="a matrix", found=variable.kind)
+        raise DataError("this variable contains no numbers", file=path, place=variable.name, expected="a matrix", found=variable.kind)
     values = _complex(next_array(), next_array() if variable.is_complex else None)
     count = math.prod(variable.shape)
     if values.size != count:

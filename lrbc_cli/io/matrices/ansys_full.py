@@ -36,10 +36,10 @@ def read_ansys_full(path: Path, group: str | None = None) -> MatrixFile:
     require_file(path)
     if group not in ("K", "M"):
         raise DataError(
-            "an Ansys .full file holds several matrices", file=path, place=group, expected="file.full#K or file.full#M", found=group
+            "an Ansys .full file contains several matrices", file=path, place=group, expected="file.full#K or file.full#M", found=group
         )
     if not is_ansys_full(head(path, 16)):
-        raise DataError("this is no Ansys .full file", file=path, expected="its standard header", found="other data")
+        raise DataError("this is not an Ansys .full file", file=path, expected="its standard header", found="other data")
     # It is written in C, and trusts what it reads.
     return read_apart(_read, path, group)
 

@@ -54,7 +54,7 @@ def read_dmig(path: Path, group: str | None = None) -> MatrixFile:
     name = group.upper() if group else square[0] if len(square) == 1 else ""
     if name not in square:
         raise DataError(
-            "the file holds no such square matrix" if group else "it is not clear which matrix is meant",
+            "the file contains no such square matrix" if group else "it is not clear which matrix is meant",
             file=path,
             place=group,
             expected=repr(group) if group else "exactly one square matrix, or its name after '#'",

@@ -48,7 +48,7 @@ def read_harwell_boeing(path: Path, group: str | None = None) -> MatrixFile:
         If the header is wrong, the matrix is not assembled or has no values, or a number cannot be read.
     """
     if group:
-        raise DataError("a Harwell-Boeing file holds one matrix", file=path, place=group, hint=f"leave out '#{group}'")
+        raise DataError("a Harwell-Boeing file contains one matrix", file=path, place=group, hint=f"leave out '#{group}'")
     with damaged(path, "Harwell-Boeing file"):
         return _read(path)
 
@@ -143,5 +143,5 @@ def _numbers(lines: list[bytes], count: int, layout: tuple[int, int], path: Path
 
 def _integers(numbers: Floats, path: Path) -> Integers:
     if np.any((numbers != np.floor(numbers)) | (np.abs(numbers) > 2**53)):
-        raise DataError("a pointer or row is no whole number", file=path, expected="whole numbers")
+        raise DataError("a pointer or row is not a whole number", file=path, expected="whole numbers")
     return np.asarray(numbers.astype(np.int64))

@@ -81,7 +81,7 @@ def read_matrix_market(path: Path, group: str | None = None) -> MatrixFile:
         If the banner, sizes or entries are wrong, or the file holds a pattern without values.
     """
     if group:
-        raise DataError("a Matrix Market file holds one matrix without a name", file=path, place=group, hint=f"leave out '#{group}'")
+        raise DataError("a Matrix Market file contains one matrix without a name", file=path, place=group, hint=f"leave out '#{group}'")
     size = require_file(path)
     packed = head(path, 2) == b"\x1f\x8b"
     with damaged(path, "gzip file" if packed else "Matrix Market file"):
@@ -94,7 +94,7 @@ def read_matrix_market(path: Path, group: str | None = None) -> MatrixFile:
     warnings = []
     if not packed and unfinished(content):
         # A packed file has a checksum.
-        warnings.append(f"{path.name}: the last line has no end; if the file was cut there, its last number is wrong")
+        warnings.append(f"{path.name}: the last line has no line break; if the file was truncated there, its last number is wrong")
     if header.layout == "array":
         values = numbers.view(np.complex128) if header.parts == 2 else numbers
         matrix = canonical(_unpack(values.ravel(), header), path, "matrix")
@@ -104,7 +104,9 @@ def read_matrix_market(path: Path, group: str | None = None) -> MatrixFile:
             raise _bad_line(body, header, path)
         matrix = _assemble(numbers, body, header, path, size)
         if header.symmetry == "general" and (double := _doubles(numbers, matrix, header)):
-            warnings.append(f"{path.name}: {double} of {header.entries} entries have the place of an earlier one and are added to it")
+            warnings.append(
+                f"{path.name}: {double} of {header.entries} entries have the row and column of an earlier entry and are added to it"
+            )
     return MatrixFile(matrix=matrix, format="matrix-market", notes=_notes(header), warnings=tuple(warnings))
 
 
@@ -124,7 +126,11 @@ def _unpacked(path: Path, size: int) -> bytes:
         if len(start) + len(rest) > limit:
             check_expansion(len(start) + len(rest), size, path, place)
             raise DataError(
-                "the file holds more than its header says", file=path, place=place, expected=f"{header.entries} entries", found="more text"
+                "the file contains more than its header states",
+                file=path,
+                place=place,
+                expected=f"{header.entries} entries",
+                found="more text",
             )
         return start + rest
 
@@ -162,7 +168,7 @@ def _bad_line(body: bytes, header: _Header, path: Path) -> DataError:
     expected = f"{header.entries} entries"
     if len(lines) < header.entries:
         return ends_early(path, f"line {lines[-1][0]}" if lines else f"line {header.line}", expected, found)
-    hint = "the header is wrong, or something was added; export it again"
+    hint = "the header is wrong, or something was added: export it again"
     return DataError("the number of entries is wrong", file=path, place=f"line {header.line}", expected=expected, found=found, hint=hint)
 
 
@@ -225,7 +231,7 @@ def _header(content: bytes, path: Path) -> _Header:
     kind, layout, field, symmetry = words
     if kind != "matrix" or layout not in ("coordinate", "array") or field not in (*_FIELDS, "pattern") or symmetry not in _SYMMETRIES:
         raise DataError(
-            "the banner names something unknown",
+            "the banner contains an unknown word",
             file=path,
             place="line 1",
             expected=f"matrix, coordinate or array, {' or '.join(_FIELDS)}, {' or '.join(_SYMMETRIES)}",
@@ -233,7 +239,7 @@ def _header(content: bytes, path: Path) -> _Header:
         )
     if field == "pattern":
         raise DataError(
-            "the file holds only a pattern, no values",
+            "the file contains only a pattern, no values",
             file=path,
             place="line 1",
             expected="real or complex values",
@@ -281,12 +287,15 @@ def _refuse_doubles(row: NDArray[np.int64], column: NDArray[np.int64], header: _
     same = np.flatnonzero(places == places[at])
     mirrored = np.unique(row[same]).size > 1
     raise DataError(
-        "both triangles are stored though the banner says that one is" if mirrored else "an entry stands twice under a symmetric banner",
+        "both triangles are stored, but the banner says that only one is"
+        if mirrored
+        else "an entry is given twice under a symmetric banner",
         file=path,
         place="line 1" if mirrored else f"row {row[at] + 1}, column {column[at] + 1}",
         expected="entries of one triangle, each once, or the word 'general'",
-        found=f"{places.size} entries in {unique.size} places, twice first at row {row[at] + 1}, column {column[at] + 1}",
-        hint="change the banner's last word to 'general' where the file holds the whole matrix, or export one triangle, each entry once",
+        found=f"{places.size} entries in {unique.size} places, the first duplicate at row {row[at] + 1}, column {column[at] + 1}",
+        hint="change the last word of the banner to 'general' if the file contains the whole matrix, or export one triangle, each entry "
+        "once",
     )
 
 

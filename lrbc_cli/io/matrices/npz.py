@@ -41,12 +41,14 @@ def read_npz_matrix(path: Path, group: str | None = None) -> MatrixFile:
         names = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
         if "format" in names and "shape" in names:
             if group:
-                raise DataError("the archive holds one sparse matrix without a name", file=path, place=group, hint=f"leave out '#{group}'")
+                raise DataError(
+                    "the archive contains one sparse matrix without a name", file=path, place=group, hint=f"leave out '#{group}'"
+                )
             return MatrixFile(matrix=_sparse(archive, names, path, size), format="npz")
         notes = ["stored dense"]
         if not group:
             packed = [name for name in archive.namelist() if not name.endswith("/")]
-            hint = f"unpack it, and name the matrix file that it holds: {listing(packed, 4)}"
+            hint = f"unpack it, and give the matrix file that it contains: {listing(packed, 4)}"
             group = only_matrix(names, path, notes, holder="archive", beside=[], hint=hint)
         if group not in names:
             raise no_such_matrix(group, names, path, holder="archive")
@@ -108,12 +110,12 @@ def _member(archive: zipfile.ZipFile, name: str, path: Path, size: int) -> Any:
         shape, _, dtype = header(stream)
     if dtype.hasobject:
         raise DataError(
-            "the array holds Python objects, which are never loaded",
+            "the array contains Python objects, which are never loaded",
             file=path,
             place=name,
             expected="numbers",
             found="objects",
-            hint=f"if it is a sparse matrix, write it by scipy.sparse.save_npz({path.name!r}, {name}), in a file of its own",
+            hint=f"if it is a sparse matrix, write it with scipy.sparse.save_npz({path.name!r}, {name}) to a separate file",
         )
     needed = math.prod(shape) * dtype.itemsize
     check_allocation(needed, info.file_size, path, name)

@@ -101,7 +101,7 @@ def read_op4(path: Path, group: str | None = None) -> MatrixFile:
     chosen = [matrix for matrix in found if group is None or matrix.name.upper() == group.upper()]
     if len(chosen) != 1:
         raise DataError(
-            "the file holds no such matrix" if group else "it is not clear which matrix is meant",
+            "the file contains no such matrix" if group else "it is not clear which matrix is meant",
             file=path,
             place=group,
             expected=repr(group) if group else "exactly one matrix, or its name after '#'",

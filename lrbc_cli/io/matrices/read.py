@@ -128,7 +128,7 @@ def read_vectors(path: Path, group: str | None = None, format: str | None = None
     if arrays is None:
         return FORMATS[format](path, group)
     if format != "hdf5":
-        raise ConfigError("arrays are named of HDF5 files only", file=path, place="arrays", expected="an HDF5 file", found=format)
+        raise ConfigError("'arrays' is for HDF5 files only", file=path, place="arrays", expected="an HDF5 file", found=format)
     return read_hdf5_matrix(path, group, arrays)
 
 

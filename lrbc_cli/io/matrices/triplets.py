@@ -70,12 +70,12 @@ def read_triplets(path: Path, group: str | None = None) -> MatrixFile:
         If a line cannot be read, or the numbers are no rows and columns.
     """
     if group:
-        raise DataError("the file holds one matrix without a name", file=path, place=group, hint=f"leave out '#{group}'")
+        raise DataError("the file contains one matrix without a name", file=path, place=group, hint=f"leave out '#{group}'")
     content = whole(path)
     kind = triplets_format(content[:65536])
     if kind is None:
         raise DataError(
-            "this is no list of entries",
+            "this is not a list of entries",
             file=path,
             expected="lines of row, column, value or of node, DOF, node, DOF, value",
             found=repr(content[:40].decode("latin-1")),
@@ -87,7 +87,9 @@ def read_triplets(path: Path, group: str | None = None) -> MatrixFile:
         end = len(content) if end < 0 else end
     first = content.count(b"\n", 0, begin) + 1
     warnings = (
-        [f"{path.name}: the last line has no end; if the file was cut there, its last number is wrong"] if unfinished(content) else []
+        [f"{path.name}: the last line has no line break; if the file was truncated there, its last number is wrong"]
+        if unfinished(content)
+        else []
     )
     if kind == "abaqus":
         numbers = read_columns(content[begin:end], 5, path, first, "row node, row DOF, column node, column DOF, value")
@@ -115,10 +117,10 @@ def _once(row: NDArray[np.int64], column: NDArray[np.int64], n: int, path: Path)
     if again.size:
         first = int(place[again[0]])
         raise DataError(
-            "entries stand twice in the file",
+            "entries are given twice in the file",
             file=path,
             expected="each entry of an assembled matrix once",
-            found=f"{again.size} that stand twice or more, the first at row {first // n + 1}, column {first % n + 1}",
+            found=f"{again.size} that are given twice or more, the first at row {first // n + 1}, column {first % n + 1}",
             hint="keep the matrix of one step and one run; element matrices (MATRIX OUTPUT of elements) have to be assembled",
         )
 
@@ -142,6 +144,6 @@ def _whole(numbers: Floats, path: Path) -> NDArray[np.int64]:
     if wrong.size:
         entry, column = wrong[0]
         raise DataError(
-            "a label is no whole number", file=path, place=f"entry {entry + 1}", expected="a whole number", found=numbers[entry, column]
+            "a label is not a whole number", file=path, place=f"entry {entry + 1}", expected="a whole number", found=numbers[entry, column]
         )
     return np.asarray(numbers.astype(np.int64))

@@ -34,7 +34,8 @@ def angle_unit(table: TextTable, at: int, layout: TextLayout, notes: list[str], 
         # Half a turn in radians, and no more.
         if 0.99 * np.pi <= largest <= 1.001 * np.pi:
             warnings.append(
-                "phases in degrees by their heading, but none is larger than 3.14: radians? Then format: {phase: rad} of the job"
+                "the heading says degrees, but no phase is larger than 3.14: check whether they are radians; if so, set 'format: {phase: "
+                "rad}' of the job"
             )
         return "deg"
     if re.search(r"(?<![a-z])rad", text):
@@ -43,10 +44,10 @@ def angle_unit(table: TextTable, at: int, layout: TextLayout, notes: list[str], 
         jumps = np.abs(np.diff(known)).max(initial=0.0) > 2.0 * np.pi
         if WRAPPED[0] <= largest <= WRAPPED[1] and jumps:
             warnings.append(
-                f"phases in radians by their heading, but they jump and reach {largest:.4g}: degrees? "
-                "Then format: {phase: deg} of the job"
+                f"the heading says radians, but the phases jump and reach {largest:.4g}: check whether they are degrees; "
+                "if so, set 'format: {phase: deg}' of the job"
             )
         return "rad"
     found = "deg" if largest > 2.0 * np.pi * 1.01 else "rad"
-    notes.append(f"phase taken in {found}, by its range; say 'phase:' in the format if that is wrong")
+    notes.append(f"phase assumed in {found}, by its range; if that is wrong, set 'phase:' in the format")
     return found

@@ -18,7 +18,7 @@ from lrbc_cli.model.dofs import COMPONENTS
 AXES = ("x_x", "x_y", "x_z", "y_x", "y_y", "y_z")
 
 #: What to do with a stiffness that is none.
-_NOT_ABOVE = "a spring pushes back: write its stiffness without the sign, or remove the line of a spring that is not there"
+_NOT_ABOVE = "write the stiffness of the spring without the sign, or remove the line of a spring that does not exist"
 
 #: Sine below which two directions are one.
 PARALLEL = 1e-6
@@ -94,9 +94,7 @@ def read_bushings(path: Path, bolts: Collection[str] | None = None) -> BushingTa
             raise table.error(index, "stiffness", "a number above 0", table.text("stiffness")[index], hint=_NOT_ABOVE)
         first, second = int(node_a[index]), node_b[index]
         if first == second:
-            raise table.error(
-                index, "node_b", "another node, or nothing for ground", second, "a spring between a node and itself holds nothing"
-            )
+            raise table.error(index, "node_b", "another node, or nothing for ground", second, "the spring connects a node to itself")
         at = COMPONENTS.index(label)
         ends = frozenset((first, second))
         key = (ends, at // 3, tuple(np.round(np.outer(axes[index, at % 3], axes[index, at % 3]), 6).ravel().tolist()))
@@ -106,7 +104,7 @@ def read_bushings(path: Path, bolts: Collection[str] | None = None) -> BushingTa
                 "component",
                 "each spring once",
                 f"{label} between node {first} and {'ground' if second is None else f'node {second}'}",
-                "a spring stands in the table twice",
+                "a spring is given twice in the table",
                 _twice(table, seen[key], index, owners, stiffness),
             )
         seen[key] = index
@@ -117,11 +115,11 @@ def read_bushings(path: Path, bolts: Collection[str] | None = None) -> BushingTa
 
 def _twice(table: Table, first: int, second: int, owners: Sequence[str], stiffness: NDArray[np.float64]) -> str:
     """What to do with two lines of one spring: those of two bolts or of two values are no copies."""
-    held = f"line {table.lines[first]} holds it already"
+    held = f"line {table.lines[first]} already contains it"
     if owners[first] != owners[second]:
-        return f"{held}, for bolt {owners[first]}, this one is for {owners[second]}: correct the nodes or the bolt of one of the two"
+        return f"{held}, for bolt {owners[first]}; this line is for {owners[second]}: correct the nodes or the bolt of one of the two"
     if stiffness[first] != stiffness[second]:
-        values = f"with stiffness {stiffness[first]:g}, this one with {stiffness[second]:g}"
+        values = f"with stiffness {stiffness[first]:g}; this line has {stiffness[second]:g}"
         return f"{held}, {values}: correct the nodes or component of one, or remove the wrong one"
     return f"{held}; remove one of the two"
 

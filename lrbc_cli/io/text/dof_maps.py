@@ -90,7 +90,7 @@ def _once(labels: DofLabels, path: Path) -> None:
     for row, pair in enumerate(zip(labels.node.tolist(), labels.component.tolist(), strict=True), start=1):
         if pair in seen:
             raise DataError(
-                "one DOF stands twice in the DOF map",
+                "a DOF is given twice in the DOF map",
                 file=path,
                 place=f"row {row} of the matrices",
                 expected="each component of a node once",
@@ -146,7 +146,7 @@ def _nodal(path: Path, numbered: list[tuple[int, str]], n: int, components: Sequ
         raise DataError(
             "the mapping vector does not fit the matrices",
             file=path,
-            expected=f"nodes with equally many DOFs each, {n} DOFs in all",
+            expected=f"the same number of DOFs at each node, {n} DOFs in all",
             found=f"{unique.size} nodes in {nodes.size} lines",
             hint="export the matrices in nodal order (NOD2BCS applied), or use HBMAT, whose mapping names each DOF",
         )
@@ -155,7 +155,7 @@ def _nodal(path: Path, numbered: list[tuple[int, str]], n: int, components: Sequ
         raise DataError(
             "it is not clear which DOFs the nodes have",
             file=path,
-            expected=f"{per_node} components of each node" + (", told by `components: [...]` beside `map:`" if labels is None else ""),
+            expected=f"{per_node} components of each node" + (", given by `components: [...]` beside `map:`" if labels is None else ""),
             found="no `components:`" if components is None else ", ".join(components),
         )
     notes = (f"DOF map: {unique.size} nodes, each {', '.join(labels)}",)

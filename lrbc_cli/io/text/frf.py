@@ -71,7 +71,9 @@ def read_frf_text(path: Path, layout: TextLayout) -> FrfSet:
     several = blocks(lines, path)
     found = _of_blocks(several, path, layout) if several else _of_table(read_table(path, layout, lines), path, layout)
     if unfinished(path.read_bytes()):
-        found = replace(found, warnings=(*found.warnings, "the last line has no end; if the file was cut there, its last number is wrong"))
+        found = replace(
+            found, warnings=(*found.warnings, "the last line has no line break; if the file was truncated there, its last number is wrong")
+        )
     return found
 
 
@@ -103,7 +105,7 @@ def _of_table(table: TextTable, path: Path, layout: TextLayout, within: str = ""
 def _coherence(table: TextTable, at: int, path: Path, name: str, notes: list[str]) -> NDArray[np.float64]:
     coherence, undefined = clean_coherence(table.values[:, at], path, f"column {table.called(at)}")
     if undefined:
-        notes.append(f"coherence of {name} undefined at some lines; 0 taken there")
+        notes.append(f"coherence of {name} undefined at some lines; 0 used there")
     return coherence
 
 
@@ -116,7 +118,7 @@ def _only(pairs: list[_Pair], column: str, path: Path) -> _Pair:
             place="format.coherence",
             expected="one FRF in the file",
             found=listing([pair.name or "(no name)" for pair in pairs]),
-            hint=f"call the columns NAME_coherence instead of {column}, or give a file of coherences under `coherence` of the job",
+            hint=f"call the columns NAME_coherence instead of {column}, or give a file with the coherences under `coherence` of the job",
         )
     return pairs[0]
 
@@ -144,8 +146,10 @@ def _of_blocks(several: list[Block], path: Path, layout: TextLayout) -> FrfSet:
             warnings += found.warnings
             records += [(block, replace(record, number=number, place=block.place)) for record in found.records]
     if not records:
-        hint = "export FRFs (H1, response over hammer force), complex; or say 'format: {unit: ...}' if the unit is wrong"
-        raise DataError("the file holds no FRF", file=path, expected="complex values", found=notes.left_out or "coherence only", hint=hint)
+        hint = "export complex FRFs (H1, response over hammer force); or set 'format: {unit: ...}' of the job if the unit is wrong"
+        raise DataError(
+            "the file contains no FRF", file=path, expected="complex values", found=notes.left_out or "coherence only", hint=hint
+        )
     result = []
     for block, record in records:
         fitting = [values for other, lines, values in coherences if other.signals == block.signals and _same(lines, record)]
@@ -153,7 +157,7 @@ def _of_blocks(several: list[Block], path: Path, layout: TextLayout) -> FrfSet:
         name = record.name or ((block.signals[0] or block.title) if len(records) > 1 else "")
         coherence = fitting[0] if len(fitting) == 1 and block.signals[0] else record.coherence
         result.append(replace(record, name=name, coherence=coherence))
-    told += [f"{len(several)} functions one below the other"] * (len(several) > 1)
+    told += [f"{len(several)} functions, one below the other"] * (len(several) > 1)
     return FrfSet(str(path), tuple(result), (*dict.fromkeys(told), *notes.lines()), tuple(dict.fromkeys(warnings)))
 
 
@@ -179,7 +183,7 @@ def _unit(table: TextTable, pair: _Pair, units: dict[int, str], layout: TextLayo
             place=f"columns {table.called(pair.first)} and {table.called(pair.second)}",
             expected="one unit",
             found=f"{first} and {second}",
-            hint="correct the heading, or say 'format: {unit: ...}' under the job",
+            hint="correct the heading, or set 'format: {unit: ...}' of the job",
         )
     return first
 
@@ -203,7 +207,7 @@ def _parts(table: TextTable, pair: _Pair, path: Path) -> tuple[NDArray[np.float6
                     place=f"lines {table.lines[0]} to {table.lines[-1]}",
                     expected="a finite number in every line",
                     found=f"none, the first is {table.cell(path, row, index)}",
-                    hint="was its channel left out of the export? Export it again, or remove both columns of this FRF",
+                    hint="check whether its channel was left out of the export; export it again, or remove both columns of this FRF",
                 )
             raise not_finite(path, f"line {table.lines[row]}, column {table.called(index)}", table.cell(path, row, index))
     values = table.values[:, pair.first]
@@ -214,7 +218,7 @@ def _parts(table: TextTable, pair: _Pair, path: Path) -> tuple[NDArray[np.float6
             place=f"line {table.lines[negative[0]]}, column {table.called(pair.first)}",
             expected="magnitudes from 0 on",
             found=f"{values[negative[0]]:g} ({negative.size} such lines)",
-            hint="are these dB (representation: db-phase), or real and imaginary parts (real-imag)?",
+            hint="check whether these are dB (representation: db-phase) or real and imaginary parts (real-imag)",
         )
     return values, table.values[:, pair.second]
 
@@ -243,7 +247,7 @@ def read_text_coherence(path: Path, layout: TextLayout) -> dict[str, tuple[NDArr
     chosen = [column for column in columns if column.part == "coherence"] or [column for column in columns if column.part is None]
     if not chosen:
         found = listing([one.text for one in table.headings if one.text])
-        raise DataError("the file holds no coherence", file=path, expected="columns NAME_coherence", found=found)
+        raise DataError("the file contains no coherence", file=path, expected="columns NAME_coherence", found=found)
     return {c.name: (frequency, clean_coherence(table.values[:, c.at], path, f"column {table.called(c.at)}")[0]) for c in chosen}
 
 
@@ -288,7 +292,7 @@ def _frequency_column(table: TextTable, layout: TextLayout, path: Path) -> int:
             place=f"column {table.called(0)}",
             expected="FRFs over a frequency",
             found=f"values over time, {table.values[0, 0]:g} to {table.values[-1, 0]:g}",
-            hint="let the analyser average FRFs from it (H1, response over hammer force), and export these",
+            hint="let the analyser average FRFs from it (H1, response over hammer force), and export the FRFs",
         )
     # A count of the lines comes before the frequency: then columns and pairs do not come out even without it.
     counts = np.array_equal(np.diff(table.values[:, 0]), np.ones(len(table.values) - 1))
@@ -314,7 +318,7 @@ def _data_columns(table: TextTable, at: int, path: Path) -> list[int]:
                 place=f"column {index + 1}",
                 expected=f"the frequencies of column {at + 1}",
                 found=f"{table.values[0, index]:.10g} to {table.values[-1, index]:.10g}",
-                hint="export each FRF to a file of its own, and list these under frf of the job",
+                hint="export each FRF to a separate file, and list the files under frf of the job",
             )
         count = index < at and (one.is_index or not one.text)
         if index != at and not again and not count:
@@ -389,7 +393,7 @@ def _pairs(table: TextTable, columns: list[_Column], layout: TextLayout, path: P
         lacking = parts[name, 0].keys() - group.keys() - {"coherence"}
         if at and lacking:
             raise DataError(
-                "two columns hold the same part of one FRF",
+                "two columns contain the same part of one FRF",
                 file=path,
                 place=f"column {next(iter(group.values())) + 1}",
                 expected="names that differ, or as many columns of each part",
@@ -416,14 +420,14 @@ def _pairs(table: TextTable, columns: list[_Column], layout: TextLayout, path: P
     if len(plain) % 2 or not plain or any(column.part for column in plain) or not (alike or layout.representation):
         magnitudes = {column.part for column in plain} <= {"magnitude", "db"} and bool(plain)
         raise DataError(
-            "magnitudes without a phase" if magnitudes else "the columns do not pair up",
+            "magnitudes without a phase" if magnitudes else "the columns cannot be paired",
             file=path,
-            expected="a frequency, then two columns an FRF (NAME_real and NAME_imag, or magnitude and phase)",
+            expected="a frequency, then two columns per FRF (NAME_real and NAME_imag, or magnitude and phase)",
             found=listing([f"{column.name or column.at + 1}{f' ({column.part})' if column.part else ''}" for column in columns]),
             hint="export real and imaginary part" if magnitudes else _instead(table, columns),
         )
     representation = layout.representation or "real-imag"
-    notes.append(f"columns taken as pairs of {' and '.join(_PAIRS[representation])}")
+    notes.append(f"columns read as pairs of {' and '.join(_PAIRS[representation])}")
     pairs = list(zip(plain[::2], plain[1::2], strict=True))
     return [_Pair(first.name, first.at, second.at, representation) for first, second in pairs]
 
@@ -432,9 +436,10 @@ def _instead(table: TextTable, columns: Sequence[_Column]) -> str:
     """What columns without partners may be, and what to do."""
     values = table.values[:, [column.at for column in columns]]
     known = values[np.isfinite(values)]
-    plain = "name them under 'format: {columns: {NAME: [first, second]}}' of the job"
+    plain = "give the pairs under 'format: {columns: {NAME: [first, second]}}' of the job"
     if known.size and known.min() >= 0.0 and known.max() <= 1.0 and np.median(known) > 0.5:
-        return f"are these coherences? Name the file under `coherence` of the job, and the FRFs under `frf`; else {plain}"
+        return "check whether these are coherences; if so, give the file under `coherence` of the job and the FRFs under `frf`; else "
+        f"{plain}"
     if known.size and known.min() >= 0.0:
-        return f"are these magnitudes without phases? Export real and imaginary part; else {plain}"
+        return f"check whether these are magnitudes without phases; if so, export real and imaginary part; else {plain}"
     return plain

@@ -60,7 +60,7 @@ def read_nodes(path: Path) -> tuple[Integers, Floats, str]:
         except (ValueError, OverflowError):
             raise _wrong(path, line, what, "a node number and three coordinates", repr(lines[line - 1][:72])) from None
     if not numbers:
-        raise DataError(f"this {what} holds no nodes", file=path, expected="nodes with coordinates", found="none")
+        raise DataError(f"this {what} contains no nodes", file=path, expected="nodes with coordinates", found="none")
     return _checked(np.array(numbers, dtype=np.int64), np.array(places), path, what)
 
 
@@ -78,7 +78,7 @@ def _checked(node: Integers, xyz: Floats, path: Path, what: str) -> tuple[Intege
             file=path,
             expected="one place for each node",
             found=f"node {node[k]}",
-            hint="the nodes of parts are numbered apart: write the assembly flat, with one numbering, and export the matrices from it",
+            hint="the parts have separate node numbers: write the assembly flat, with one numbering, and export the matrices from it",
         )
     return unique, xyz[first], what
 

@@ -98,7 +98,7 @@ def read_table(path: Path, layout: TextLayout, lines: list[str], before: int = 0
         notes.append("complex cells read as real and imaginary part")
         headings = tuple(replace(one, part=part or one.part) for one, two in zip(headings, parts, strict=True) for part in two)
     if layout.delimiter is None or layout.decimal is None:
-        notes.append(f"columns divided by {_NAMES[delimiter]}, decimal {'point' if decimal == '.' else 'comma'}")
+        notes.append(f"columns separated by {_NAMES[delimiter]}, decimal {'point' if decimal == '.' else 'comma'}")
     notes.append(
         f"numbers from line {before + start + 1} on, {'header found' if any(one != Heading() for one in headings) else 'no header'}"
     )
@@ -106,7 +106,7 @@ def read_table(path: Path, layout: TextLayout, lines: list[str], before: int = 0
     first = int(np.argmax(usable)) if usable.any() else 0
     if first or unusable:
         several = f"{first + unusable} lines" if first + unusable > 1 else "line"
-        notes.append(f"the first {several} of numbers cannot be used (empty or not finite); left out")
+        notes.append(f"left out: the first {several} of numbers (empty or not finite)")
     return TextTable(
         values=rows[first:],
         lines=numbers[first:],
@@ -127,7 +127,7 @@ def _no_table(lines: list[str], before: int, path: Path) -> DataError:
         place, found, hint = f"line {before + grouped + 1}", lines[grouped], _ungroup(_grouped(lines[grouped]))
     elif any(_COMPLEX.search(line) for line in lines[-_SAMPLE:]):
         hint = "complex numbers in one cell are not read in this form: export real and imaginary part in two columns"
-    expected = "lines of a frequency and values, divided by tab, semicolon, comma or blanks"
+    expected = "lines with a frequency and values, separated by tab, semicolon, comma or blanks"
     return DataError("no table of numbers was found", file=path, place=place, expected=expected, found=repr(found[:80]), hint=hint)
 
 
@@ -150,7 +150,7 @@ def _refuse_decimal_commas(line: str, number: int, names: int, path: Path) -> No
     cells = _split(line, ",")
     if "." not in line and all(cell[:1].isdigit() for cell in cells[2 * names - len(cells) :][1::2]):
         raise DataError(
-            "decimal commas in columns that are divided by commas, too",
+            "the comma is both decimal sign and column separator",
             file=path,
             place=f"line {number}",
             expected=f"{names} columns, as in the header",
@@ -282,7 +282,7 @@ def _rows(
                 found=_misfit(line, delimiter, decimal, width),
                 hint=_ungroup(grouped)
                 if (grouped := _grouped(line))
-                else "fix the line, or say under 'format: {skip: ...}' how many lines stand before the table",
+                else "correct the line, or set 'format: {skip: ...}' of the job to the number of lines before the table",
             )
         cells += _split(line, delimiter)[:width]
         numbers.append(before + index + 1)

@@ -118,14 +118,14 @@ class Table:
             hint = "write the number that belongs there, or remove the line"
             return self.error(index, name, "a number in every line", "nothing (an empty cell)", "a cell is empty", hint)
         hint = "fill it in" + (
-            "; where all points lie in one plane, write one number, 0 for instance, in every line" if name in "xyz" else ""
+            "; if all points lie in one plane, write the same number, for instance 0, in every line" if name in "xyz" else ""
         )
         return DataError(
             f"the column {name!r} is empty",
             file=self.path,
             place=f"lines {self.lines[0]} to {self.lines[-1]}" if len(self.lines) > 1 else f"line {self.lines[0]}",
             expected="a number in every line",
-            found="a heading alone",
+            found="only a heading",
             hint=hint,
         )
 
@@ -169,7 +169,7 @@ class Table:
         for index, value in enumerate(values):
             if value in seen:
                 hint = self._twice(name, value, seen[value], index)
-                raise self.error(index, name, "values that differ", value, "a value stands in the table twice", hint)
+                raise self.error(index, name, "values that differ", value, "a value is given twice in the table", hint)
             seen[value] = index
 
     def _twice(self, name: str, value: object, first: int, second: int) -> str:
@@ -180,7 +180,7 @@ class Table:
         }
         lines = f"lines {self.lines[first]} and {self.lines[second]}"
         if not differ:
-            return f"{lines} say the same: remove one of the two"
+            return f"{lines} are identical: remove one of the two"
         how = "lie at different places" if differ.keys() <= {"x", "y", "z"} else "differ"
         what = value if name == "name" else f"{name} {value}"
         return f"{lines} are both {what} but {how} ({', '.join(differ.values())}): give one its own {name}"
@@ -250,7 +250,7 @@ def _require_one_dof(table: Table, node: NDArray[np.int64], labels: NDArray[np.s
             "one DOF for each node and component",
             f"{labels[second]} at node {node[second]}",
             "two DOFs have one node and component",
-            f"line {table.lines[first]} holds it already; give inner DOFs nodes or labels of their own",
+            f"line {table.lines[first]} already contains it; give internal DOFs their own nodes or labels",
         )
 
 
@@ -299,10 +299,10 @@ def read_points(path: Path) -> PointTable:
         raise table.error(
             second,
             "name",
-            "points at places of their own",
+            "one point at each place",
             f"{names[second]} at {_place(xyz[second])}",
             "two points lie at one place",
-            f"line {table.lines[first]} puts {names[first]} there already; correct the coordinates of one, or remove what is there twice",
+            f"line {table.lines[first]} already puts {names[first]} there; correct the coordinates of one, or remove the duplicate",
         )
     return PointTable(name=tuple(names), xyz=xyz)
 
@@ -368,7 +368,7 @@ def read_table(path: Path, needed: Sequence[str], further: Sequence[str] = ()) -
     repeated = [name for name in dict.fromkeys(header) if header.count(name) > 1]
     if repeated:
         raise DataError(
-            "a column stands in the header twice", file=path, place=place, expected="names that differ", found=listing(repeated)
+            "a column is given twice in the header", file=path, place=place, expected="names that differ", found=listing(repeated)
         )
     missing = [name for name in needed if name not in header]
     if missing:
@@ -382,12 +382,12 @@ def read_table(path: Path, needed: Sequence[str], further: Sequence[str] = ()) -
     unknown = [name for name in header if name not in (*needed, *further)]
     if unknown:
         raise DataError(
-            f"the column{'s' if len(unknown) > 1 else ''} {listing([repr(cell) for cell in unknown])} would not be used",
+            f"unknown column{'s' if len(unknown) > 1 else ''} {listing([repr(cell) for cell in unknown])}",
             file=path,
             place=place,
             expected=listing([*needed, *further]),
             found=listing([repr(cell) for cell in header]),
-            hint="correct the name, or remove the column; comments go into lines that begin with #",
+            hint="correct the name, or remove the column; write comments in lines that begin with #",
         )
     rows, lines = [], []
     for number, line in numbered[1:]:

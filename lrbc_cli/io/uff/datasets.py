@@ -232,7 +232,7 @@ def _function(dataset: _Dataset, body: bytes, path: Path, record: int) -> UffFun
             expected = f"{form.count} points, {form.count * per_point} numbers, then a line '-1'"
             raise ends_early(path, place, expected, f"{len(tokens)} numbers")
         raise DataError(
-            "the function does not hold the number of values that its header states",
+            "the function does not contain the number of values that its header states",
             file=path,
             place=place,
             expected=f"{form.count} points, {form.count * per_point} numbers",
@@ -298,13 +298,13 @@ def _binary_function(dataset: _Dataset, content: bytes, path: Path, record: int)
         if after is not None and fitting and start + max(fitting) <= len(content):
             needed = max(fitting)
             if size != stated:
-                notes = (f"the byte count says {stated}, but {size} bytes of values are there; they were read",)
+                notes = (f"the byte count is {stated}, but there are {size} bytes of values; they were read",)
             elif needed != size:
                 notes = (f"{size - needed} bytes after the last value were left out",)
             break
     else:
         raise DataError(
-            "the function does not hold the number of values that its header states",
+            "the function does not contain the number of values that its header states",
             file=path,
             place=place,
             expected=f"{form.count} points, {' or '.join(str(size) for size in sizes)} bytes, then a line '-1'",

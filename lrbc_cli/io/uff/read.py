@@ -42,15 +42,15 @@ _QUANTITY_OF = {8: "displacement", 11: "velocity", 12: "acceleration", 15: "pres
 _DATA_TYPES = {2: "stress", 3: "strain", 5: "temperature", 9: "reaction force", 13: "excitation force", 16: "mass", **_QUANTITY_OF}
 #: What to export instead of a function of this type.
 _INSTEAD = {
-    1: "time histories are not read: let the analyser average FRFs from them (H1, response over hammer force), and export these",
+    1: "time histories are not read: let the analyser average FRFs from them (H1, response over hammer force), and export the FRFs",
     5: "a transmissibility has no force: export the response over the hammer force",
-    6: "a coherence alone is no measurement: export the FRFs beside it",
+    6: "a coherence alone is not a measurement: export the FRFs with it",
 }
-_SPECTRA = "a spectrum has no phase against the force: export the FRF (H1, response over hammer force), complex"
-_NO_PHASE = "export the FRF complex (real and imaginary part), not its magnitude"
+_SPECTRA = "a spectrum has no phase relative to the force: export the complex FRF (H1, response over hammer force)"
+_NO_PHASE = "export the complex FRF (real and imaginary part), not its magnitude"
 _INVERSE = (
-    "response and reference are exchanged: force over a motion (apparent mass, impedance, dynamic stiffness); let the analyser take the "
-    "hammer as reference, and export the response over its force (one over the values is that only where one record was measured alone)"
+    "response and reference are exchanged: force over a motion (apparent mass, impedance, dynamic stiffness); set the hammer as reference "
+    "in the analyser, and export the response over its force (the reciprocal is the same only if one record was measured alone)"
 )
 _DATASETS = {15: "nodes", 18: "coordinate systems", 55: "mode shapes", 82: "trace lines", 151: "header", 164: "units", 2411: "nodes"}
 _UNKNOWN, _GENERAL, _FORCE, _FREQUENCY = 0, 1, 13, 18
@@ -84,7 +84,7 @@ def read_uff(path: Path, layout: TextLayout) -> FrfSet:
     """
     if layout.coherence is not None:
         raise DataError(
-            "a universal file says itself which functions are coherences",
+            "a universal file itself states which functions are coherences",
             file=path,
             place="format.coherence",
             expected="no such key, and functions of type 6 with the DOFs of their FRFs",
@@ -117,7 +117,7 @@ def _unnamed_frf(function: UffFunction, notes: Notes) -> bool:
     by_axes = function.numerator.kind in _QUANTITY_OF and function.denominator.kind == _FORCE and function.abscissa_axis.kind == _FREQUENCY
     found = function.function_type == 0 and by_axes and function.values.dtype.kind == "c"
     if found:
-        notes.add("function type 0, taken as an FRF by its axes", function.record)
+        notes.add("function type 0, read as an FRF because of its axes", function.record)
     return found
 
 
@@ -127,13 +127,13 @@ def _no_frf(path: Path, functions: list[UffFunction], notes: Notes) -> DataError
     if not functions:
         there = ", ".join(f"{number}{f' ({_DATASETS[number]})' if number in _DATASETS else ''}" for number in dataset_numbers(path))
         hint = "export the measured functions too, not the geometry or the modes alone"
-        return DataError("the file holds no FRF", file=path, expected=expected, found=f"no dataset 58, but {there or 'none'}", hint=hint)
+        return DataError("the file contains no FRF", file=path, expected=expected, found=f"no dataset 58, but {there or 'none'}", hint=hint)
     kinds = {function.function_type for function in functions}
     instead = [_INSTEAD[kind] for kind in (1, 5) if kind in kinds] + ([_INSTEAD[6]] if kinds == {6} else [])
     inverse = all(function.numerator.kind == _FORCE for function in functions if function.function_type == 4)
     hint = (_INVERSE if inverse else _NO_PHASE) if 4 in kinds else [*instead, _SPECTRA][0]
     found = notes.left_out or "coherence only"
-    return DataError("the file holds no FRF", file=path, expected=expected, found=found, hint=hint)
+    return DataError("the file contains no FRF", file=path, expected=expected, found=found, hint=hint)
 
 
 def read_uff_coherence(path: Path) -> list[Coherence]:
@@ -148,7 +148,10 @@ def read_uff_coherence(path: Path) -> list[Coherence]:
     found = [_coherence(function, path, Notes()) for function in functions if function.function_type == 6]
     if not found:
         raise DataError(
-            "the file holds no coherence", file=path, expected="dataset 58 with function type 6", found=f"{len(functions)} other functions"
+            "the file contains no coherence",
+            file=path,
+            expected="dataset 58 with function type 6",
+            found=f"{len(functions)} other functions",
         )
     return found
 
@@ -169,7 +172,7 @@ def _frf(function: UffFunction, unit: UffUnits | None, layout: TextLayout, path:
     if scale != 1.0:
         notes.add(f"values multiplied by {scale:.9g} to give SI", function.record)
     if function.response_direction < 0 or function.reference_direction < 0:
-        notes.add("negative direction: sign turned", function.record)
+        notes.add("negative direction: sign reversed", function.record)
     sign = (-1 if function.response_direction < 0 else 1) * (-1 if function.reference_direction < 0 else 1)
     for note in function.notes:
         notes.add(note, function.record)
@@ -220,7 +223,7 @@ def _conversion(function: UffFunction, units: UffUnits | None, layout: TextLayou
     quantity = _QUANTITY_OF.get(function.numerator.kind)
     stated = layout.si_unit
     if stated is not None:
-        notes.add(f"unit {layout.unit} by the campaign file")
+        notes.add(f"unit {layout.unit} from the campaign file")
         return stated.factor, layout.stated_quantity
     label = _label_unit(function)
     if label is not None and quantity not in (None, response_quantity(label)):
@@ -231,7 +234,7 @@ def _conversion(function: UffFunction, units: UffUnits | None, layout: TextLayou
             place=f"record {record}",
             expected=expected,
             found=function.numerator.unit,
-            hint="say which unit holds: 'format: {unit: ...}' in the job",
+            hint="set 'format: {unit: ...}' of the job",
         )
     quantity = layout.quantity or quantity or (response_quantity(label) if label is not None else None)
     table = None
@@ -241,27 +244,27 @@ def _conversion(function: UffFunction, units: UffUnits | None, layout: TextLayou
         table = units.length ** (below[0] - above[0]) * units.force ** (below[1] - above[1])
         if label is None and quantity is None and above == (0, 0) and (units.length, units.force) != (1.0, 1.0):
             raise DataError(
-                "the unit of an FRF cannot be told",
+                "the unit of an FRF cannot be determined",
                 file=path,
                 place=f"record {record}",
                 expected="a data type (8, 11, 12 or 15) or a unit label",
                 found=f"data type {function.numerator.kind}, unit {function.numerator.unit!r}, and units other than SI in dataset 164",
-                hint="say which unit holds: 'format: {unit: ...}' in the job",
+                hint="set 'format: {unit: ...}' of the job",
             )
     if label is not None and table is not None and abs(label.factor / table - 1) > 1e-3:
         raise DataError(
             "unit label and dataset 164 contradict each other",
             file=path,
             place=f"record {record}",
-            expected=f"one unit; dataset 164 ({units.description if units else ''}) makes the factor to SI {table:.6g}",
-            found=f"{function.numerator.unit!r} over {function.denominator.unit or 'N'!r}, which makes it {label.factor:.6g}",
-            hint="say which unit holds: 'format: {unit: ...}' in the job",
+            expected=f"one unit; dataset 164 ({units.description if units else ''}) gives the factor to SI {table:.6g}",
+            found=f"{function.numerator.unit!r} over {function.denominator.unit or 'N'!r}, which gives {label.factor:.6g}",
+            hint="set 'format: {unit: ...}' of the job",
         )
     if label is None and table is None:
         unread = function.numerator.unit
-        notes.add(f"no units (no dataset 164{f', unit {unread!r} not understood' if unread else ''}); SI taken", record)
+        notes.add(f"no units (no dataset 164{f', unit {unread!r} not understood' if unread else ''}); SI assumed", record)
     if quantity is None:
-        notes.add("the file does not say what quantity the FRF is", record)
+        notes.add("the file does not state the quantity of the FRF", record)
     return (label.factor if label is not None else table if table is not None else 1.0), quantity
 
 
@@ -290,7 +293,7 @@ def _require_force(function: UffFunction, path: Path, notes: Notes) -> None:
             unit.dimension in ((0, 1, 0), (1, 1, 0)) if unit is not None else above is not None and response_quantity(above) is not None
         )
         if unit is None and not by_label:
-            notes.add("the file does not say what the response is divided by; force taken", function.record)
+            notes.add("the file does not state what the response is divided by; force assumed", function.record)
         over_force = by_label or unit is None
     if not over_force:
         what = _DATA_TYPES.get(axis.kind, f"data type {axis.kind}")
@@ -298,7 +301,7 @@ def _require_force(function: UffFunction, path: Path, notes: Notes) -> None:
             "this is not an FRF over force",
             file=path,
             place=f"record {function.record}",
-            expected="a force below (data type 13)",
+            expected="a force in the denominator (data type 13)",
             found=f"{what} [{axis.unit or 'no unit'}]",
             hint="export FRFs with the force as reference",
         )
@@ -321,7 +324,7 @@ def _coherence(function: UffFunction, path: Path, notes: Notes) -> Coherence:
     frequency = _frequency(function, path)
     values, undefined = clean_coherence(function.values, path, place)
     if undefined:
-        notes.add("coherence undefined at some lines; 0 taken there", function.record)
+        notes.add("coherence undefined at some lines; 0 used there", function.record)
     dof = (function.response_node, abs(function.response_direction), function.reference_node, abs(function.reference_direction))
     return Coherence(_name(function), dof, frequency, values, function.record)
 
@@ -348,7 +351,7 @@ def _attach(records: list[FrfRecord], coherences: list[Coherence], notes: Notes)
             used.add(fitting[0].record)
             record = replace(record, coherence=fitting[0].values)
         elif fitting:
-            notes.add("the coherence has other lines; left out", record.number)
+            notes.add("the coherence has different lines; left out", record.number)
         result.append(record)
     for coherence in coherences:
         if coherence.record not in used:
