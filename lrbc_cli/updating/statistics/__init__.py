@@ -1,1 +1,1 @@
-"""The statistical model: errors of measurement and model, the lines that count, residuals, priors."""
+"""The statistical model: errors of measurement and model, choice of the lines, residuals and their covariance, priors."""

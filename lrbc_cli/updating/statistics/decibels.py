@@ -1,4 +1,4 @@
-"""Levels in decibels, and how exactly a measurement tells them."""
+"""Levels in decibels, their standard deviation from the coherence, and weights of lines."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ def coherence_sigma(coherence: Floats, averages: Floats | int, errors: ErrorMode
     Parameters
     ----------
     coherence : float array
-        Ordinary coherence g²; NaN where unknown.
+        Ordinary coherence g²; NaN if unknown.
     averages : int or float array
-        n.
+        Number of averages n.
     errors : ErrorModel
 
     Returns
     -------
     float array
-        NaN where the coherence is unknown.
+        NaN if the coherence is unknown.
     """
     g2 = np.clip(coherence, errors.least_coherence, 1.0)
     return np.asarray(DB * np.sqrt((1.0 - g2) / (2.0 * averages * g2)))
 
 
 def noise_weights(sigma: Floats, level: float) -> Floats:
-    """Factors ``1/sqrt(1 + (sigma/level)²)`` on residuals in dB; 1 where sigma is NaN.
+    """Factors ``1/sqrt(1 + (sigma/level)²)`` on residuals in dB; 1 if sigma is NaN.
 
-    Below the level the errors of a model outweigh those of a measurement: such lines keep about their weight.
+    A line whose noise is well below the model discrepancy keeps a weight of about 1.
 
     Parameters
     ----------

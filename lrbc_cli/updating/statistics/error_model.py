@@ -1,4 +1,4 @@
-"""How measurement and model may be wrong: every number of the likelihood, in one place; see ``lrbc guide statistics``, sections 2 to 4."""
+"""Errors of measurement and model: every number of the likelihood, in one place; see ``lrbc guide statistics``, sections 2 to 4."""
 
 from __future__ import annotations
 
@@ -7,57 +7,61 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorModel:
-    """Covariance of the residuals: measurement noise, model discrepancy, errors of predicted changes, and what lines share.
+    """Numbers of the covariance of the residuals: noise, model discrepancy, errors of predicted changes, correlation of lines.
+
+    Each entry says where its number comes from; "a choice" means that no data determined it.
 
     Attributes
     ----------
     least_coherence : float
-        Coherences below this say no more than that there is nothing but noise. A choice: it only keeps sigma finite.
+        Smaller coherences g² are raised to this. A choice: it only keeps sigma finite.
     first_discrepancy_db : float
-        Model discrepancy ``s`` before residuals tell it, and where nothing is known of the measurement noise, against which a line loses
-        half of its weight [dB]. A choice.
+        Model discrepancy ``s`` before it is estimated from residuals, and throughout if the lines have no weights; noise of this size
+        halves the weight of a line's square [dB]. A choice.
     least_discrepancy_db, most_discrepancy_db : float
-        Range of ``s`` [dB]: digits of the files below, no model at all above.
+        Range of ``s`` [dB]: rounding of the files below, no agreement at all above.
     change_error : float
-        Standard deviation of the change of a level that a model predicts, over that change: of each line for itself, and of the mean
-        over the lines about a resonance together. 0.1 to 0.35 (rms over the lines) where single bolts of virtual rigs are removed.
+        Standard deviation of a predicted change of level, over that change: of each line by itself (``sigma_l``), and of the mean over the
+        lines about a resonance (``G``). 0.1 to 0.35 (rms over the lines) when single bolts of virtual rigs are removed.
     shift_error : float
-        Standard deviation of the shift of a resonance that a model predicts, over that shift. 0.08 to 0.17 where bolts of virtual rigs
-        are removed. Of it what all resonances share is an error of a joint's change, over that change.
+        Standard deviation of a predicted shift of a resonance, over that shift (``P``). 0.08 to 0.17 when bolts of virtual rigs are
+        removed. The same share is added to the error of a joint's change, because all resonances may err alike.
     shift_knots : float
-        Distance of the knots between which such errors of the frequency axis are interpolated, over the highest line, and width of the
-        bands whose lines share an error of their mean change. A choice: resonances further apart than this err independently.
+        Distance of the knots between which the shift of the frequency axis is interpolated, and width of the bands of ``G``, both over the
+        highest line. A choice: resonances further apart than this err independently.
     gain_db : float
-        Standard deviation of a gain that all channels of a job have and those of the reference job have not, another hammer or a
-        sensitivity typed anew; and of one that the reference job has against the model [dB]. A choice: hundreds of lines tell the
-        gain, this number hardly matters.
+        Standard deviation of a gain that all channels of a job have relative to the reference job (another hammer, a wrong sensitivity),
+        and of the gains of the reference job relative to the model [dB]. A choice that hardly matters: hundreds of lines give the gain.
     least_gain_db : float
-        A gain is allowed for where its 95 % interval lies beyond this: 3.5 %, to which hammers are calibrated [dB]. In 42 right jobs of
-        the samples and of virtual rigs the interval came to 0.24 dB: loosened bolts change the damping, too.
+        A gain is accepted if its 95 % interval is beyond this [dB]: 3.5 %, the accuracy to which hammers are calibrated. In 42 jobs
+        without a gain, of the samples and of virtual rigs, the interval reached 0.24 dB, because loosened bolts change the damping, too.
     gain_shown : float
-        Share of a gain that lines that are not compared have to show, and, against the model, the misfit to gain by it. A choice.
+        Share of a gain that the lines which are not compared must show, and share by which the misfit must fall with the gains of the
+        reference job. A choice.
     noise_window : int
-        Lines over which noise is taken as the same where neighbouring lines tell it. A choice: a few bandwidths of a peak.
+        Number of lines over which the noise estimated from neighbouring lines is taken as constant. A choice: a few bandwidths of a peak.
     most_noise_db : float
-        Values with more noise than this by their neighbours, half of their size, are not compared where nothing else tells it. A choice.
+        Values with more estimated noise than this (half of their size) are not compared, if the noise is known from neighbouring lines
+        only [dB]. A choice.
     gain_rounds : int
-        So often it is found anew with the loss linearised about it. A choice: the last changes it by less than 0.01 dB.
+        Number of times that the gain is identified again with the loss linearised about it. A choice: the last changes it by less than
+        0.01 dB.
     most_correction_db : float
-        A correction by the reference job may not exceed this [dB]: beyond it model and measurement have different resonances there.
+        Limit of the correction by the reference job [dB]: beyond it model and measurement have different resonances there.
     most_lags : int
-        Correlations of residuals are followed over at most so many lines. A choice: they end at ``least_correlation`` long before.
+        Largest lag of the autocorrelation of residuals, in lines. A choice: ``least_correlation`` ends the sum long before.
     least_correlation : float
-        No further than where they fall below this. A choice: one standard error of 400 pairs.
+        The sum over the lags ends where the autocorrelation falls below this. A choice: one standard error of 400 pairs.
     least_pairs : int
-        Fewer pairs of lines than this say nothing about a lag. A choice.
+        Least number of pairs of lines for a lag to count. A choice.
     least_variance : float
-        Least variance of the residuals [dB²]: below it errors of the reference state and changes cannot be told apart in double precision.
+        Least variance of the residuals [dB²]: below it double precision cannot separate errors of the reference state from changes.
     coarsening : float
-        How many residuals tell as much as one would if the model were exact: errors that no covariance here knows are shared by lines and
-        responses (coarsened posterior: Miller and Dunson, J. Am. Stat. Assoc. 114, 2019). 4 by trial on virtual rigs.
+        Number of residuals that count as one where joints are identified, because lines and responses share errors that no covariance here
+        describes (coarsened posterior: Miller and Dunson, J. Am. Stat. Assoc. 114, 2019). 4 by trial on virtual rigs.
     runaway, least_runaway_db : float
-        A round of weights that makes the mean misfit larger by this factor and so many dB is not kept: weights of a loosened state forgive
-        the tight one. By trial on virtual rigs.
+        A round of weights that raises the mean misfit by this factor and this many dB is not kept: the errors assumed for a large change
+        tolerate large residuals. By trial on virtual rigs.
     """
 
     least_coherence: float = 1e-4
@@ -83,5 +87,5 @@ class ErrorModel:
     least_runaway_db: float = 0.1
 
 
-#: The defaults, for those who call a part alone.
+#: The defaults, for callers that use a part of the package by itself.
 ERRORS = ErrorModel()

@@ -1,4 +1,7 @@
-"""Choice of the lines that enter the cost: around the resonances, where noise matters least (Sec. 3)."""
+"""Choice of the lines that are compared, around the resonances (Sec. 3 of the paper), and faults of FRFs that show in their lines.
+
+The faults are lines that do not resolve the peaks, noise, mains hum, interpolated lines, few digits, normalised or phaseless FRFs.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +15,12 @@ from lrbc_cli.updating.peaks import peaks_of
 from lrbc_cli.updating.robust import medians
 from lrbc_cli.updating.statistics.decibels import DB, decibel
 
-#: Share of the band that the lines should cover.
+#: Least share of the band that the lines should cover.
 MIN_BAND = 0.9
 
 
 def covers(frequency_hz: Floats, band_hz: tuple[float, float]) -> bool:
-    """Whether rising lines, each of which stands for its surroundings, cover the band but for a tenth of it."""
+    """Whether ascending lines (F,) span at least ``MIN_BAND`` of the band; half a step is added at either end."""
     step = float(np.median(np.diff(frequency_hz))) if frequency_hz.size > 1 else 0.0
     return bool(frequency_hz[-1] - frequency_hz[0] + step >= MIN_BAND * (band_hz[1] - band_hz[0]))
 
@@ -29,11 +32,11 @@ class Resonances:
     Attributes
     ----------
     prominence_db : float
-        A resonance stands out of the mean spectrum by at least this [dB]. A choice: twice the first model discrepancy.
+        Least prominence of a resonance in the mean spectrum [dB]. A choice: twice the first model discrepancy.
     depth_db : float
-        Lines within this of the peak belong to it [dB] ... By trial on virtual rigs.
+        Lines within this level of the peak belong to it [dB] ... By trial on virtual rigs.
     half_width : float
-        ... as long as they are within this fraction of its frequency, or two lines, or its half-power bandwidth. By trial on virtual rigs.
+        ... if they are within this fraction of its frequency, two lines, or its half-power bandwidth. By trial on virtual rigs.
     """
 
     prominence_db: float = 2.0
@@ -41,7 +44,7 @@ class Resonances:
     half_width: float = 0.06
 
 
-#: The default, for those who call a part alone.
+#: The default, for callers that use a part of the package by itself.
 RESONANCES = Resonances()
 
 
@@ -58,20 +61,20 @@ def resonance_lines(frequency_hz: Floats, measured: Complexes, rule: Resonances 
     Returns
     -------
     (m,) int array
-        Sorted; all lines where no resonance stands out.
+        Sorted; all lines if there is no resonance.
     """
     chosen = np.flatnonzero(around_resonances(frequency_hz, measured, rule))
     return chosen if chosen.size else np.arange(frequency_hz.size)
 
 
 def around_resonances(frequency_hz: Floats, H: Complexes, rule: Resonances = RESONANCES) -> Bools:
-    """(F,) whether a line belongs to a resonance of these (F, R) FRFs."""
+    """(F,) whether a line belongs to a resonance of the FRFs H (F, R); the peaks are those of the mean of their levels."""
     valid = np.isfinite(H) & (np.abs(H) > 0)
     level = np.where(valid, decibel(np.where(valid, H, 1.0)), np.nan)
     keep: Bools = np.zeros(frequency_hz.size, dtype=bool)
     half_power_db = 10.0 * np.log10(2.0)
-    # Each response shows other resonances; the mean spectrum shows those that several share without the noise of each. A mean of
-    # decibels also takes in some lines between antiresonances; with the mean power instead, fewer rigs were identified well.
+    # The mean spectrum shows the resonances of all responses with less noise than each. A mean of decibels also selects some lines
+    # between antiresonances; with the mean power instead, fewer rigs were identified well.
     spectra = [level[:, r] for r in range(level.shape[1]) if valid[:, r].any()]
     if len(spectra) > 1:
         centred = np.stack([spectrum - np.nanmean(spectrum) for spectrum in spectra])
@@ -88,7 +91,7 @@ def around_resonances(frequency_hz: Floats, H: Complexes, rule: Resonances = RES
                 at = peak
                 while 0 <= at < filled.size and filled[at] > filled[peak] - rule.depth_db:
                     near = abs(frequency_hz[at] - frequency_hz[peak]) <= rule.half_width * frequency_hz[peak] or abs(at - peak) <= 2
-                    # Where damping is heavy a few lines at the top of a peak tell less than there are unknowns.
+                    # With heavy damping the few lines at the top of a peak would be fewer data than unknowns.
                     half = filled[peak] - half_power_db <= filled[at] <= filled[peak]
                     if not (near or half):
                         break
@@ -98,7 +101,7 @@ def around_resonances(frequency_hz: Floats, H: Complexes, rule: Resonances = RES
 
 
 def missed(frequency_hz: Floats, measured: Complexes, selected: Integers, rule: Resonances = RESONANCES) -> tuple[int, int]:
-    """How many resonances of (F, R) FRFs have none of the selected lines, and how many there are."""
+    """Number of resonances of FRFs (F, R) without any of the selected lines, and number of all resonances."""
     near = around_resonances(frequency_hz, measured, rule)
     ends = np.flatnonzero(np.diff(near.astype(np.int8), prepend=0, append=0))
     lines = np.sort(selected)
@@ -107,9 +110,9 @@ def missed(frequency_hz: Floats, measured: Complexes, selected: Integers, rule: 
 
 
 def few_resonances(frequency_hz: Floats, measured: Complexes, rule: Resonances = RESONANCES, *, least: int = 3) -> int | None:
-    """How many resonances stand out of (F, R) FRFs where they are fewer than the least that tell bolts from one another; else None.
+    """Number of resonances of FRFs (F, R) if it is below ``least``, too few to distinguish bolts; else None.
 
-    A loosened bolt moves each resonance by another amount: one or two of them have as many causes as there are bolts.
+    A loosened bolt is recognised by how far it shifts each resonance; the shifts of one or two can be caused by any bolt.
     """
     ends = np.diff(around_resonances(frequency_hz, measured, rule).astype(np.int8), prepend=0)
     count = int((ends == 1).sum())
@@ -118,18 +121,18 @@ def few_resonances(frequency_hz: Floats, measured: Complexes, rule: Resonances =
 
 @dataclass(frozen=True)
 class Sharp:
-    """Peaks of FRFs, those of them that fall far to both neighbouring lines, and whether responses have these at the same lines.
+    """Peaks of FRFs, the sharp ones among them (which fall far to both neighbouring lines), and whether responses share these.
 
     Attributes
     ----------
     peaks : (p,) float array
-        Frequencies, of all responses [Hz].
+        Frequencies of the peaks of all responses [Hz].
     sharp : (q,) float array
-        Of those that fall so far [Hz].
+        Frequencies of the sharp peaks [Hz].
     together : float
-        How many pairs of two responses' sharp peaks stand at one line.
+        Number of pairs of sharp peaks of two responses at the same line.
     chance : float
-        How many stand some lines apart, in the mean over the distances: as many stand together by chance.
+        Mean number of such pairs at several distances of some lines: as many are at the same line by chance.
     """
 
     peaks: Floats
@@ -140,25 +143,25 @@ class Sharp:
 
 @dataclass(frozen=True, kw_only=True)
 class Resolution:
-    """From when on lines do not resolve the peaks of FRFs, or noise makes peaks of its own: then no job is validated.
+    """Limits from which lines do not resolve the peaks of FRFs, or peaks are caused by noise; a job is then not validated.
 
     Attributes
     ----------
     prominence_db : float
-        Of what counts as a peak [dB]. A choice: twice the half-power points.
+        Least prominence of a peak [dB]. A choice: twice the half-power points.
     drop_db : float
-        Peaks that fall by more to both neighbouring lines are sharp [dB]. A choice, that noise and the place of the peak between two lines
-        do not reach where it is resolved.
+        A peak that falls by more to both neighbouring lines is sharp [dB]. A choice: resolved peaks do not fall as far, by noise or by
+        their position between two lines.
     most : float
-        Share of the peaks that may be sharp. Of resonances anywhere between the lines a quarter are where these lie as far apart as the
+        Largest share of sharp peaks. Of resonances anywhere between the lines a quarter are sharp if the lines are as far apart as the
         half-power points, and half of them at 1.6 times that.
     noisy : float
-        Share of the peaks that may be sharp where each response has them at other lines. Of noise alone a third are: from here on half of
-        the peaks are noise's.
+        Largest share of sharp peaks if each response has them at other lines. Of noise alone a third of the peaks are sharp, so at this
+        share half of the peaks are noise.
     aside : tuple of int
-        Distances in lines at which pairs of sharp peaks stand together by chance. A choice: near enough that peaks are as many there.
+        Distances in lines at which pairs of sharp peaks are counted as chance. A choice: near enough for the same density of peaks.
     together : float
-        Sharp peaks of resonances stand together this many times as often as by chance. A choice: half of what stands together is chance's.
+        Sharp peaks of resonances coincide at least this many times as often as by chance. A choice: half of the coincidences are by chance.
     """
 
     prominence_db: float = 6.0
@@ -169,15 +172,15 @@ class Resolution:
     together: float = 2.0
 
 
-#: The default, for those who call a part alone.
+#: The default, for callers that use a part of the package by itself.
 RESOLUTION = Resolution()
 
 
 def unresolved(frequency_hz: Floats, measured: Complexes, rule: Resolution = RESOLUTION) -> Sharp:
-    """Peaks of FRFs, and those that fall far to both neighbouring lines.
+    """Peaks of FRFs, and the sharp ones among them.
 
-    At the half-power points a resonance lies 3 dB below its peak: where lines are no further apart than those, one of the two lines beside
-    a peak lies within that.
+    A resonance is 3 dB below its peak at the half-power points. If lines are no further apart than these, one of the two lines beside a
+    peak is within 3 dB of it.
 
     Parameters
     ----------
@@ -206,14 +209,14 @@ def unresolved(frequency_hz: Floats, measured: Complexes, rule: Resolution = RES
 
 @dataclass(frozen=True, kw_only=True)
 class Unclear:
-    """Why peaks of FRFs say little: hum, lines that lie too far apart, or noise.
+    """Why the peaks of FRFs are unreliable (mains hum, lines too far apart, or noise), as parts of a message.
 
     Attributes
     ----------
     cause : str
-        In words, the same for all jobs that have it.
+        The same words for all jobs with this cause.
     fall, where, fix : str
-        How many of the peaks say little, where these are, and what to do.
+        How many peaks are sharp, where they are, and what to do.
     """
 
     cause: str
@@ -223,12 +226,12 @@ class Unclear:
 
     @property
     def text(self) -> str:
-        """What to say of it."""
+        """The whole message."""
         return f"{self.cause}: {self.fall}{self.where}; {self.fix}"
 
 
 def too_wide(*measured: tuple[Floats, Complexes], rule: Resolution = RESOLUTION) -> Unclear | None:
-    """Lines that do not resolve the peaks of FRFs, or noise that makes peaks of its own; None where neither is so.
+    """Message on lines that do not resolve the peaks of FRFs, or on peaks of noise or mains hum; None if there is nothing to report.
 
     Parameters
     ----------
@@ -244,29 +247,29 @@ def too_wide(*measured: tuple[Floats, Complexes], rule: Resolution = RESOLUTION)
     fall = f"{sharp.size} of {peaks.size} peaks fall by more than {rule.drop_db:g} dB to both neighbouring lines"
     if hum := _hum(sharp, *(axis for axis, _ in measured)):
         fix = "earth the whole chain at one point, or feed it from batteries"
-        return Unclear(cause=f"{hum}, it seems", fall=fall, where=", most of them at its multiples", fix=fix)
+        return Unclear(cause=f"probably {hum}", fall=fall, where=", most of them at its multiples", fix=fix)
     if not noise:
         return Unclear(cause="lines too far apart", fall=fall, where="", fix="measure with closer lines")
     where, cut = _where(np.sort(np.concatenate([axis for axis, _ in measured])), peaks, sharp, rule.noisy)
     where = f", each response has them at other lines{where}"
-    return Unclear(cause="noise, it seems", fall=fall, where=where, fix=f"{cut}measure with more averages, a harder tip or a stronger blow")
+    return Unclear(cause="probably noise", fall=fall, where=where, fix=f"{cut}measure with more averages, a harder tip or a stronger blow")
 
 
 def resolved(frequency_hz: Floats, measured: Complexes, rule: Resolution = RESOLUTION) -> bool:
-    """Whether lines resolve the peaks of (F, R) FRFs, whatever peaks noise makes."""
+    """Whether lines resolve the peaks of FRFs (F, R); sharp peaks of noise do not count against it."""
     found = unresolved(frequency_hz, measured, rule)
     return bool(found.sharp.size <= rule.most * found.peaks.size or _of_noise([found], rule))
 
 
 def _of_noise(found: Sequence[Sharp], rule: Resolution) -> bool:
-    """Whether sharp peaks are noise's: resonances show in several responses at the same line, noise there as often as at others."""
-    # Where chance alone would hardly bring two together, that none are together says nothing.
+    """Whether sharp peaks are caused by noise: those of resonances coincide in several responses, those of noise only by chance."""
+    # If fewer than one coincidence is expected by chance, their absence is no evidence.
     chance = sum(each.chance for each in found)
     return chance >= 1.0 and sum(each.together for each in found) < rule.together * chance
 
 
 def _hum(sharp: Floats, *axes: Floats, most: float = 0.5, chance: float = 0.1) -> str:
-    """Mains hum, in words, where most sharp peaks stand at multiples of 50 or 60 Hz; empty where few do, or many lines are there."""
+    """Mains hum, in words, if most sharp peaks are at multiples of 50 or 60 Hz; empty otherwise, or if many of the lines are there."""
     for mains in (50.0, 60.0):
 
         def near(hz: Floats, step: float, mains: float = mains) -> float:
@@ -279,20 +282,20 @@ def _hum(sharp: Floats, *axes: Floats, most: float = 0.5, chance: float = 0.1) -
 
 
 def interpolated(measured: Complexes, *, most: int = 16, least: int = 8, straight: float = 0.05) -> str | None:
-    """What to say of FRFs most lines of which lie on straight lines between those that were measured; None where all were.
+    """Message on FRFs with lines that were interpolated linearly between the measured ones; None if all were measured.
 
-    Straight lines bend at the measured lines only. Whatever was measured, smooth or noisy, bends at one line as much as at another.
+    Interpolated FRFs have second differences at the measured lines only; measured ones, smooth or noisy, have them at all lines alike.
 
     Parameters
     ----------
     measured : (F, R) complex array
         On evenly spaced lines; NaN where a response was not measured.
     most : int
-        Lines for a measured one that are looked for.
+        Largest spacing of measured lines that is tried, in lines.
     least : int
-        Bends at measured lines that are needed to tell.
+        Least number of measured lines.
     straight : float
-        How much less nearly all others bend than nearly all of these; rounding to few digits leaves them so much.
+        Largest ratio of second differences between measured lines to those at them; rounding to few digits leaves as much.
     """
     known = measured[:, np.isfinite(measured).all(axis=0)]
     bend = (np.abs(np.diff(known, n=2, axis=0)) / np.maximum(np.abs(known).mean(axis=0), np.finfo(float).tiny)).sum(axis=1)
@@ -301,26 +304,26 @@ def interpolated(measured: Complexes, *, most: int = 16, least: int = 8, straigh
             at = np.arange(bend.size) % every == first
             if np.quantile(bend[~at], 0.9) < straight * np.quantile(bend[at], 0.25):
                 return (
-                    f"one of {every} lines was measured, it seems, the others are interpolated between them: peaks are cut off, and more "
-                    "lines count than were measured; export the lines as they were measured"
+                    f"probably only one of {every} lines was measured and the others are interpolated: peaks are cut off, and more lines "
+                    "count than were measured. Export the lines as they were measured"
                 )
     return None
 
 
 def few_digits(measured: Complexes, *, least_db: float = 0.3, whole: float = 1e-3, least: int = 20, several: int = 4) -> dict[int, float]:
-    """Responses whose real and imaginary parts were written with so few digits that it shows, and their error by that [dB].
+    """Responses whose real and imaginary parts were written with too few digits, and their rounding error [dB].
 
     Parameters
     ----------
     measured : (F, R) complex array
     least_db : float
-        Less shows in no verdict: a tenth of what a measuring chain is calibrated to, squared and added, is nothing.
+        Smaller errors affect no verdict [dB]: squared and added to the calibration error of a measuring chain they are negligible.
     whole : float
-        Parts that lie this near to whole multiples of the smallest were rounded to it.
+        Parts count as rounded if all are this near to integer multiples of the smallest one.
     least : int
-        Number of parts that tell.
+        Least number of parts.
     several : int
-        Different multiples that tell: a constant is none that was rounded.
+        Least number of different multiples: a constant was not rounded.
     """
     found: dict[int, float] = {}
     for r, response in enumerate(measured.T):
@@ -332,7 +335,7 @@ def few_digits(measured: Complexes, *, least_db: float = 0.3, whole: float = 1e-
         times = np.round(parts / parts.min())
         if np.abs(parts / parts.min() - times).max() > whole or np.unique(times).size < several:
             continue
-        # Rounding errors are equal between both neighbours.
+        # Rounding errors are uniformly distributed: standard deviation of one step over sqrt(12).
         error = DB * float(parts.min()) / np.sqrt(12.0) / float(np.median(np.abs(known)) or parts.min())
         if error > least_db:
             found[r] = float(error)
@@ -340,16 +343,16 @@ def few_digits(measured: Complexes, *, least_db: float = 0.3, whole: float = 1e-
 
 
 def line_noise(measured: Complexes, *, least: int = 20) -> float:
-    """Noise of single lines over their size, in the median over lines and responses; NaN where there are too few.
+    """Noise of single lines over their magnitude, median over lines and responses; NaN if there are too few lines.
 
-    What a cubic through the two lines on each side lacks: between resonances FRFs are smooth. Peaks between two lines are few.
+    The noise is the difference of a line from a cubic through the two lines on either side: except at few peaks, FRFs are smooth.
 
     Parameters
     ----------
     measured : (F, R) complex array
         On evenly spaced lines; NaN where a response was not measured.
     least : int
-        Lines of a response.
+        Least number of lines of a response.
     """
     share = noise_shares(measured)
     enough = np.isfinite(share).sum(axis=0) >= least
@@ -357,48 +360,48 @@ def line_noise(measured: Complexes, *, least: int = 20) -> float:
 
 
 def neighbour_sigma(measured: Complexes, window: int) -> Floats:
-    """Standard deviation of measured magnitudes by what single lines scatter about their neighbours [dB], where nothing else tells it.
+    """Standard deviation of measured magnitudes from the scatter of lines about their neighbours [dB], if no coherence is known.
 
-    The median over a window: single peaks and antiresonances do not count. On virtual rigs whose coherence is known both agree within a
-    factor of two from 0.05 to 4 dB. Where lines do not resolve the peaks, it is too much.
+    The median over a window excludes single peaks and antiresonances. On virtual rigs it agrees with the coherence within a factor of two
+    from 0.05 to 4 dB. It is too large if the lines do not resolve the peaks.
 
     Parameters
     ----------
     measured : (F, R) complex array
-        On evenly spaced lines, four more than the window at least; NaN where a response was not measured.
+        On at least ``window + 4`` evenly spaced lines; NaN where a response was not measured.
     window : int
-        Lines, an odd number.
+        Number of lines, odd.
 
     Returns
     -------
     (F, R) float array
-        NaN where a response was not measured on any line about one.
+        NaN where a response has no value in the window.
     """
     around = medians(np.lib.stride_tricks.sliding_window_view(noise_shares(measured), window, axis=0))[..., 0]
-    # Real and imaginary parts have half the variance each; along the magnitude there is one of them.
+    # Of the complex noise half of the variance is along the magnitude.
     return np.asarray(DB / np.sqrt(2.0) * np.pad(around, ((2 + window // 2,) * 2, (0, 0)), mode="edge"))
 
 
 def noise_shares(measured: Complexes) -> Floats:
-    """(F - 4, R) by what lines differ from a cubic through the two on each side, over their size; 1 in the median if all is noise."""
+    """(F - 4, R) difference of lines from a cubic through the two on either side, over their magnitude; median 1 for pure noise."""
     with np.errstate(divide="ignore", invalid="ignore"):
         middle = (4.0 * (measured[1:-3] + measured[3:-1]) - measured[:-4] - measured[4:]) / 6.0
         share = np.abs(measured[2:-2] - middle) / np.abs(measured[2:-2])
-    # The squares of the weights, and the median of the size of a Gaussian complex number over its standard deviation.
+    # Sum of the squares of the weights, and median magnitude of a complex Gaussian variable over its standard deviation.
     of_one = np.sqrt((1.0 + 34.0 / 36.0) * np.log(2.0))
     return np.where(np.isfinite(share), share / of_one, np.nan)
 
 
 def normalised(measured: Complexes, *, least: int = 3, same: float = 1e-3) -> float:
-    """Largest magnitude of every response, where it is the same of all; 0 where it is not, or of too few responses to be no chance.
+    """Largest magnitude of every response if it is the same in all of them, so that FRFs were normalised; else 0.
 
     Parameters
     ----------
     measured : (F, R) complex array
     least : int
-        Responses.
+        Least number of responses, so that it is no coincidence.
     same : float
-        Share by which the largest magnitudes may differ: what four digits leave.
+        Relative difference that the largest magnitudes may have: the rounding of four digits.
     """
     tops = np.nanmax(np.abs(measured[:, np.isfinite(measured).any(axis=0)]), axis=0, initial=0.0)
     alike = tops.size >= least and np.ptp(tops) <= same * tops.max()
@@ -406,9 +409,9 @@ def normalised(measured: Complexes, *, least: int = 3, same: float = 1e-3) -> fl
 
 
 def phaseless(measured: Complexes, rule: Resolution = RESOLUTION) -> list[int]:
-    """Responses with peaks whose values are all above zero: magnitudes, whose phases are lost.
+    """Indices of responses with peaks whose values are all real and positive: magnitudes without phase.
 
-    An FRF without damping is real, and changes its sign at each resonance.
+    An FRF without damping is real, too, but changes its sign at each resonance.
 
     Parameters
     ----------
@@ -425,15 +428,15 @@ def phaseless(measured: Complexes, rule: Resolution = RESOLUTION) -> list[int]:
 
 
 def _where(axis: Floats, peaks: Floats, sharp: Floats, noisy: float) -> tuple[str, str]:
-    """Where in the band noise lies, and what to do, in clauses; empty where it lies all along it. All frequencies are sorted."""
+    """Part of the band with noise, and what to do, as clauses of a message; empty if noise is everywhere. All frequencies are sorted."""
     lines, count = np.searchsorted(axis, sharp) / axis.size, np.arange(sharp.size)
-    # The edge that parts few and many such peaks is where their share of all runs farthest from that of the lines.
+    # The edge between few and many sharp peaks is where their cumulative share is furthest from that of the lines.
     above, below = lines - count / sharp.size, (count + 1) / sharp.size - lines
     upward = above.max() > below.max()
     edge = float(sharp[np.argmax(above) if upward else np.argmax(below)])
     inside, rest = (sharp >= edge, peaks < edge) if upward else (sharp <= edge, peaks > edge)
     others = int((~inside).sum())
-    # Half as many of the peaks elsewhere, or all along the band.
+    # Noise everywhere: outside the part the share of sharp peaks is more than half of that inside.
     if not rest.any() or 2 * others * (peaks.size - rest.sum()) > rest.sum() * inside.sum():
         return "", ""
     where = f", {inside.sum()} of them {'from' if upward else 'up to'} {edge:.4g} Hz"

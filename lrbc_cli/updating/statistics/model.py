@@ -1,4 +1,7 @@
-"""The statistical model as one value: what decides a verdict before a decision rule does, from the lines that count to the priors."""
+"""The statistical model as one value: all numbers of an identification, from the choice of lines to the priors.
+
+The numbers of the judgement that follows are those of ``judging.rule.DecisionRule``.
+"""
 
 from __future__ import annotations
 
@@ -14,26 +17,26 @@ from lrbc_cli.updating.statistics.saturation import LIMITS, Limits
 
 @dataclass(frozen=True, kw_only=True)
 class ValidationChannels:
-    """Which responses that were not fitted can show whether the model explains a measurement: without one no job is validated.
+    """Which responses count as validation channels, and which faults of a measurement prevent its validation.
 
     Attributes
     ----------
     least_lines : float
-        Share of the lines on which such a response has values. A choice.
+        Least share of the lines on which a validation channel has values. A choice.
     copied : float
-        Relative difference below which two records are one: no file has more digits than that, and no two sensors as many in common.
+        Relative difference below which two responses are the same record: the precision of files; no two sensors agree as closely.
     copied_db : float
-        Scatter of the level against another measurement up to which both are one, written with fewer digits: rounding to three digits
-        leaves 0.006 dB, the noise of a measurement of its own more, see ``copied_responses``.
+        Largest scatter of the level difference of two records of one measurement [dB]: rounding to three digits leaves 0.006 dB, the
+        noise of a separate measurement more, see ``copied_responses``.
     least_common, same_line : int, float
-        Lines in common from which that can be told, and the relative distance up to which two lines are one.
+        Least number of common lines for that comparison, and the relative distance up to which two lines are the same.
     least_span : float
-        Share of the reference job's lines that a job's reach over: a file that was cut off on its way shows less. A choice.
+        Least share of the range of the reference job's lines that the lines of a job span; less means a truncated file. A choice.
     exchanged_db, exchanged_share : float
-        Responses are in each other's place where they lie further from the model than the one as they are called [dB], in the mean and
-        constants taken out, and nearer to it than the other times that in each other's place. A choice: twice the misfit of a tight state.
+        Responses are exchanged if, as they are named, their mean distance from the model, constants taken out, is above the first [dB], and
+        if exchanged it is at most the second times that. A choice: twice the misfit of a tight state.
     exchanged_lines : int
-        Lines on which both have values from which that can be told. A choice: of fewer a mean distance says little.
+        Least number of lines on which both have values for that comparison. A choice.
     """
 
     least_lines: float = 0.8
@@ -49,7 +52,7 @@ class ValidationChannels:
 
 @dataclass(frozen=True, kw_only=True)
 class StatisticalModel:
-    """Passed from the campaign's ``Method`` down to where each part is used, and part of what a result rests on.
+    """All parts of the statistical model; passed from the campaign's ``Method`` to where each is used, and stored with a result.
 
     Attributes
     ----------
@@ -57,11 +60,11 @@ class StatisticalModel:
     bolts : BoltPrior
     values : ValuePrior
     resonances : Resonances
-        Which lines count.
+        Which lines are compared.
     resolution : Resolution
         Whether the lines resolve the peaks.
     limits : Limits
-        Where FRFs count as free or clamped.
+        When FRFs count as those of the free or clamped limit.
     calibration : CalibrationPrior
     validation : ValidationChannels
     modal : ModalRule
@@ -79,11 +82,11 @@ class StatisticalModel:
     modal: ModalRule = MODAL
 
     def digest(self, *names: str) -> str:
-        """Digest of these parts, or of all: their numbers, and of which classes they are, for another class may compute otherwise."""
+        """SHA-256 digest of the named parts, or of all: their numbers and classes, since a subclass may compute differently."""
         parts = {name: getattr(self, name) for name in names or [entry.name for entry in fields(self)]}
         found = sorted((name, type(part).__qualname__, sorted(asdict(part).items())) for name, part in parts.items())
         return hashlib.sha256(repr(found).encode()).hexdigest()
 
 
-#: The defaults, for those who call a part alone.
+#: The defaults, for callers that use a part of the package by itself.
 STATISTICS = StatisticalModel()

@@ -1,4 +1,7 @@
-"""How far the residuals scatter, and their effective sample size: most of what is left is model error, which neighbours share."""
+"""Variance of the residuals and their effective sample size; they divide JᵀJ in every posterior.
+
+Most of a residual is model error, which neighbouring lines share: hence the correlation factor and the coarsening.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +20,13 @@ class Noise:
     Attributes
     ----------
     sigma : float
-        Standard deviation of a residual [dB], unknowns accounted for.
+        Standard deviation of a residual [dB], degrees of freedom of the unknowns subtracted.
     factor : float
-        Variance of an estimate over what it would be with independent residuals.
-    ratio: float
-        How many times larger errors are where nothing was fitted, see ``validation_ratio``.
+        Correlation factor: variance of an estimate over that with independent residuals.
+    ratio : float
+        Errors of the model over what the residuals show, see ``validation_ratio``.
     coarsening : float
-        How many residuals tell as much as one, see ``ErrorModel``; 1 where no residual tells the noise.
+        Number of residuals that count as one, see ``ErrorModel``; 1 if the noise is not estimated from residuals.
     """
 
     sigma: float
@@ -33,24 +36,24 @@ class Noise:
 
     @property
     def variance(self) -> float:
-        """sigma² times the factor and the coarsening [dB²]: divides JᵀJ in every posterior."""
+        """``coarsening sigma² factor`` [dB²], the variance of a residual in every posterior."""
         return self.sigma**2 * self.factor * self.coarsening
 
     def at(self, sigma: float) -> Noise:
-        """The same with another scatter of a residual [dB]."""
+        """The same with another standard deviation of a residual [dB]."""
         return replace(self, sigma=sigma)
 
 
 def validation_ratio(validation_db: float | None, used_db: float | None) -> float:
-    """How many times larger than the residuals the errors of the model are, by responses that were not fitted; at least 1.
+    """Misfit of the validation channels over that of the channels used, at least 1: how far errors of the model exceed the residuals.
 
-    Unknowns take up part of the model discrepancy, so that the residuals of the channels used tell less than that. Where the two misfits
-    agree, they tell it. On virtual rigs the errors of identified changes grow with this ratio as the residuals do not.
+    The unknowns absorb part of the model discrepancy, so the residuals of fitted channels show less than all of it. On virtual rigs the
+    errors of identified changes grow with this ratio.
 
     Parameters
     ----------
     validation_db, used_db : float or None
-        Mean misfits, each line by its noise [dB]; None where nothing was compared.
+        Mean misfits, each line weighted by its noise [dB]; None if nothing was compared, which gives 1.
     """
     if not validation_db or not used_db or not np.isfinite(validation_db / used_db):
         return 1.0
@@ -58,30 +61,30 @@ def validation_ratio(validation_db: float | None, used_db: float | None) -> floa
 
 
 def widened(variance: Floats | float, told: Floats | float, ratio: float) -> Floats:
-    """Variance of an estimate whose data err by ``ratio`` times as much as they were weighted by, the prior being what it was.
+    """Covariance of an estimate if the errors of the data are ``ratio`` times those assumed, with the same prior.
 
     Parameters
     ----------
     variance : float array
-        ``s² H⁻¹``, of data and prior together.
+        ``s² H⁻¹``, with H of data and prior together.
     told : float array
-        ``s² H⁻¹ JᵀJ H⁻¹``, what of it the errors of the data make.
+        ``s² H⁻¹ JᵀJ H⁻¹``, the part that comes from errors of the data.
     ratio : float
     """
     return np.asarray(variance + (ratio**2 - 1.0) * told)
 
 
 def correlation_factor(residual: Floats, jacobian: Floats, line: Integers, response: Integers, errors: ErrorModel = ERRORS) -> float:
-    """Inflation of the variance of the estimates by residuals that neighbouring lines share.
+    """Correlation factor c: variance of the estimates over what it would be if residuals of neighbouring lines were independent.
 
-    ``1 + 2 sum_k rho_r(k) rho_J(k)`` over the lags k: residuals that are correlated harm where the sensitivities are correlated over
-    the same lags (variance of a least-squares estimate with autocorrelated errors and regressors).
+    ``1 + 2 sum_k rho_r(k) rho_J(k)`` over the lags k, with the autocorrelations of residuals and of Jacobian along the lines: the variance
+    of a least-squares estimate with autocorrelated errors and regressors.
 
     Parameters
     ----------
     residual : (m,) float array
     jacobian : (m, k) float array
-        Of the same residuals.
+        Of these residuals.
     line, response : (m,) int arrays
         Index of the measured line, and of the response (or part of it), of each residual.
     errors : ErrorModel
@@ -97,7 +100,7 @@ def correlation_factor(residual: Floats, jacobian: Floats, line: Integers, respo
     at = np.full((int(response.max()) + 1, count), -1)
     at[response, line] = np.arange(residual.size)
     power = float(np.mean(residual**2))
-    # The columns of the Jacobian have different sizes: each counts by its share of the sum of squares.
+    # Columns of the Jacobian are not normalised: each counts by its share of the sum of squares.
     strength = float(np.sum(jacobian**2)) / residual.size
     if power == 0.0 or strength == 0.0:
         return 1.0
@@ -116,12 +119,12 @@ def correlation_factor(residual: Floats, jacobian: Floats, line: Integers, respo
 
 
 def spent(jacobian: Floats, penalty: Floats) -> float:
-    """How many unknowns the data determine, the penalty taking freedom from them.
+    """Effective number of unknowns that the data determine: ``tr((JᵀJ + PᵀP)⁻¹ JᵀJ)``.
 
     Parameters
     ----------
     jacobian, penalty : (m, k) and (q, k) float arrays
-        Of the data, and of the weighted penalty.
+        J of the data residuals, and P of the weighted penalty.
     """
     normal = jacobian.T @ jacobian
     return float(np.trace(np.linalg.lstsq(normal + penalty.T @ penalty, normal, rcond=1e-12)[0]))
@@ -135,14 +138,14 @@ def estimate_noise(
     response: Integers,
     errors: ErrorModel = ERRORS,
 ) -> Noise:
-    """Scatter of the data residuals at an optimum.
+    """Scatter of the data residuals at an optimum, with correlation factor and coarsening.
 
     Parameters
     ----------
     residual, jacobian : (m,) and (m, k) float arrays
-        Of the data.
+        Of the data [dB].
     penalty : (q, k) float array
-        Jacobian of the penalty, weighted: it takes freedom from the unknowns.
+        Jacobian of the weighted penalty, see ``spent``.
     line, response : (m,) int arrays
         See ``correlation_factor``.
     errors : ErrorModel

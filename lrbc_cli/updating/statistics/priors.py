@@ -1,4 +1,4 @@
-"""What is expected of the unknowns before anything is measured: every number of the priors, in one place."""
+"""Priors of the unknowns: every number of the Gaussian priors and of the mixture prior of tight and loose bolts, in one place."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ class BoltPrior:
     Attributes
     ----------
     tight_std : float
-        Of a tight bolt's change along an edge, whose mean is zero. Retorquing scatters by 30 %, 0.11 decades at a bolt's patch; its shape,
-        wider than the patch, smears that.
+        Standard deviation of the change of a tight bolt along an edge; its mean is zero. Retorquing scatters by 30 %, 0.11 decades at a
+        bolt's patch; the hat, wider than the patch, spreads that.
     loose_mean, loose_std : float
-        Of a loose bolt's change: from a patch that has lost half its stiffness to one that has lost nearly all, smeared alike.
+        Of the change of a loose bolt: from a patch that has lost half its stiffness to one that has lost nearly all, spread by the hat.
     alone_mean, alone_std : float
-        The same between tight neighbours, which hold part of what it held. By trial on virtual rigs.
+        The same between tight neighbours, which take over part of the load. By trial on virtual rigs.
     joint_tight_std : float
         Of the change of a tight joint, a bolt that owns its terms: retorquing scatters by 30 %, a seat that is lifted and put down again
-        by more, and nothing smears it. 0.1 to 0.2 on virtual rigs.
+        by more, and no hat spreads it. 0.1 to 0.2 on virtual rigs.
     joint_loose_mean, joint_loose_std : float
-        Of a loose joint's change: nothing beside it holds what it held, so that 0.3 decades (half) to 3 (finger-tight, and free) are
+        Of the change of a loose joint. Nothing beside it takes over its load, so 0.3 decades (half) to 3 (finger-tight, or free) are
         within one and a half to two standard deviations. A choice.
     deviation_std : float
-        Of the change of each kind of terms of a joint (axial, rocking) about what is common to them. A choice: a stiffness of contact
-        and one of bending under it fall nearly alike.
+        Of the change of each group of a joint (axial, rocking) about their common change. A choice: contact stiffness and the bending
+        stiffness under it fall nearly alike.
     loose_share : float
-        Probability of being loose before anything is measured. A choice: a campaign looks for few loose bolts among many.
+        Prior probability that a bolt is loose. A choice: a campaign looks for few loose bolts among many.
     leakage : float
-        Share of a loose bolt's change that a tight neighbour along its edge may show, whose hat does not end where a gap does. 0.1 to 0.3
-        on virtual rigs.
+        Share of a loose bolt's change that a tight neighbour along its edge may show, because hats do not end where a gap does. 0.1 to
+        0.3 on virtual rigs.
     """
 
     tight_std: float = 0.05
@@ -52,12 +52,12 @@ class BoltPrior:
     leakage: float = 0.3
 
     def tables(self, joint: Bools) -> tuple[Floats, Floats]:
-        """(b, 2, 2) precision and mean of each bolt's change, by its kind and whether a neighbour along its edge is loose.
+        """(b, 2, 2) precision [1/decade²] and mean [decades] of each bolt's change; axes: tight or loose, and 1 if a neighbour is loose.
 
         Parameters
         ----------
         joint : (b,) bool array
-            Bolts that own their terms; the others are hats along an edge.
+            Bolts that own their terms; the others have hats along an edge.
         """
         std = np.array([[[self.tight_std] * 2, [self.alone_std, self.loose_std]], [[self.joint_tight_std] * 2, [self.joint_loose_std] * 2]])
         mean = np.array([[[0.0, 0.0], [self.alone_mean, self.loose_mean]], [[0.0, 0.0], [self.joint_loose_mean] * 2]])
@@ -65,49 +65,49 @@ class BoltPrior:
         return std[which] ** -2.0, mean[which]
 
     def of(self, loose: Bools, beside: NDArray[np.int64], joint: Bools) -> tuple[Floats, Floats]:
-        """Precision and mean of each bolt's change, given the kinds and which hats are neighbours, see ``mixture.adjacency``."""
+        """(b,) precision and mean of each bolt's change, given its kind (``loose``) and the matrix ``mixture.adjacency`` (``beside``)."""
         kind, (precision, mean) = loose.astype(np.int64), self.tables(joint)
         gap, each = (beside @ kind > 0).astype(np.int64), np.arange(kind.size)
         return precision[each, kind, gap], mean[each, kind, gap]
 
     def log_density(self, change: Floats) -> Floats:
-        """Natural logarithm of the density of a loose joint's change, of the same shape as its changes [1 / decade]."""
+        """Natural logarithm of the prior density [1/decade] of a loose joint's change, for each of the given changes [decades]."""
         away = (change - self.joint_loose_mean) / self.joint_loose_std
         return np.asarray(-0.5 * away**2 - np.log(self.joint_loose_std * np.sqrt(2.0 * np.pi)))
 
     def log_below(self, change: float) -> float:
-        """Natural logarithm of the probability that a loose joint's change lies below one [decades]."""
-        # Loaded here: whoever reads a prior's numbers can do without.
+        """Natural logarithm of the prior probability that a loose joint's change is below the given one [decades]."""
+        # Imported here: the numbers alone need no SciPy.
         from scipy.special import log_ndtr
 
         return float(log_ndtr((change - self.joint_loose_mean) / self.joint_loose_std))
 
     @property
     def log_odds(self) -> float:
-        """Of being loose."""
+        """Prior log odds of loose against tight."""
         return float(np.log(self.loose_share / (1.0 - self.loose_share)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class ValuePrior:
-    """Gaussian prior of values along the edge, of changes at bolts, and of nuisance parameters.
+    """Gaussian prior of values along the edge, of changes at bolts, and bounds of nuisance parameters.
 
     Attributes
     ----------
     std : float
-        Of a value against its neighbours and against the reference state, or of the change at a bolt along an edge [decades]:
-        ``update.prior_std``.
+        Standard deviation of a value relative to its neighbours and to the reference state, or of the change at a bolt along an edge
+        [decades]: ``update.prior_std``.
     joint_std : float
-        Of the change of a joint, a bolt that owns its terms [decades]: ``update.prior_std``, or this. A choice: one that is finger-tight
-        loses two, which a normal prior as narrow as along an edge would not grant.
+        Of the change of a joint [decades]: ``update.prior_std``, or this. A choice: a finger-tight joint loses two decades, which is too
+        improbable under a normal prior as narrow as along an edge.
     level_std : float
-        Of the stiffness of a state that is compared with nothing, about its start values [decades]. A choice.
+        Of the stiffness about its start values, in a state that is compared with no other [decades]. A choice.
     damping_std : float
         Of the change of a damping exponent, in a calibration of the exponent [decades]. A choice: a factor of ten either way.
     first_variance : float
-        Variance of the residuals with which the weight of the prior begins, before they are known [dB²].
+        Variance of the residuals from which the weight of the prior starts, before it is estimated [dB²].
     nuisance_reach : float
-        Bounds of nuisance parameters lie this many standard deviations away. A choice: what lies beyond is no drift.
+        Distance of the bounds of nuisance parameters from the prior mean, in standard deviations. A choice: more is no drift.
     """
 
     std: float = 0.35
@@ -120,29 +120,30 @@ class ValuePrior:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationPrior:
-    """Priors of the global factors of the reference model, and when a measurement does not tell them apart.
+    """Priors of the global factors of the reference model, and limits from which a measurement does not determine them.
 
     Attributes
     ----------
     stiff_std, damping_factor_std : float
-        Of the natural logarithm of factors that move resonances, and of those that damp. A choice: the one is
-        known from data sheets, the other hardly.
+        Standard deviation of the natural logarithm of factors that move resonances, and of damping factors. A choice: the former are
+        known from data sheets, the latter hardly.
     stiff_bound, damping_bound : float
         Bounds of the natural logarithm of the factors.
     first_sigma_db, least_sigma_db : float
-        Standard deviation of the residuals while nothing is known of them, and the least that is assumed [dB].
+        Standard deviation of the residuals before it is estimated, and its least value [dB].
     soft_scale_db : float
-        Differences well above it count by their size only once the fit is close: a line in the noise can be 10 dB off [dB].
+        Scale of the soft loss once the fit is close [dB]: a line in the noise can be 10 dB off.
     widths : tuple of float
         Widths sigma/(2 pi) of the smoothed spectra over the highest frequency: 5 % of stiffness move a resonance by 2.5 %.
     covered : float
-        Poisson's integral is taken where this much of its kernel lies on measured lines.
+        Poisson's integral is evaluated at lines where this share of its kernel is on measured lines.
     same : float
-        From this correlation of their estimates on two factors are not told apart; of more than two, at as weak a direction.
+        Correlation of their estimates from which two factors are not identifiable separately; for more than two, the same by a weak
+        direction.
     belongs : float
-        A factor belongs to a weak direction with at least this share of its largest entry.
+        A factor belongs to a weak direction if its entry is at least this share of the largest one.
     left : float
-        Where a direction keeps this much of its prior variance, the data say next to nothing of it.
+        A direction that keeps this share of its prior variance is hardly determined by the data.
     """
 
     stiff_std: float = 0.05
@@ -159,5 +160,5 @@ class CalibrationPrior:
     left: float = 0.5
 
 
-#: The defaults, for those who call a part alone.
+#: The defaults, for callers that use a part of the package by itself.
 BOLT_PRIOR, VALUE_PRIOR, CALIBRATION_PRIOR = BoltPrior(), ValuePrior(), CalibrationPrior()

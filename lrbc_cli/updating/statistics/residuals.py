@@ -1,4 +1,8 @@
-"""What is squared: differences between model and measurement, bounded against wild lines, floored and weighted."""
+"""Residuals between model and measurement: differences in dB, optionally with phase, floor and soft loss, whitened by their covariance.
+
+``DataResidual`` holds the covariance ``diag(s² + sigma_n² + sigma_l²) + G Gᵀ + P Pᵀ`` (guide, *statistics*, section 3); ``Misfit``
+adds the prior.
+"""
 
 from __future__ import annotations
 
@@ -19,18 +23,18 @@ from lrbc_cli.updating.statistics.shared import Bands, Shared, band_means
 
 @dataclass(frozen=True)
 class ResidualOptions:
-    """How the difference of a line is formed.
+    """How the difference of model and measurement at a line is formed.
 
     Attributes
     ----------
     kind : str
         ``db``: difference of the magnitudes in dB, eqs. (29) to (31). ``log-complex``: ``20/ln10 ln(y/m)``, the difference in dB and the
-        wrapped difference of the phases, a radian counting as 8.69 dB. ``sphere``: difference of the points on Riemann's sphere, see
+        wrapped difference of the phases, where a radian counts as 8.69 dB. ``sphere``: difference of the points on Riemann's sphere, see
         ``DataResidual.on_sphere``.
     loss_scale : float or None
-        Differences well above it [dB] count by their size and no longer by its square; None: squares throughout.
+        Scale a of the soft loss [dB], see ``losses.soft``; None for squares.
     floor : float or None
-        Level below a response's largest selected line [dB] under which differences fade.
+        Depth below a response's largest selected line [dB] beyond which differences are damped out; None for no floor.
     """
 
     kind: Literal["db", "log-complex", "sphere"] = "db"
@@ -39,37 +43,42 @@ class ResidualOptions:
 
     @property
     def phase(self) -> bool:
-        """Whether the phase enters, with a residual of its own: then the logarithmic derivatives have to be complex."""
+        """Whether the phase is compared, which needs the complex derivatives of ``20/ln10 ln(H)``."""
         return self.kind in ("log-complex", "sphere")
 
 
 class DataResidual:
-    """Residuals of the data and their Jacobian, from the FRFs of the model and their logarithmic derivatives.
+    """Whitened residuals of the data and their Jacobian, from the FRFs of the model and their logarithmic derivatives.
+
+    Immutable; methods return changed copies. Residuals are scaled by ``s``: a line without noise has the weight 1.
 
     Parameters
     ----------
     measured : (F, R) complex array
-        NaN or zero where a line is not to count.
-    options : ResidualOptions
+        NaN or zero where a value is not compared.
+    options : ResidualOptions or None
+        None for (29).
     sigma : (F, R) float array or None
-        Standard deviation of the measured magnitude [dB], NaN where unknown; lines are weighted by it, see ``noise_weights``.
+        Standard deviation sigma_n of the measured magnitude [dB], NaN if unknown; lines are weighted by it, see ``noise_weights``.
     errors : ErrorModel
-        Its model discrepancy is the first one.
+        Gives the first model discrepancy ``s`` among others.
     gains : (R, K) float array or None
-        Gains of the responses that may be wrong at all lines alike, each with a standard deviation of one [dB]: taken out.
+        Unknown gains, the same at all lines: a column is the change of the responses by one standard deviation of a gain [dB]. They are
+        marginalised, as further columns beside P.
 
     Attributes
     ----------
     valid : (F, R) bool array
+        Whether a value is compared.
     target : (F, R) float array
-        Measurement in dB, zero where not valid.
+        Measured level [dB], zero where not valid.
     level : float
-        Standard deviation of the model discrepancy [dB].
+        Standard deviation s of the model discrepancy [dB].
 
     Raises
     ------
     DataError
-        Where nothing is left to compare.
+        If no measured value is left to compare with.
     """
 
     def __init__(
@@ -97,7 +106,7 @@ class DataResidual:
         self._noise = self._sigma
         self._shifts: Floats | None = None
         self._changes: tuple[Floats, Integers] | None = None
-        # Where the loss is linearised in the gains, in their standard deviations.
+        # Gains about which the loss is linearised, in their standard deviations.
         self._centre = np.zeros(0 if gains is None else gains.shape[1])
         self._gained = self._gain_rows()
         self._weigh(errors.first_discrepancy_db)
@@ -119,29 +128,29 @@ class DataResidual:
         self._shared = Shared(columns if self._bands is None else self._bands(columns))
 
     def _gain_rows(self) -> Floats | None:
-        """(m, K) changes of small residuals by the gains; None without them."""
+        """(m, K) derivative of the residuals to the gains, without the soft loss; None if there are no gains or on the sphere."""
         if self.gains is None or self.options.kind == "sphere":
             return None
         rows = np.broadcast_to(self.gains, (*self.valid.shape, self.gains.shape[1]))[self.valid]
         return np.vstack([rows, np.zeros_like(rows)]) if self.phase else rows
 
     def _own_weights(self, count: int) -> Floats:
-        """(count,) weights of the residuals."""
+        """(count,) weights of the residuals; real and imaginary parts have the same."""
         return np.ones(count) if self._weights is None else np.tile(self._weights, count // self._weights.size)
 
     @property
     def weighted(self) -> bool:
-        """Whether lines are weighted by what is known of their noise."""
+        """Whether lines have weights, by their noise or by errors of a predicted change."""
         return self._sigma is not None or self._shifts is not None
 
     def with_level(self, level: float) -> DataResidual:
-        """The same with another standard deviation of the model discrepancy [dB]."""
+        """The same with another standard deviation s of the model discrepancy [dB]."""
         other = copy(self)
         other._weigh(level)
         return other
 
     def weighted_as(self, other: DataResidual) -> DataResidual:
-        """The same with the weights of another on the same lines."""
+        """The same with the weights of another one, which has the same lines."""
         found = copy(self)
         found._sigma, found._shifts, found._changes = other._sigma, other._shifts, other._changes
         found._gained, found._centre = other._gained, other._centre
@@ -149,7 +158,7 @@ class DataResidual:
         return found
 
     def with_gains(self, gains: Floats) -> DataResidual:
-        """The same where such gains may be wrong, see the class."""
+        """The same with these unknown gains, see the class."""
         other = copy(self)
         other.gains, other._centre = gains, np.zeros(gains.shape[1])
         other._gained = other._gain_rows()
@@ -157,7 +166,7 @@ class DataResidual:
         return other
 
     def gained_about(self, y: Complexes) -> DataResidual:
-        """The same with the loss linearised in the gains about the most probable ones at the model's FRFs y (F, R)."""
+        """The same with the soft loss linearised about the most probable gains at the model's FRFs y (F, R), found in ``gain_rounds``."""
         other = self
         for _ in range(0 if self._gained is None else self.errors.gain_rounds):
             assert self.gains is not None
@@ -170,11 +179,12 @@ class DataResidual:
         return other
 
     def on_sphere(self) -> DataResidual:
-        """The same between points on Riemann's sphere, whose equator is the mean level of each response: for a search.
+        """The same with differences of points on Riemann's sphere, for a search where lines do not resolve the peaks.
 
-        With one poles and zeros are the sphere's, and no FRF is further from another than its diameter. Each term moves an FRF by a Moebius
-        transformation (eq. (28) and a change of rank one), smoothly also where a pole passes a line: in dB that is a ridge without bound,
-        the narrower the less damping there is. About the mean level, differences are those of dB and phase.
+        FRFs are projected stereographically, with the mean measured level of each response as equator. Zeros and poles are the two poles of
+        the sphere, so differences are bounded by its diameter. Each term changes an FRF by a Moebius transformation (eq. (28), a change of
+        rank one), which is smooth on the sphere even where a resonance passes a line; in dB this is an unbounded ridge, the narrower the
+        less damping there is. Near the mean level the differences equal those of dB and phase.
         """
         other = copy(self)
         other.options, other._floor = ResidualOptions(kind="sphere"), None
@@ -184,7 +194,7 @@ class DataResidual:
         return other
 
     def without(self, y: Complexes, share: float) -> DataResidual:
-        """The same without the share of the values that lie furthest from the model's FRFs y (F, R)."""
+        """The same without that share of the values whose levels differ most from the model's FRFs y (F, R)."""
         distance = np.abs(decibel(y) - self.target)[self.valid]
         other = copy(self)
         other._sigma = np.where(distance > np.quantile(distance, 1.0 - share), np.inf, 0.0 if self._sigma is None else self._sigma)
@@ -192,22 +202,23 @@ class DataResidual:
         return other
 
     def with_change(self, y: Complexes, change: Floats, most: float, shifts: Floats | Complexes, band: Integers) -> DataResidual:
-        """The same where the model has moved by so much [dB] from a state that it explains: a share of that may be wrong.
+        """The same with the errors sigma_l, G and P of a predicted change of the FRFs, see ``ChangeError``.
 
-        Of every line for itself, and of the mean over the lines of a band together: the lines about a resonance gain and lose alike.
+        A share of the predicted change may be wrong: at every line by itself (sigma_l), and of the mean over the lines of a band together
+        (G), because levels about a resonance rise and fall together.
 
         Parameters
         ----------
         y : (F, R) complex array
-            FRFs there.
+            FRFs of the model in the changed state.
         change : (F, R) float array
-            In dB.
+            Predicted change of the levels [dB].
         most : float
-            The error that no change exceeds: that of a state which is compared with nothing [dB].
+            Upper limit of the error of a level: that of the reference state [dB].
         shifts : (F, R, K) float or complex array
-            Errors that all responses share, each with a standard deviation of one: ``20/ln10`` times the change of ln(H).
+            Columns of P: change of ``20/ln10 ln(H)`` by one standard deviation of each shift, common to all responses [dB].
         band : (F,) int array
-            Lines of one band of a response share the error of their mean change.
+            Band of each line.
 
         Returns
         -------
@@ -224,7 +235,7 @@ class DataResidual:
         other = self._plain()
         wrong = self.errors.change_error * change
         both = np.hypot(wrong, most)
-        # Nothing is wrong with a model that explains its reference state exactly.
+        # Without error of the reference state (most = 0) no error of a change is assumed.
         wrong = np.divide(wrong * most, both, out=np.zeros_like(wrong), where=both > 0)
         own = np.abs(wrong[self.valid])
         other._sigma = own if self._noise is None else np.hypot(self._noise, own)
@@ -244,21 +255,21 @@ class DataResidual:
         return other
 
     def _plain(self) -> DataResidual:
-        """The same without weights."""
+        """The same without weights and whitening."""
         other = copy(self)
         other._weights = other._bands = other._shared = other._gained = None
         return other
 
     @property
     def log_det(self) -> float:
-        """Logarithm of the determinant of the covariance of the residuals over ``level²``; lines that are only noise do not count."""
+        """``log det(Cov(q) / s²)``, without lines of infinite sigma."""
         weights = 0.0 if self._weights is None else float(np.log(self._weights[self._weights > 0]).sum())
         # Real and imaginary parts have the same weights.
         shared = sum(part.log_det for part in (self._bands, self._shared) if part is not None)
         return -2.0 * weights * (2 if self.phase else 1) + shared
 
     def carried(self, columns: Floats, other: DataResidual) -> Floats:
-        """Derivatives of residuals as another that differs in the weights only gives them, as this one would."""
+        """Columns of the Jacobian (m, n) computed with the weights of ``other``, converted to the weights of this one."""
         before = other._own_weights(columns.shape[0])
         plain = columns if other._shared is None else other._shared.undo(columns)
         plain = plain if other._bands is None else other._bands.undo(plain)
@@ -266,27 +277,26 @@ class DataResidual:
         return self._whiten(share[:, None] * plain)
 
     def raw(self, y: Complexes) -> Floats:
-        """Residuals before they are weighted, and without a gain."""
+        """(m,) residuals q before weights and whitening, with gains of zero [dB]."""
         found = self._plain()(y, np.zeros((*y.shape, 0), dtype=complex))[0]
         return found if self._gained is None else found - self._gained @ self._centre
 
     def follow(self, y: Complexes, spent: float) -> float:
-        """Standard deviation of the model discrepancy, by the residuals that are left [dB].
+        """Standard deviation s of the model discrepancy from the residuals [dB]: solves ``rᵀr = s² (m - spent)``.
 
-        The s at which the sum of squares is ``s²`` for each residual less those that the unknowns take: lines that the measurement's noise
-        explains, and errors that lines share, tell nothing of the rest.
+        r are the whitened residuals at s, so that what noise and common errors explain is not counted as model discrepancy.
 
         Parameters
         ----------
         y : (F, R) complex array
             FRFs at the optimum.
         spent : float
-            Unknowns that the residuals determine.
+            Number of unknowns that the residuals determine, see ``noise.spent``.
 
         Returns
         -------
         float
-            At least the least discrepancy of the error model; the present one where nothing is known of the noise.
+            Within the limits of the error model; the present s if the lines have no weights.
         """
         if not self.weighted:
             return self.level
@@ -303,7 +313,7 @@ class DataResidual:
         low, high = np.log(least), np.log(most)
         if excess(low) <= 0.0:
             return least
-        # Loaded here: most commands do without.
+        # Imported here: most commands do not need it.
         from scipy.optimize import brentq
 
         return most if excess(high) >= 0.0 else float(np.exp(brentq(excess, low, high, xtol=1e-3)))
@@ -318,21 +328,22 @@ class DataResidual:
         return self.options.phase
 
     def __call__(self, y: Complexes, J: Floats | Complexes) -> tuple[Floats, Floats, Floats]:
-        """Residuals at the valid lines.
+        """Whitened residuals r of the compared values, and their Jacobian.
 
         Parameters
         ----------
         y : (F, R) complex array
+            FRFs of the model.
         J : (F, R, size) float or complex array
-            ``20/ln10 dln(y)/dtheta``; its real part suffices without the phase.
+            ``20/ln10 dln(y)/dtheta``; its real part suffices if the phase is not compared.
 
         Returns
         -------
         residual : (m,) float array
-            [dB]; real parts, then imaginary parts where the phase enters.
+            [dB]; levels, then phases if they are compared.
         jacobian : (m, size) float array
         difference : (v,) float array
-            Plain difference in dB of each valid line, gains taken out.
+            Difference of the levels of each compared value without loss and weights, most probable gains taken out [dB].
         """
         if self.gains is not None and self._centre.any():
             y = y * 10.0 ** (self.gains @ self._centre / 20.0)
@@ -358,7 +369,7 @@ class DataResidual:
         return self._whiten(found), self._whiten(np.asarray(jacobian)), difference
 
     def _sizes(self, residual: Floats, weighted: bool = False) -> Floats:
-        """(K,) most probable gains, in standard deviations, by the residuals without a gain."""
+        """(K,) most probable gains in their standard deviations, from residuals with gains of zero."""
         if self._gained is None or self._shared is None:
             return np.zeros(0)
         own = residual if weighted else self._own_weights(residual.size) * residual
@@ -366,16 +377,16 @@ class DataResidual:
         return -self._shared.sizes(plain / self.level)[-self._gained.shape[1] :]
 
     def gains_db(self, y: Complexes) -> Floats | None:
-        """(R,) by how much measured lies above the model's FRFs y at all lines, most probably [dB]; None where no gain is allowed for."""
+        """(R,) most probable gains of the measured responses relative to the model's FRFs y (F, R) [dB]; None if there are no gains."""
         return None if self.gains is None or self._gained is None else np.asarray(self.gains @ self._sizes(self.raw(y)))
 
     def gains_std(self, jacobian: Floats, covariance: Floats, variance: float) -> Floats | None:
-        """(R,) standard deviations of those gains [dB].
+        """(R,) standard deviations of the most probable gains [dB]; None if there are no gains.
 
         Parameters
         ----------
         jacobian : (m, n) float array
-            Of the residuals to unknowns, as a call gives it.
+            Of the whitened residuals to n unknowns.
         covariance : (n, n) float array
             Of the unknowns.
         variance : float
@@ -388,7 +399,7 @@ class DataResidual:
         return np.asarray(np.sqrt(np.einsum("rk,kl,rl->r", self.gains, own, self.gains)))
 
     def _spherical(self, now: Complexes, jacobian: Complexes) -> tuple[Floats, Floats]:
-        """Differences of the three coordinates, one after the other; the scale is such that a dB at the equator counts as one."""
+        """Differences of the three coordinates on the sphere, one after the other, scaled so that 1 dB at the equator counts as 1."""
         level = (band_means(self.target, np.zeros(len(self.target), dtype=np.int64), self.valid)[self.valid]) / DB
         (here, along), (there, _) = (
             on_sphere(np.asarray(decibel(x) / DB - level), np.asarray(np.angle(x), dtype=float)) for x in (now, self._measured)
@@ -400,14 +411,14 @@ class DataResidual:
     def _logarithmic(
         self, now: Complexes, difference: Floats, jacobian: Floats | Complexes
     ) -> tuple[Floats | Complexes, Floats | Complexes]:
-        """Difference in dB, of ``sqrt(|H|² + f²)`` where there is a floor f, with that of the phases as imaginary part."""
+        """Difference of the levels in dB, of ``sqrt(|H|² + f²)`` with a floor f, and that of the phases as imaginary part if compared."""
         real, slope = difference, np.ones_like(difference)
         weight: Floats | float = 1.0
         if self._floor is not None:
             power, before = np.abs(now) ** 2, np.abs(self._measured) ** 2
             real = 0.5 * DB * np.log((power + self._floor) / (before + self._floor))
             slope = power / (power + self._floor)
-            # The phase fades as the magnitude does, by what was measured: so both parts weigh the same where the model fits.
+            # The phase is damped by the measured magnitude, so that both parts have the same weight where the model fits.
             weight = before / (before + self._floor)
         real_rows = slope[:, None] * jacobian.real
         if not self.phase:

@@ -1,4 +1,7 @@
-"""Where the FRFs stop to feel a stiffness: start values and bounds that fit the exporter's scale of the terms."""
+"""Saturation: the stiffness above or below which FRFs no longer change; it gives start values and bounds for any scale of the terms.
+
+The unit of a term depends on the exporter, so no fixed start value fits all models.
+"""
 
 from __future__ import annotations
 
@@ -13,16 +16,16 @@ from lrbc_cli.updating.statistics.decibels import decibel
 
 @dataclass(frozen=True)
 class Limits:
-    """Where FRFs count as free or clamped.
+    """When FRFs count as those of the free or clamped limit.
 
     Attributes
     ----------
     start_db : float
-        Mean distance from the clamped limit at the start value [dB]. A choice: below the plateau, where the gradient leads somewhere.
+        Mean distance of the FRFs from the clamped limit at the start value [dB]. A choice: below the plateau, where the gradient is useful.
     bound_db : float
-        The same at the upper bound, and from the free limit at the lower bound [dB]. A choice: no measurement tells less apart.
+        The same at the upper bound, and from the free limit at the lower bound [dB]. A choice: no measurement resolves less.
     fallback : (float, float, float)
-        Lower bound, start and upper bound where the FRFs reach no limit, in decades from the local stiffness. A choice.
+        Lower bound, start and upper bound if the FRFs reach no limit, in decades from the local stiffness. A choice.
     """
 
     start_db: float = 0.3
@@ -30,22 +33,22 @@ class Limits:
     fallback: tuple[float, float, float] = (-4.0, 1.0, 4.0)
 
 
-#: The default, for those who call a part alone.
+#: The default, for callers that use a part of the package by itself.
 LIMITS = Limits()
 
 
 @dataclass(frozen=True)
 class Saturation:
-    """Uniform log10 stiffness of a group at which the FRFs reach their limits.
+    """Start value and bounds of a group, as uniform log10 stiffness.
 
     Attributes
     ----------
     start : float
-        ``Limits.start_db`` from the clamped limit: below the plateau.
+        Where the FRFs are ``Limits.start_db`` from the clamped limit.
     lower, upper : float
-        ``Limits.bound_db`` from the free and from the clamped limit.
+        Where they are ``Limits.bound_db`` from the free and from the clamped limit.
     found : bool
-        False where the FRFs reach no such limit (clamping silences them, say): the values are then decades from the local stiffness.
+        False if the FRFs reach no such limit (for example because clamping makes them zero) and ``Limits.fallback`` is used.
     """
 
     start: float
@@ -64,21 +67,26 @@ def saturation(
     search: tuple[float, float] = (8.0, 6.0),
     steps: int = 14,
 ) -> Saturation:
-    """Find the limits of one group of stiffness terms, the others held.
+    """Start value and bounds of one group of stiffness terms by bisection, with the other terms fixed.
 
     Parameters
     ----------
     values : callable
         From D (F, nt) to FRFs (F, R), on the lines of the band for the responses used.
     D : (F, nt) complex array
-        Dynamic values of the other terms.
+        Dynamic values of all terms; those of the group are replaced.
     terms : int array
-        The group.
+        Terms of the group.
     scale : float
-        Local stiffness of its terms: the search starts there.
+        Local stiffness of its terms, the centre of the search.
     limits : Limits
     search, steps : (float, float), int
-        Decades below and above the local stiffness between which limits are sought, and halvings of the range.
+        Range of the search in decades below and above the local stiffness, and number of bisections.
+
+    Returns
+    -------
+    Saturation
+        The lower bound is at least a decade below the start, the upper one at least half a decade above.
     """
 
     def level(value: float) -> Floats:
@@ -93,7 +101,7 @@ def saturation(
         return float(np.mean(np.abs(level(10.0**p) - limit)))
 
     def crossing(limit: Floats, target: float, low: float, high: float, rising: bool) -> float:
-        # Bisection on a curve that falls (towards clamped) or rises (from free) but for small ripples.
+        # The distance falls (towards clamped) or rises (from free) monotonically except for small ripples.
         for _ in range(steps):
             p = 0.5 * (low + high)
             low, high = (low, p) if (distance(p, limit) > target) == rising else (p, high)

@@ -1,4 +1,7 @@
-"""Errors that residuals share, taken out of them: of the lines of a band, and of patterns over all lines."""
+"""Whitening of residuals with common errors: G, common to the lines of a band, and P, patterns over all lines.
+
+Both work on residuals in standard deviations, whose covariance is ``I + GGᵀ`` or ``I + BBᵀ``; see the guide's statistics page, section 3.
+"""
 
 from __future__ import annotations
 
@@ -10,20 +13,21 @@ from lrbc_cli.arrays import Floats, Integers
 
 
 def band_means(values: Floats, band: Integers, valid: NDArray[np.bool_] | None = None) -> Floats:
-    """(F, R) mean of a response's values over the lines of each one's band, of those that count."""
+    """(F, R) mean of each response over the lines of the band (F,) that a line belongs to, over ``valid`` values (F, R) if given."""
     lies = (band[:, None] == np.arange(band.max() + 1)).astype(float)
     known = np.ones(values.shape, dtype=bool) if valid is None else valid
     return np.asarray((lies.T @ np.where(known, values, 0.0) / np.maximum(lies.T @ known, 1.0))[band])
 
 
 class Bands:
-    """Errors that the residuals of a band share, each residual being of one band: ``(I + GGᵀ)^(-1/2)``, G having one value a row.
+    """The whitening ``(I + GGᵀ)^(-1/2)`` for one common error in each band; a residual belongs to one band, so a row of G has one value.
 
     Parameters
     ----------
     size : (m,) float array
-        The error of one standard deviation over the residual's own.
+        The values of G: change of a residual by one standard deviation of the common error, over the residual's own standard deviation.
     band : (m,) int array
+        Band of each residual.
     """
 
     def __init__(self, size: Floats, band: Integers) -> None:
@@ -40,20 +44,21 @@ class Bands:
         return np.asarray(columns + self._errors @ (factor.reshape(-1, *[1] * (columns.ndim - 1)) * along))
 
     def __call__(self, columns: Floats) -> Floats:
-        """Columns of residuals, whitened."""
+        """Whiten columns of residuals or derivatives, (m,) or (m, n)."""
         return self._scaled(columns, -0.5)
 
     def undo(self, columns: Floats) -> Floats:
-        """What was whitened, as it was before."""
+        """Inverse of the whitening."""
         return self._scaled(columns, 0.5)
 
 
 class Shared:
-    """Errors that residuals share, taken out: ``(I + BBᵀ)^(-1/2)``, the columns of B being the errors over the residuals' own.
+    """The whitening ``(I + BBᵀ)^(-1/2)`` for k errors that all residuals share.
 
     Parameters
     ----------
     patterns : (m, k) float array
+        B: change of the residuals by one standard deviation of each error, over the residuals' own standard deviations.
     """
 
     def __init__(self, patterns: Floats) -> None:
@@ -68,26 +73,28 @@ class Shared:
         self.log_det = float(2.0 * np.log(self._grown).sum())
 
     def __call__(self, columns: Floats) -> Floats:
-        """Columns of residuals, whitened."""
+        """Whiten columns of residuals or derivatives, (m,) or (m, n)."""
         return np.asarray(columns - (self._directions * (1.0 - 1.0 / self._grown)) @ (self._directions.T @ columns))
 
     def undo(self, columns: Floats) -> Floats:
-        """What was whitened, as it was before."""
+        """Inverse of the whitening."""
         return np.asarray(columns + (self._directions * (self._grown - 1.0)) @ (self._directions.T @ columns))
 
     def sizes(self, residual: Floats) -> Floats:
-        """(k,) the most probable size of each error, in its standard deviations, by (m,) residuals over their own."""
+        """(k,) most probable size of each common error, in its standard deviations, from residuals (m,) over their own."""
         return np.asarray(self._left @ (self._patterns.T @ residual))
 
     def sizes_covariance(self, jacobian: Floats, covariance: Floats, variance: float) -> Floats:
-        """(k, k) covariance of the sizes where the unknowns are known by (n, n) ``covariance``, residuals over their own by ``variance``.
+        """(k, k) covariance of the sizes of the common errors.
 
         Parameters
         ----------
         jacobian : (m, n) float array
-            Of the residuals over their own, before the errors are taken out.
+            Of the residuals, over their own standard deviations, before whitening.
         covariance : (n, n) float array
+            Of the unknowns.
         variance : float
+            Of the residuals over their own standard deviations squared.
         """
         moved = self._left @ (self._patterns.T @ jacobian)
         return np.asarray(variance * self._left + moved @ covariance @ moved.T)

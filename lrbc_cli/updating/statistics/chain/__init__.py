@@ -1,1 +1,1 @@
-"""How another measuring chain, or another damping, changes FRFs."""
+"""Changes of FRFs that no bolt causes: another measuring chain (window, filter, clock, double hit) or another damping."""

@@ -1,4 +1,4 @@
-"""A second blow of the hammer: a factor over the frequency that all responses of a job have and those of the reference job have not."""
+"""Detection of a double hit of the hammer: a periodic factor over the frequency, common to all responses of a job."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from lrbc_cli.updating.statistics.decibels import decibel
 
 @dataclass(frozen=True, kw_only=True)
 class EchoRule:
-    """From when on a job is taken to have been hit twice.
+    """Limits from which a job is taken to have been hit twice.
 
     Attributes
     ----------
     left : float
-        At most so much is left of the mean change of the levels without the factor. 0.85 and more is left in right jobs of the samples and
-        of virtual rigs; 0.39 to 0.77 where a blow of 0.3 to 0.5 was put into those in which few bolts are loose.
+        Largest share of the mean change of the levels that is left when the factor is taken out. 0.85 and more is left in correct jobs of
+        the samples and of virtual rigs; 0.39 to 0.77 where a second blow of 0.3 to 0.5 was simulated in jobs with few loose bolts.
     sizes : tuple of float
-        Second blows over the first that are tried. A choice: smaller ones change little.
+        Ratios of the second blow to the first that are tried. A choice: smaller ones change little.
     periods : float
-        Least number of periods in the band. A choice: fewer are slopes that bolts have, too.
+        Least number of periods of the factor in the band. A choice: bolts cause slopes as slow as fewer periods.
     lines : float
-        Least number of lines a period. A choice.
+        Least number of lines in a period. A choice.
     steps : int
-        Times of the cepstrum for each further period in the band. A choice.
+        Number of delays of the cepstrum for each further period in the band. A choice.
     closely : int
-        How many of its highest are tried with all sizes. A choice.
+        Number of the highest values of the cepstrum that are tried with all sizes. A choice.
     """
 
     left: float = 0.75
@@ -40,21 +40,21 @@ class EchoRule:
     closely: int = 10
 
 
-#: The default, for those who call a part alone.
+#: The default, for callers that use a part of the package by itself.
 ECHO = EchoRule()
 
 
 def second_blow(frequency_hz: Floats, own: Complexes, tight: Complexes, reference: str, rule: EchoRule = ECHO) -> str | None:
-    """What to say of a job whose FRFs have the factor of a second blow beside those of the reference job; None where they have none.
+    """Message on a job whose FRFs, or those of the reference job, contain the factor of a second blow; None if neither do.
 
-    A blow and a share a of it after the time T are ``1 + a exp(-i omega T)`` times the force of the first. Where the window of the force
-    ends between the two, the FRFs hold that factor. Bolts change levels about resonances, so that the median over the responses and mean
-    absolute differences are compared; the cepstrum says at which times.
+    A blow followed by a share a of it after the time T has ``1 + a exp(-i omega T)`` times the spectrum of the first. If the force window
+    cuts off the second blow, the FRFs contain that factor. The median of the level changes over the responses is compared with it, since
+    bolts change levels about resonances only; the cepstrum gives the delays T to try.
 
     Parameters
     ----------
     frequency_hz : (F,) float array
-        Evenly spaced, or nothing is compared.
+        Must be evenly spaced, otherwise None is returned.
     own, tight : (F, R) complex arrays
         NaN where a response was not measured.
     reference : str
@@ -68,7 +68,7 @@ def second_blow(frequency_hz: Floats, own: Complexes, tight: Complexes, referenc
     levels, spacing = decibel(own[:, held]) - decibel(tight[:, held]), float(steps.mean())
 
     def changed(other: Complexes) -> Floats:
-        """Beside another damping, by the phases of the job that was hit once: those of the other have the factor as well."""
+        """(F,) median level change without that of damping, by the phases of the job that was hit once, which lack the factor."""
         turned = np.gradient(np.unwrap(np.angle(other[:, held]), axis=0), spacing, axis=0)
         return np.asarray(np.median(beside_damping(levels, damping_pattern(frequency_hz, 1j * turned)), axis=1))
 
@@ -79,7 +79,7 @@ def second_blow(frequency_hz: Floats, own: Complexes, tight: Complexes, referenc
     band, sizes = float(np.ptp(frequency_hz)), np.array(rule.sizes)
     delays = np.asarray(np.fft.rfftfreq(rule.steps * steps.size, spacing), dtype=float)
     possible = np.flatnonzero((delays >= rule.periods / band) & (delays < 1.0 / (rule.lines * spacing)))
-    # One in the reference job is in all others, the other way round.
+    # A second blow in the reference job shows in all other jobs with the opposite sign.
     found: tuple[float, float, float, float] = (np.inf, 0.0, 0.0, 1.0)
     for sign, change in changes.items():
         cepstrum = _cepstrum(sign * change, rule.steps * steps.size, delays, frequency_hz[0])
@@ -93,17 +93,17 @@ def second_blow(frequency_hz: Floats, own: Complexes, tight: Complexes, referenc
         return None
     job, other = ("this job", reference) if sign > 0.0 else (reference, "this job")
     return (
-        f"the levels of all responses rise and fall every {1.0 / delay:.3g} Hz beside those of {reference}. No bolt does that: as if "
-        f"in {job} the hammer had hit a second time, {1e3 * delay:.3g} ms later and {size:.0%} as hard, and a window had cut that blow "
-        f"from the force; expected: one blow in each record, as in {other}. Look at the force over time, and measure {job} again"
+        f"the hammer probably hit a second time in {job}, {1e3 * delay:.3g} ms later and {size:.0%} as hard, and a window cut that blow "
+        f"from the force: the levels of all responses rise and fall every {1.0 / delay:.3g} Hz relative to {reference}; no bolt does that. "
+        f"Expected: one blow in each record, as in {other}. Look at the force over time, and measure {job} again"
     )
 
 
 def _cepstrum(levels: Floats, count: int, delays: Floats, first_hz: float) -> Floats:
-    """Amplitude of each delay's cosine in levels along evenly spaced lines, zeros added up to ``count``.
+    """Cepstrum of levels on evenly spaced lines, padded with zeros to ``count``: amplitude of the cosine of each delay.
 
-    An echo is a peak there (Bogert, Healy and Tukey, Proc. Symp. Time Series Analysis, 1963). No second blow that is weaker than the first
-    raises a level by more than 6 dB, or lowers most of them by more: what bolts change about resonances counts up to there.
+    An echo is a peak in it (Bogert, Healy and Tukey, Proc. Symp. Time Series Analysis, 1963). Levels are clipped to 6 dB, because a second
+    blow weaker than the first raises none by more and lowers few by more; changes by bolts about resonances can be larger.
     """
     most = 20.0 * np.log10(2.0)
     clipped = np.clip(levels - np.median(levels), -most, most)
@@ -111,5 +111,5 @@ def _cepstrum(levels: Floats, count: int, delays: Floats, first_hz: float) -> Fl
 
 
 def _apart(values: Floats) -> Floats:
-    """Mean absolute distance of levels from their median, along the lines [dB]."""
+    """Mean absolute deviation of levels from their median over the lines (last axis) [dB]."""
     return np.asarray(np.abs(values - np.median(values, axis=-1, keepdims=True)).mean(axis=-1))

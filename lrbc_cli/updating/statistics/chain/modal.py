@@ -1,7 +1,7 @@
-"""Modes by the peaks of two measurements, and what sets these apart that is no bolt: a window, a filter in one channel.
+"""Modes fitted to the peaks of two measurements, and differences of these that no bolt causes: a window, another clock, a filter.
 
-An exponential window lets all modes decay faster, each by the same amount. A filter turns the phases of its channel against those of the
-others, which no bolt does: modes of a structure that is damped lightly are real, whatever its stiffness.
+An exponential window adds the same amount to the decay rates of all modes. Another clock scales all frequencies by the same factor. A
+filter turns the phases of its channel against those of the others; bolts do not, since modes of lightly damped structures are real.
 """
 
 from __future__ import annotations
@@ -16,43 +16,43 @@ from lrbc_cli.updating.peaks import peaks_of
 
 @dataclass(frozen=True, kw_only=True)
 class ModalRule:
-    """From when on modes of a job differ so from those of the reference job that a window or a filter is the likely reason.
+    """Limits from which differences of the modes of a job and the reference job are attributed to a window, a clock or a filter.
 
     Attributes
     ----------
     prominence_db : float
-        Of what counts as a peak in the mean spectrum, and depth to which its lines are fitted [dB]. A choice: half the amplitude.
+        Least prominence of a peak in the mean spectrum, and depth to which its lines are fitted [dB]. A choice: half the amplitude.
     lines : int
-        At most so many on each side of a peak are fitted, two at least. A choice.
+        Largest number of lines on each side of a peak that are fitted; at least two are. A choice.
     known : float
-        Largest standard deviation of a decay rate over itself. A choice.
+        Largest relative standard deviation of a decay rate. A choice.
     tolerance : float
-        Largest distance of two peaks that are one mode, over its frequency. A choice.
+        Largest relative distance of the frequencies of one mode in both jobs. A choice.
     alike : float
-        Least MAC of their shapes. The usual limit for one mode.
+        Least MAC of their shapes: the usual limit for one mode.
     least : int
-        Modes that have to agree. Two could by chance.
+        Least number of modes that agree. Two could by chance.
     share : float
-        All differences are at least this share of their median. A choice: loosened bolts damp some modes and leave others.
+        Window: least difference of a decay rate, over the median difference. A choice: loosened bolts damp some modes and not others.
     powers : float
-        Least decay over the length of a record, in powers of e: a window that leaves more than 1/e at its end is none.
+        Window: least decay over the length of a record, as exponent of e; a window that leaves more than 1/e at its end is none.
     level_db : float
-        Least change of the levels at the peaks [dB]: as much as a misfit may rise before a job counts as not explained.
+        Window: least change of the levels at the peaks [dB]: as much as a misfit may rise before a job counts as unexplained.
     clock : float
-        Least share by which modes lie higher or lower alike. A choice: the temperature of metals comes to a third of it for 10 K.
+        Clock: least relative shift of the frequencies. A choice: the temperature of metals causes a third of it for 10 K.
     clock_in_air : float
-        The same where the model holds air: the speed of sound, and all modes of air, rise by as much for 9 K.
+        The same if the model contains air: the speed of sound, and with it all modes of air, rises by as much for 9 K.
     together : float
-        Largest distance of a mode's share from the median one, over that, in the half of the modes that lie highest. A choice: bolts lower
-        some modes and leave others.
+        Clock: largest deviation of a mode's relative shift from the median shift, over that, in the upper half of the shifts. A choice:
+        bolts lower some modes and not others.
     clocked : int
-        Modes that have to be known. A choice. On 327 jobs of virtual rigs ``least`` of them agreed by chance in three; where more had to
-        agree, jobs with another clock were judged without a doubt.
+        Clock: least number of modes that can be compared. A choice. In 3 of 327 jobs of virtual rigs ``least`` of them agreed by chance;
+        when more had to agree, jobs with another clock were judged without a doubt.
     seen : float
-        A channel shows a mode with at least this share of the mean square amplitude of all. A choice.
+        Filter: a channel shows a mode if it has at least this share of the mean square amplitude of all channels. A choice.
     turned : float
-        Least median angle by which a channel is turned against the others, in one direction at all modes that it shows [degrees]. A
-        choice: modes next to each other reach 16 on ring flanges, others 5.
+        Filter: least median angle between a channel and the others, with the same sign at all modes that it shows [degrees]. A choice:
+        neighbouring modes reach 16 on ring flanges, others 5.
     """
 
     prominence_db: float = 6.0
@@ -72,20 +72,20 @@ class ModalRule:
     turned: float = 20.0
 
 
-#: The default, for those who call a part alone.
+#: The default, for callers that use a part of the package by itself.
 MODAL = ModalRule()
 
 
 @dataclass(frozen=True)
 class FittedModes:
-    """Peaks that are fitted well by one mode.
+    """Modes fitted to peaks, of those peaks that one mode fits well.
 
     Attributes
     ----------
     frequency_hz, decay : (m,) float arrays
         Damped frequency [Hz] and decay rate [1/s].
     shape : (m, R) complex array
-        Residues.
+        Residues at the R responses.
     """
 
     frequency_hz: Floats
@@ -93,7 +93,7 @@ class FittedModes:
     shape: Complexes
 
     def without(self, response: int) -> FittedModes:
-        """The same of the other responses."""
+        """The same without one response."""
         return FittedModes(self.frequency_hz, self.decay, np.delete(self.shape, response, axis=1))
 
 
@@ -105,7 +105,7 @@ def fitted_modes(frequency_hz: Floats, measured: Complexes, rule: ModalRule = MO
     frequency_hz : (F,) float array
         Evenly spaced.
     measured : (F, R) complex array
-        Responses with lines that were not measured are left out.
+        Responses with missing lines are left out.
     rule : ModalRule
     """
     H = measured[:, (np.isfinite(measured) & (measured != 0)).all(axis=0)]
@@ -120,7 +120,7 @@ def fitted_modes(frequency_hz: Floats, measured: Complexes, rule: ModalRule = MO
                 continue
             offset, std, shape = _pole(H[first : last + 1], np.arange(first - k, last + 1 - k))
             decay = -2.0 * np.pi * step * offset.real
-            # A small standard deviation of a negative rate is no mode either.
+            # This also excludes negative decay rates.
             if 2.0 * np.pi * step * std < rule.known * decay:
                 found.append((float(frequency_hz[k] + step * offset.imag), decay, shape))
     shapes = np.array([shape for *_, shape in found], dtype=complex).reshape(len(found), H.shape[1])
@@ -128,7 +128,7 @@ def fitted_modes(frequency_hz: Floats, measured: Complexes, rule: ModalRule = MO
 
 
 def _about(level: Floats, peak: int, rule: ModalRule) -> tuple[int, int]:
-    """First and last of the lines about a peak that are fitted."""
+    """Indices of the first and last line about a peak that are fitted; they may exceed the lines."""
     ends = []
     for direction in (-1, 1):
         at = peak
@@ -139,7 +139,10 @@ def _about(level: Floats, peak: int, rule: ModalRule) -> tuple[int, int]:
 
 
 def _pole(H: Complexes, line: Floats) -> tuple[complex, float, Complexes]:
-    """Pole of (n, R) FRFs on lines counted from the peak, its standard deviation, in lines times i, and the (R,) residues."""
+    """Pole of FRFs (n, R) on ``line`` (n,), counted from the peak, its standard deviation, both in line spacings, and residues (R,).
+
+    Linear least squares for ``(z - p) H = a + b z`` with ``z = i line``; a and b are projected out first.
+    """
     z = 1j * line
     basis = np.stack([np.ones(z.size), z], axis=1)
     q = np.linalg.qr(basis)[0]
@@ -158,7 +161,7 @@ def _pole(H: Complexes, line: Floats) -> tuple[complex, float, Complexes]:
 
 
 def same_modes(own: FittedModes, other: FittedModes, rule: ModalRule = MODAL) -> list[tuple[int, int]]:
-    """Which modes are the same: near each other, and each the most alike to the other by its shape."""
+    """Index pairs of modes that are the same in both jobs: near in frequency, and each the other's best match by MAC."""
     if not own.decay.size or not other.decay.size or own.shape.shape[1] != other.shape.shape[1]:
         return []
     power = [(np.abs(each.shape) ** 2).sum(axis=1) for each in (own, other)]
@@ -178,12 +181,12 @@ def other_chain(
     *,
     air: bool = False,
 ) -> str | None:
-    """What to say of a job whose modes tell that it was measured with another window or filter than the reference job; None where not.
+    """Message on a job measured with another window, clock or filter than the reference job, as its modes show; None if not.
 
     Parameters
     ----------
     frequency_hz : (F,) float array
-        Evenly spaced, or nothing is compared.
+        Must be evenly spaced, otherwise None is returned.
     own, tight : (F, R) complex arrays
         NaN where a response was not measured.
     reference : str
@@ -192,7 +195,7 @@ def other_chain(
         Of the responses.
     rule : ModalRule
     air : bool
-        Whether the modes are those of air, too, which its temperature moves.
+        Whether there are modes of air, whose frequencies depend on its temperature.
     """
     steps = np.diff(frequency_hz)
     if not steps.size or not np.allclose(steps, steps.mean(), rtol=1e-3):
@@ -211,7 +214,7 @@ def other_chain(
 
 
 def _window(own: Floats, tight: Floats, length: float, reference: str, rule: ModalRule) -> str | None:
-    """Decay rates of the same modes [1/s], and the length of a record [s]."""
+    """Message if the decay rates ``own`` and ``tight`` of the same modes [1/s] differ by a constant; ``length`` of a record [s]."""
     if own.size < rule.least:
         return None
     change = float(np.median(own - tight))
@@ -219,24 +222,24 @@ def _window(own: Floats, tight: Floats, length: float, reference: str, rule: Mod
     level = 20.0 * float(np.median(np.abs(np.log10(own / tight))))
     if abs(change) * length < rule.powers or level < rule.level_db or np.any(sign * (own - tight) < rule.share * abs(change)):
         return None
-    # Damping of the material multiplies all rates; a window adds to them.
+    # Damping of the material multiplies all decay rates, a window adds a constant to them.
     added, times = own - tight, np.log(own / tight)
     if np.ptp(times) / abs(np.median(times)) < np.ptp(added) / abs(change):
         return None
     return (
         f"all {own.size} modes that can be compared decay {'faster' if sign > 0 else 'slower'} than in {reference} by the same "
-        f"{abs(change):.3g} 1/s, {level:.1f} dB at their peaks: was an exponential window set for {'this job' if sign > 0 else reference}, "
-        f"down to about {100.0 * np.exp(-abs(change) * length):.2g} % at the end of the record? Use one window in all jobs, "
-        "best none"
+        f"{abs(change):.3g} 1/s, {level:.1f} dB at their peaks. Check whether an exponential window was set for "
+        f"{'this job' if sign > 0 else reference}, down to about {100.0 * np.exp(-abs(change) * length):.2g} % at the end of the record. "
+        "Use one window in all jobs, best none"
     )
 
 
 def _window_by_curve(one: FittedModes, other: FittedModes, length: float, reference: str, rule: ModalRule) -> str | None:
-    """Decay rates beside those that the reference job has at the same frequencies, between its modes: loosened bolts change the shapes.
+    """The same with decay rates of the reference job interpolated at the job's frequencies, since loosened bolts change mode shapes.
 
-    No difference is then farther from the median than ``share`` of it, upwards either. Of 235 jobs of virtual rigs and of structures of
-    another FE code the one without a window that came nearest had differences of 0.4 to 1.6 times the median; a time constant of 8 % of
-    the record was found in 164, by modes of the same shapes alone in 72.
+    Differences must also be within ``share`` of their median, in both directions. In 235 jobs of virtual rigs and of structures of
+    another FE code the closest one without a window had differences of 0.4 to 1.6 times the median; a window with a time constant of 8 %
+    of the record was found in 164, by modes of the same shapes alone in 72.
     """
     order = np.argsort(other.frequency_hz)
     hz, decay = other.frequency_hz[order], other.decay[order]
@@ -251,7 +254,7 @@ def _window_by_curve(one: FittedModes, other: FittedModes, length: float, refere
 
 
 def _clock(own: Floats, tight: Floats, reference: str, rule: ModalRule, least: float) -> str | None:
-    """Frequencies of the same modes [Hz]: loosened bolts lower some, of the others most have moved by the share of the clock alone."""
+    """Message if the frequencies of the same modes [Hz] differ by a factor, in the upper half, since loosened bolts lower some modes."""
     if own.size < rule.clocked:
         return None
     share = np.sort(own / tight - 1.0)[::-1]
@@ -260,15 +263,15 @@ def _clock(own: Floats, tight: Floats, reference: str, rule: ModalRule, least: f
     if abs(typical) < least or np.abs(upper - typical).max() > rule.together * abs(typical):
         return None
     return (
-        f"{upper.size} of the {own.size} modes that can be compared lie {abs(typical):.2%} {'higher' if typical > 0 else 'lower'} than in "
-        f"{reference}, all by the same percentage; a loosened bolt lowers some modes more than others. Was the sampling rate or the clock "
-        "of the front end another one in one of the two jobs, or is the structure much warmer or colder? Set it as in "
-        f"{reference} and measure again; where only the file is wrong, divide its frequencies by {1.0 + typical:.5g}"
+        f"{upper.size} of the {own.size} modes that can be compared are {abs(typical):.2%} {'higher' if typical > 0 else 'lower'} than in "
+        f"{reference}, all by the same percentage; a loosened bolt lowers some modes more than others. Check whether the sampling rate or "
+        "the clock of the front end differs between the two jobs, or the structure is much warmer or colder. Set it as in "
+        f"{reference} and measure again; if only the file is wrong, divide its frequencies by {1.0 + typical:.5g}"
     )
 
 
 def _filter(own: FittedModes, tight: FittedModes, reference: str, names: list[str], rule: ModalRule) -> str | None:
-    """Each channel beside the others, by which the modes are paired and their common factor is found."""
+    """Message if phases of a channel are turned against the others; modes are paired and scaled without that channel."""
     found = []
     for r, name in enumerate(names if len(names) > rule.least else ()):
         others = np.arange(len(names)) != r
@@ -282,6 +285,6 @@ def _filter(own: FittedModes, tight: FittedModes, reference: str, names: list[st
     if not found or 2 * len(found) > len(names):
         return None
     return (
-        f"phases are turned against those of the other responses at all modes, {', '.join(found)}. No bolt does that: was this channel "
-        f"measured with another filter, AC coupling or integration than in {reference}? Measure again with the same settings"
+        f"phases are turned relative to the other responses at all modes: {', '.join(found)}. No bolt does that. Check whether this "
+        f"channel was measured with another filter, AC coupling or integration than in {reference}. Measure again with the same settings"
     )
