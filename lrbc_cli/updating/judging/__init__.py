@@ -1,1 +1,1 @@
-"""Turns the evidence of an identification into verdicts on bolts, and the verdicts into an outcome (all-clear or not)."""
+"""From the evidence of an identification to verdicts on bolts, and from the verdicts to an outcome (all-clear or not)."""

@@ -1,4 +1,4 @@
-"""What verdicts add up to: a sentence a job, and whether all jobs together are an all-clear."""
+"""The outcome of verdicts: one sentence for each job, and whether all jobs together are an all-clear."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 #: States of a job that may have verdicts.
 FINISHED = ("converged", "stopped")
 
-#: Names at most in one list of a sentence.
+#: Largest number of entries in a list of names.
 MOST_NAMES = 8
 
 NO_CHANNELS = "no validation channel shows whether the model explains the measurement"
@@ -16,7 +16,7 @@ NO_CHANNELS = "no validation channel shows whether the model explains the measur
 
 @dataclass(frozen=True)
 class BoltFinding:
-    """A bolt with its verdict; the probability of being loose where it is known."""
+    """A bolt with its verdict, and its probability of being loose if known."""
 
     name: str
     verdict: str
@@ -25,7 +25,7 @@ class BoltFinding:
 
 @dataclass(frozen=True, kw_only=True)
 class JobFinding:
-    """What one job says of the bolts.
+    """Result of one job.
 
     Attributes
     ----------
@@ -33,19 +33,19 @@ class JobFinding:
         ``converged``, ``stopped``, ``unexplained`` or ``failed``.
     bolts : sequence of BoltFinding
     validated : bool
-        The model explains responses that the identification did not use.
+        Whether the job is validated, see ``decide.Validity``.
     unvalidated : str
-        Why not, where nothing speaks against it.
+        Why it is not validated.
     assumed : str or None
-        ``reference`` or ``baseline``: its bolts are tight by assumption, not by comparison.
+        ``reference`` or ``baseline`` if its bolts are taken as tight by assumption, else None.
     doubtful : sequence of str
-        Bolts of the reference job, or of a baseline, that come out loose all the same.
+        Bolts of the reference job, or of a baseline, that appear loose nevertheless.
     missing : sequence of str
-        Responses that the job should have been identified from, and does not hold.
+        Responses to be used that the files of the job do not contain.
     measurement : sequence of float
-        Figures of what was measured [dB], the same whatever file holds it; empty where they are not known.
+        Figures of the measured levels, independent of the file [dB]; empty if not known.
     copied_db : float
-        Up to which they are those of another job, see ``DecisionRule``.
+        Largest difference of these figures for the same measurement, see ``DecisionRule`` [dB].
     """
 
     status: str
@@ -64,19 +64,19 @@ class JobFinding:
 
     @property
     def seen(self) -> list[BoltFinding]:
-        """The bolts that the job can say something of."""
+        """The bolts that the job can judge: all that are not ``outside``."""
         return [bolt for bolt in self.bolts if bolt.verdict != "outside"]
 
     @property
     def inconclusive(self) -> list[BoltFinding]:
-        """Those of them that are judged neither tight nor loose."""
+        """The bolts of ``seen`` that are judged neither tight nor loose."""
         return [bolt for bolt in self.seen if bolt.verdict not in ("tight", "loose")]
 
 
 def open_points(job: JobFinding) -> list[str]:
-    """Why a job is not clear; nothing where every bolt that it can see is tight.
+    """Reasons why a job is no all-clear; empty if every bolt that it can judge is tight and the job is validated and complete.
 
-    The reference job and the baselines are tight by assumption, which clears them, but no other job.
+    The reference job and baselines are tight by assumption, which says nothing about other jobs.
     """
     if job.status not in FINISHED:
         return [_no_verdict(job)]
@@ -98,16 +98,16 @@ def open_points(job: JobFinding) -> list[str]:
 
 
 def once_more(jobs: Mapping[str, JobFinding]) -> dict[str, str]:
-    """What is wrong with jobs that hold the measurement of another; one that holds that of the reference job is not validated anyway.
+    """Messages on jobs with the same measurement as another job, by job; a copy of the reference job is already not validated.
 
-    Measurements whose figures differ by no more than ``copied_db`` are one, written with other digits.
+    Measurements whose figures all differ by no more than ``copied_db`` are the same, even if written with other digits.
     """
     known = {name: job for name, job in jobs.items() if job.measurement and job.assumed != "reference"}
     found = {}
     for name, job in known.items():
         same = [other for other in known if other != name and _one(job, known[other])]
         if same:
-            found[name] = f"the measurement of {_names(same)} once more; was another file meant?"
+            found[name] = f"the same measurement as {_names(same)}: check whether another file was meant"
     return found
 
 
@@ -117,9 +117,9 @@ def _one(job: JobFinding, other: JobFinding) -> bool:
 
 
 def not_clear(jobs: Mapping[str, JobFinding]) -> dict[str, list[str]]:
-    """What keeps jobs from being an all-clear, by job; under an empty name where none was compared with the tight state.
+    """Reasons why the jobs are no all-clear, by job; under an empty name if no job was compared with the reference job.
 
-    Empty exactly where every bolt that can be seen is tight in every job, and at least one job was there to show it.
+    Empty exactly if every bolt that can be judged is tight in every job, all jobs are validated, and one was compared.
     """
     found = {name: points for name, job in jobs.items() if (points := open_points(job))}
     for name, problem in once_more(jobs).items():
@@ -130,14 +130,14 @@ def not_clear(jobs: Mapping[str, JobFinding]) -> dict[str, list[str]]:
 
 
 def sentence(job: JobFinding) -> str:
-    """What was found, in one sentence without the job's name."""
+    """The result of a job in one sentence, without the job's name."""
     if job.status not in FINISHED or not job.seen:
         return _no_verdict(job)
     loose, tight, inconclusive = job.named("loose"), job.named("tight"), job.inconclusive
     alarm = f"{_names([bolt.name for bolt in loose])} loose"
     likely = _likely(inconclusive) if loose and job.assumed is None else []
     if likely:
-        # Beside those that are loose they stand in the alarm, and are not counted again.
+        # They are named after the loose bolts and not counted again.
         alarm += f", {_names(likely)} probably"
         inconclusive = [bolt for bolt in inconclusive if bolt.name not in likely]
     outside = len(job.bolts) - len(job.seen)
@@ -174,7 +174,7 @@ def _no_verdict(job: JobFinding) -> str:
         return f"no verdict: {job.status}"
     if job.assumed is not None and not job.bolts:
         return f"{'the reference job' if job.assumed == 'reference' else 'a baseline'}, no bolts to judge"
-    return "no verdict: no bolt lies where the parameters could show it" if job.bolts else "no verdict: no bolts to judge"
+    return "no verdict: no bolt is within reach of the parameters" if job.bolts else "no verdict: no bolts to judge"
 
 
 def _inconclusive(bolts: Sequence[BoltFinding]) -> str:
@@ -183,19 +183,19 @@ def _inconclusive(bolts: Sequence[BoltFinding]) -> str:
 
 
 def _likely(bolts: Sequence[BoltFinding]) -> list[str]:
-    """Those that are more likely loose than not."""
+    """Names of the bolts with a probability of being loose above 0.5."""
     return [bolt.name for bolt in bolts if (bolt.probability or 0.0) > 0.5]
 
 
 def _names(names: Sequence[str]) -> str:
-    """A list of names; ``B08 to B10`` where three or more follow one another by their number."""
+    """A list of names; three or more consecutive numbers are joined as ``B08 to B10``."""
     runs: list[list[str]] = []
     for name in names:
         if runs and _next(runs[-1][-1]) == name:
             runs[-1].append(name)
         else:
             runs.append([name])
-    # Each with the number of bolts that it stands for.
+    # Each entry with the number of bolts that it represents.
     words = [word for run in runs for word in ([(f"{run[0]} to {run[-1]}", len(run))] if len(run) > 2 else [(name, 1) for name in run])]
     rest = sum(count for _, count in words[MOST_NAMES:])
     return ", ".join(word for word, _ in words[:MOST_NAMES]) + (f" and {rest} more" if rest else "")

@@ -1,4 +1,4 @@
-"""Judging: from what an identification says of the bolts to verdicts, by a decision rule. A pure function of values."""
+"""Judgement of a job: from its evidence to a verdict on each bolt by the decision rule; pure functions, no files are read or written."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, OUTSIDE, TIGHT, UNDECIDED, DecisionRule, TightScatter
 from lrbc_cli.updating.normal import normal_cdf
 
-#: What is said of a bolt that cannot well have been tight in the tight state.
+#: Message on a bolt that was probably not tight in the tight state.
 FALLEN = "far looser than the other bolts"
 
-#: What is said of a joint that is undecided because it lay far above the others in the tight state.
-RISEN = "in the reference job far stiffer than the other bolts, as an error of the model makes it: its change may be one as well"
+#: Message on a joint that is undecided because it is far stiffer than the others in the tight state.
+RISEN = "far stiffer than the other bolts in the reference job, as an error of the model makes it: its change may be an error, too"
 
 
-#: What a job is in its campaign: the tight state itself, a further tight state, or one of unknown state.
+#: Role of a job in its campaign: the tight state itself, a further tight state, or an unknown state.
 REFERENCE, BASELINE, JOB = "reference", "baseline", "job"
 
 
@@ -32,15 +32,16 @@ class Validity:
     Attributes
     ----------
     passed : bool or None
-        By the validation channels; None where there are none and nothing speaks against it: then it is not validated.
+        True if explained and validated, False if not explained, None if judged but not validated.
     compared : str or None
-        The channels whose misfit was compared: ``validation channels`` or ``channels used``.
+        Channels whose misfit was compared: ``validation channels`` or ``channels used``.
     misfit_db : float or None
-        Their mean misfit.
+        Their mean misfit [dB].
     limit_db : float
+        Limit of the misfit [dB].
     reason : str
     unvalidated : str
-        Why it is not validated, where nothing speaks against it.
+        Why it is not validated, if ``passed`` is None.
     """
 
     passed: bool | None
@@ -52,31 +53,31 @@ class Validity:
 
     @property
     def explained(self) -> bool:
-        """Whether bolts may be judged."""
+        """Whether the bolts may be judged."""
         return self.passed is not False
 
 
 @dataclass(frozen=True, kw_only=True)
 class BoltVerdict:
-    """What is said of one bolt.
+    """Verdict on one bolt, with its numbers.
 
     Attributes
     ----------
     name : str
     verdict : str
-        ``tight``, ``loose``, ``undecided``, or ``outside`` where no term reaches the bolt.
+        ``tight``, ``loose``, ``undecided``, or ``outside`` if no term reaches the bolt.
     note : str or None
     log10_stiffness : float or None
     change, change_std : float or None
-        Against the tight state, and its standard deviation, scatter of tight states included [decades].
+        Change relative to the tight state, and its standard deviation with the scatter of tight states [decades].
     change_interval95 : (float or None, float or None) or None
-        Its 95 % limits, None to the side where they are open [decades].
+        Its 95 % limits; None on a side that is open [decades].
     probability_loose : float or None
-        That the change lies below the threshold.
+        Posterior probability that the change is below the threshold.
     threshold : float or None
         Of the change [decades].
     suspect : bool
-        Taken as tight, but it would be loose in another job, or in the reference job lies far below the other bolts.
+        Taken as tight, although in a baseline it would be judged loose, or in the reference job it is far looser than the other bolts.
     """
 
     name: str
@@ -93,7 +94,7 @@ class BoltVerdict:
 
 @dataclass(frozen=True, kw_only=True)
 class Judgement:
-    """What is said of a job.
+    """Judgement of a job.
 
     Attributes
     ----------
@@ -101,11 +102,11 @@ class Judgement:
     bolts : tuple of BoltVerdict
         In the order of the evidence.
     implausible : tuple of str
-        Bolts that come out tighter than in the tight state, by as much and as surely as a loose one looser.
+        Bolts tighter than in the tight state by the threshold, with the probability that a verdict needs.
     alternatives : tuple of (tuple of str, float)
-        Bolts below their threshold in each of several states of nearly equal posterior probability; empty where these agree.
+        Loose bolts in each of several states of nearly equal posterior probability, and this probability; empty if these agree.
     fallen : dict
-        How far bolts lie below the others of the tight state, by name, where they hardly can have been tight there [decades].
+        Bolts that were probably not tight in the tight state: by name the distance from the other bolts (negative) [decades].
     """
 
     validity: Validity
@@ -116,13 +117,13 @@ class Judgement:
 
 
 def validity(evidence: Evidence, rule: DecisionRule, reference: ReferenceState | None = None) -> Validity:
-    """Compare the misfit of the validation channels with that of the reference job and a margin, or with ``rule.largest_misfit``.
+    """Compare the misfit of a job with its limits: guide, *statistics*, section 7.
 
-    The channels used must stay below theirs too, which is necessary and shows nothing: they were fitted, and where they are not explained
-    a sensor may sit elsewhere than the model has it. So must both of the reference job: what the model does not explain is no state to
-    compare with. Nor does a measurement that was not exchanged tell anything of the bolts. Above ``rule.validated_misfit`` bolts may be
-    judged, but nothing is validated, nor is a change from a reference job that is known to within the limit only: it is the difference of
-    two states, each as wrong as that one.
+    The misfit of the validation channels must not exceed that of the reference job by more than the margin, or ``rule.largest_misfit``
+    without one. The channels used have a limit, too, although they were fitted: a sensor may be elsewhere than in the model. Both misfits
+    of the reference job must be below ``rule.largest_misfit``, because a state that is not explained is nothing to compare with. A job is
+    judged but not validated if its measurement is doubted, if there is no validation channel, or if a misfit, or √2 times that of the
+    reference job (a change is the difference of two states), is above ``rule.validated_misfit``.
     """
     against = reference if evidence.against_reference else None
     compared_before, used_before = (None if against is None else against.misfit_of(channels) for channels in (evidence.compared, USED))
@@ -140,15 +141,15 @@ def validity(evidence: Evidence, rule: DecisionRule, reference: ReferenceState |
         if within and before is not None and before > rule.largest_misfit:
             within = False
             most = f"{before:.2f} dB, above the limit of {rule.largest_misfit:.3g} dB"
-            reason += f", but of the {of} of the reference job, with which it is compared, {most}"
+            reason += f", but the misfit of the {of} of the reference job, with which it is compared, is {most}"
     before = max(db or 0.0 for db in (compared_before, used_before))
     worst = max(db for db in (misfit, fitted, before) if db is not None)
     usual = rule.validated_misfit
-    beyond = f"a misfit of {worst:.2f} dB, above {usual:g} dB, validates nothing" if worst > usual else ""
+    beyond = f"a misfit of {worst:.2f} dB is above {usual:g} dB and validates nothing" if worst > usual else ""
     both = math.hypot(before, before)
     coarse = (
-        f"the model explains the reference job to {before:.2f} dB, so that a change from it, a difference of two such states, may err "
-        f"by {both:.2f} dB, above {usual:g} dB: improve model or calibration"
+        f"the reference job has a misfit of {before:.2f} dB, so a change from it (the difference of two such states) may be wrong by "
+        f"{both:.2f} dB, above {usual:g} dB: improve model or calibration"
     )
     unvalidated = evidence.doubted or (evidence.unvalidated if evidence.compared != VALIDATION else "") or beyond
     unvalidated = unvalidated or (coarse if both > usual else "")
@@ -174,14 +175,14 @@ def judge(
     role : str
         ``reference``, ``baseline`` or ``job``.
     scatter : TightScatter
-        Of the changes between tight states, see ``scatter_of``; none where there is only one.
+        Scatter of the changes between tight states, see ``scatter_of``.
     reference : ReferenceState or None
-        That it was identified against; None in the reference job itself.
+        The reference state of the job; None in the reference job itself.
 
     Returns
     -------
     Judgement
-        Without stiffness along edges every bolt is undecided.
+        If the job is not explained, or no stiffness of bolts was identified, every bolt within reach is undecided.
     """
     valid = validity(evidence, rule, reference)
     felt = [bolt.felt for bolt in evidence.bolts if bolt.felt is not None]
@@ -192,7 +193,7 @@ def judge(
     known = [risen.get(bolt.name, bolt) for bolt in evidence.bolts]
     found = tuple(_verdict(bolt, evidence, rule, role, scatter, level, valid.explained) for bolt in known)
     if valid.explained and role != REFERENCE:
-        # Of a baseline, too: what such a joint does is no scatter of tight ones.
+        # In a baseline, too: the change of such a joint must not count as scatter of tight ones.
         known_loose = {v.name for v in found if v.verdict == LOOSE}
         found = tuple(replace(v, note=RISEN, verdict=UNDECIDED) if v.name in risen.keys() - known_loose else v for v in found)
     if role == REFERENCE and valid.explained:
@@ -200,11 +201,11 @@ def judge(
     rises = tuple(v.name for v in found if _risen(v, rule))
     if role == JOB and valid.explained and (rises or fallen or evidence.excused) and not any(v.verdict == LOOSE for v in found):
         if rises or fallen:
-            # A reference state with loose bolts shows here: what it lacked has come back, and what it lacks still is compared with itself.
+            # Signs of a reference state with loose bolts: bolts tightened since appear tighter, bolts loose in both jobs appear unchanged.
             which = f"{', '.join(rises)} tighter than in" if rises else f"{', '.join(fallen)} {FALLEN} in"
-            why = f"{which} the reference job: was all tight there?"
+            why = f"{which} the reference job: check whether all bolts were tight there"
         else:
-            # Of tight bolts no change is so sure that it excuses a measurement.
+            # Without a loose bolt no change is certain enough to explain the apparent fault of the measurement.
             why = f"{evidence.excused}; the change identified would explain it, but no bolt is judged loose;"
         reasons = "; ".join([why.rstrip(";"), *([valid.unvalidated] if valid.unvalidated else [])])
         valid = replace(
@@ -215,7 +216,7 @@ def judge(
 
 
 def _risen(verdict: BoltVerdict, rule: DecisionRule) -> bool:
-    """Whether a bolt is tighter than in the tight state, as surely as a loose one is looser."""
+    """Whether a bolt is tighter than in the tight state by the threshold, with probability ``confidence``."""
     change, std, threshold = verdict.change, verdict.change_std, verdict.threshold
     if change is None or std is None or threshold is None:
         return False
@@ -223,9 +224,9 @@ def _risen(verdict: BoltVerdict, rule: DecisionRule) -> bool:
 
 
 def _beside_risen(bolt: BoltEvidence, rise: float) -> BoltEvidence:
-    """The same of a joint that in the tight state lies far above the others, by an error of the model, which its change may be as well.
+    """The same with ``rise`` added to the change and to its standard deviation, for a joint far stiffer than others in the tight state.
 
-    A spring that is hardly felt takes up what the model lacks; where it does not in another job, it seems to have loosened.
+    A spring that hardly affects the FRFs absorbs errors of the model. If it does not in another job, it appears loosened.
     """
     change = bolt.change
     if change is None:
@@ -235,10 +236,10 @@ def _beside_risen(bolt: BoltEvidence, rise: float) -> BoltEvidence:
 
 
 def _far_from_others(bolts: Sequence[BoltEvidence], rule: DecisionRule) -> dict[str, float]:
-    """How far bolts lie from the others in the tight state [decades], those that do by more than these scatter.
+    """Bolts far from the others in the tight state: by name the distance from the median of the bolts with the same groups [decades].
 
-    Bolts of the same groups are compared, with their median. Their scatter is taken from the median of the departures, which those that
-    are loose do not move as long as they are the fewer, and is no less than that of tight joints.
+    The limit is the threshold of a loose bolt, with the robust scatter of these bolts (at least that of tight joints), which few loose
+    ones do not change.
     """
     found = {}
     tight = {
@@ -267,9 +268,9 @@ def _alternatives(evidence: Evidence, verdicts: Sequence[BoltVerdict]) -> tuple[
 def _verdict(
     bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: str, scatter: TightScatter, level: float, explained: bool
 ) -> BoltVerdict:
-    """On one bolt; ``level`` is that of the others."""
+    """Verdict on one bolt; ``level`` is the log10 stiffness of the others, for a contrast without a tight state."""
     if not evidence.along_edges:
-        return BoltVerdict(name=bolt.name, verdict=UNDECIDED, note="no stiffness group that bolts own or lie along")
+        return BoltVerdict(name=bolt.name, verdict=UNDECIDED, note="no stiffness group that belongs to bolts or that bolts lie along")
     if bolt.outside is not None:
         return BoltVerdict(name=bolt.name, verdict=OUTSIDE, note=bolt.outside)
     word, note, change, std, probability, threshold = _by_role(bolt, evidence, rule, role, scatter, level)
@@ -277,7 +278,7 @@ def _verdict(
     if role == BASELINE:
         word, probability = TIGHT, None
         tight = "a baseline, taken as tight"
-        note = f"{tight}, but against the reference job it comes out loose" if suspect else note or tight
+        note = f"{tight}, but compared with the reference job it comes out loose" if suspect else note or tight
     if not explained:
         word, probability, note = UNDECIDED, None, "the model does not explain the measurement"
     return BoltVerdict(
@@ -297,12 +298,12 @@ def _verdict(
 def _by_role(
     bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: str, scatter: TightScatter, level: float
 ) -> tuple[str, str | None, float | None, float | None, float | None, float | None]:
-    """Verdict, note, change and its standard deviation, probability of being loose, threshold."""
+    """Verdict, note, change and its standard deviation, probability of being loose, threshold; before the role of a baseline."""
     if role == REFERENCE:
         return TIGHT, "reference state, taken as tight", 0.0, None, None, None
     if bolt.change is not None:
         posterior = bolt.change
-        # Beside a gap a tight bolt takes part of it: what is below the threshold for that says nothing.
+        # A tight bolt beside a gap shows part of the neighbour's change, so the threshold is below that.
         own = rule.loose_change if posterior.sampled is None else min(rule.mixture_change, posterior.leakage)
         between = scattered = rule.scatter(scatter, bolt.joint)
         limit = rule.limit(own, between, bolt.joint)
@@ -310,39 +311,39 @@ def _by_role(
         probability, note = posterior.below(limit, between), None
         part, alone = _most_changed(posterior, own, scattered, rule)
         if part is not None and alone > probability:
-            # An error of the model can look like it, beside loose bolts above all: the data do not say which of the two it is.
+            # Beside loose bolts an error of the model can look like a loose group; the data do not distinguish them.
             whole, probability = probability, 0.5 * (probability + alone)
             if rule.word(alone) != rule.word(whole):
-                note = f"its springs of {part.group} alone changed by {part.mean:.2g} ± {part.std:.2g} decades"
+                note = f"only its springs of {part.group} changed, by {part.mean:.2g} ± {part.std:.2g} decades"
         word = rule.word(probability)
         if word == UNDECIDED and note is None:
-            note = "the data do not decide: the interval of its change holds the threshold"
+            note = "the data do not decide: the interval of its change contains the threshold"
         excused = _excused(posterior, own, rule) if word == TIGHT else None
         if word == TIGHT and excused is None and bolt.joint and bolt.difference is not None and bolt.difference <= limit:
-            excused = "its posterior says tight, but the stiffness identified lies below the threshold"
+            excused = "its posterior probability says tight, but the identified stiffness is below the threshold"
         if word == TIGHT and posterior.may_be_free:
-            excused = "the data do not object to it being free: no response feels it as it is"
+            excused = "the data do not rule out that it is free: no response is sensitive to it in its present state"
         if excused is not None:
             word, note = UNDECIDED, excused
         elif word == TIGHT and posterior.unfelt:
-            note = f"judged by its other springs: no response feels those of {', '.join(posterior.unfelt)}"
+            note = f"judged by its other springs: no response is sensitive to those of {', '.join(posterior.unfelt)}"
         change = posterior.mean if posterior.ceiling is None else min(posterior.mean, posterior.ceiling)
         return word, note, change, float(np.hypot(posterior.std, between)), probability, limit
     if evidence.missing_reference is not None:
-        # Changes were wanted: a contrast between bolts is no answer.
+        # A change is wanted, which a contrast between bolts does not replace.
         return UNDECIDED, f"no result of {evidence.missing_reference} to compare with", bolt.difference, None, None, None
     if bolt.difference is not None:
         return LOOSE if bolt.difference <= rule.loose_change else TIGHT, None, bolt.difference, None, None, None
-    # Without a tight state nothing says that a bolt is tight: all may be loose.
+    # Without a tight state no bolt can be judged tight: all may be loose.
     loose = bolt.felt is not None and bolt.felt - level <= rule.loose_change
     note = "no tight state to compare with: loose by contrast with the other bolts, or inconclusive"
     return LOOSE if loose else UNDECIDED, note, None, None, None, None
 
 
 def _most_changed(posterior: Change, own: float, scatter: float, rule: DecisionRule) -> tuple[PartialChange | None, float]:
-    """The group of a joint's springs that is most probably loose by itself, and how probably: a joint is no tighter than that.
+    """The group of a joint's springs that is most probably loose by itself, and its probability: a joint is no tighter than that.
 
-    By the rule for the whole joint, with the scatter of the springs of one group, which is that of the joint and their own about it.
+    The rule is that for the whole joint, with ``hypot(scatter, deviation)`` as the scatter of a single group.
     """
     found: tuple[PartialChange | None, float] = (None, 0.0)
     for part in posterior.parts:
@@ -355,20 +356,20 @@ def _most_changed(posterior: Change, own: float, scatter: float, rule: DecisionR
 
 
 def _excused(posterior: Change, own: float, rule: DecisionRule) -> str | None:
-    """What excuses a change that lies above its threshold, where only that does; ``own``: the threshold without scatter of tight states.
+    """Message on a bolt that is tight only because scatter or leakage lowered its threshold; ``own`` is the threshold without scatter.
 
-    Excuses clear no bolt, least of all one that the data do not see: of the prior itself little lies below a threshold that was lowered.
+    A lowered threshold must not make a bolt tight, least of all one without influence on the data: little of the prior is below it.
     """
     if rule.word(posterior.below(own, 0.0)) != TIGHT:
-        return "no more than tight states scatter, but not clearly above the threshold without that"
+        return "within the scatter of tight states, but without this scatter not clearly above the threshold"
     gap = posterior.sampled is not None and own < rule.mixture_change
     if gap and TIGHT not in (rule.word(posterior.below(rule.mixture_change, 0.0)), rule.word(posterior.below(own, 0.0, changed=True))):
-        return "no more than the gap beside it explains, but not clearly above the threshold without that"
+        return "no more than the gap beside it explains, but without the gap not clearly above the threshold"
     return None
 
 
 def scatter_of(baselines: Iterable[Sequence[BoltVerdict]]) -> TightScatter:
-    """Root mean square of the changes at the bolts of further tight jobs, and how many of these tell it."""
+    """Root mean square of the changes at the bolts of the baselines, and the number of baselines with changes."""
     told = [
         [bolt.change for bolt in bolts if bolt.change is not None and bolt.change_std is not None and bolt.verdict != UNDECIDED]
         for bolts in baselines

@@ -1,4 +1,4 @@
-"""What an identification says of the bolts, as far as it is needed to judge them."""
+"""Evidence: the results of an identification that are needed to judge the bolts; stored, so that another rule can judge them later."""
 
 from __future__ import annotations
 
@@ -12,36 +12,43 @@ from lrbc_cli.arrays import Floats
 from lrbc_cli.updating.normal import NORMAL_95, normal_cdf
 
 if TYPE_CHECKING:
-    # Judging needs nothing of what samples or finds places.
+    # Only for types: judging stored evidence should not load the sampling.
     from lrbc_cli.updating.posterior.mixture import ChangeSamples
     from lrbc_cli.updating.unknowns.places import Edge, Joints, Spot
 
-#: Lower and upper limit, None where open.
+#: Lower and upper limit; None if open.
 Interval = tuple[float | None, float | None]
 
-#: Which channels a misfit was taken over.
+#: Names of the channels over which a misfit is taken.
 VALIDATION, USED = "validation channels", "channels used"
 
 
 def carried(change: Floats | float, tight_std: float) -> Floats:
-    """What an error of the tight state makes of a joint's change [decades].
+    """Standard deviation of a joint's change z that comes from the error of its level k in the tight state [decades].
 
-    FRFs feel the compliance of a joint, and a comparison with the tight state its rise, ``10^-k (10^-z - 1)`` from a level k on by a change
-    z. An error of k leaves that rise as it is where ``dz/dk = -(1 - 10^z)``: it drops out of small changes, and of large ones it does not.
+    FRFs depend on the compliance of a joint, and a comparison with the tight state on its increase ``10^-k (10^-z - 1)``. The same increase
+    results from an error of k if ``dz/dk = -(1 - 10^z)``: the error cancels out of small changes, but not of large ones.
+
+    Parameters
+    ----------
+    change : float or float array
+        z [decades].
+    tight_std : float
+        Standard deviation of k [decades].
     """
     return np.asarray((1.0 - 10.0 ** np.minimum(change, 0.0)) * tight_std)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SampledChange:
-    """Posterior of a change as a sum of pairs of Gaussians, see ``mixture.ChangeSamples``; equal pairs are counted.
+    """Posterior of a change as a mixture of pairs of Gaussians (tight, loose), see ``mixture.ChangeSamples``; equal pairs are merged.
 
     Attributes
     ----------
     count, loose : (s,) tuples of float
-        How often a pair was drawn, and the probability of its loose Gaussian.
+        Number of sweeps with a pair, and the probability of its loose Gaussian.
     means, stds : two (s,) tuples each
-        Of the tight and of the loose Gaussian [decades].
+        Of the tight and of the loose Gaussians [decades].
     """
 
     count: tuple[float, ...] = field(repr=False)
@@ -51,7 +58,7 @@ class SampledChange:
 
     @classmethod
     def of(cls, samples: ChangeSamples, at: int, tight_std: float = 0.0) -> SampledChange:
-        """Those of one of the sampled bolts; of a joint whose level in the tight state has a standard deviation, see ``carried``."""
+        """From the samples of bolt ``at``; the standard deviation of a joint's level in the tight state widens them, see ``carried``."""
         means = samples.means[:, at]
         rows = np.column_stack([samples.loose[:, at], means, np.hypot(samples.stds[:, at], carried(means, tight_std))])
         unique, count = np.unique(rows, axis=0, return_counts=True)
@@ -59,26 +66,26 @@ class SampledChange:
         return cls(count=tuple(count.tolist()), loose=loose, means=(pairs[0], pairs[1]), stds=(pairs[2], pairs[3]))
 
     def below(self, limit: float, scatter: float, *, changed: bool = False) -> float:
-        """Probability that the change lies below a limit, with a further standard deviation [decades]; given that it is loose, if asked."""
+        """Probability that the change is below a limit, with a further standard deviation [decades]; with ``changed`` given it is loose."""
         loose, weight = np.array(self.loose), np.array(self.count) / np.sum(self.count)
         tight_cdf, loose_cdf = normal_cdf((limit - np.array(self.means)) / np.hypot(self.stds, scatter))
         if changed:
             return float(weight @ (loose * loose_cdf)) / max(float(weight @ loose), 1e-300)
-        # Weights that are rounded may add up to more than one.
+        # Rounded weights may add up to more than one.
         return min(float(weight @ ((1.0 - loose) * tight_cdf + loose * loose_cdf)), 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class PartialChange:
-    """Posterior of the change of a joint's springs in one of its groups.
+    """Posterior of the change of a joint's springs in one group.
 
     Attributes
     ----------
     group : str
     mean, std : float
-        Against the tight state [decades].
+        Of the change relative to the tight state [decades].
     deviation : float
-        Standard deviation of such changes about that of the whole joint between tight states [decades].
+        Standard deviation between tight states of a group's change about that of the whole joint [decades].
     """
 
     group: str
@@ -89,29 +96,29 @@ class PartialChange:
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
-    """Posterior of a bolt's change against the tight state [decades].
+    """Posterior of a bolt's change relative to the tight state [decades].
 
     Attributes
     ----------
     mean, std : float
     ceiling : float or None
-        The largest change that the FRFs would feel; None: none.
+        Upper limit of the stated change by saturation of the FRFs; None for no limit.
     excess : float
-        How far the tight state lies above saturation, which is uncertain as much: part of ``mean`` and ``std``.
+        Distance of the tight state above saturation; already added to ``mean`` and, as an uncertainty, to ``std``.
     leakage : float
-        Change that a tight bolt would show of its neighbours' (negative): a loose bolt changes more than that.
+        Change that a tight bolt would show because of its neighbours (negative): the threshold is no higher than that.
     sampled : SampledChange or None
-        Its distribution without ``excess``; None: Gaussian.
+        Distribution without ``excess``; None if Gaussian.
     beyond : float
-        How much further a joint may have loosened (95 %) by errors of its predicted effect that ``std`` does not hold, which is linear.
+        Extension of a joint's 95 % interval downwards by errors of its predicted effect, beyond the linear part in ``std``.
     open_below : bool
-        With those errors it may be free; ``beyond`` has no number for that.
+        Whether with those errors the joint may be free, so that the interval is open.
     may_be_free : bool
-        The data do not object to each of its values being free, all else as identified: of a bolt that seems tight they say nothing then.
+        Whether the data allow all of its values to be free, all else as identified: then they do not show that it is tight.
     unfelt : tuple of str
-        Groups of which that is true where others of the bolt are felt: of these springs the change is told by the others alone.
+        Groups whose springs the data allow to be free, if other groups of the bolt affect the FRFs: these alone determine the change.
     parts : tuple of PartialChange
-        Of a joint with springs in several groups, those whose change is known to within ``deviation``: one may lose what the others hold.
+        Groups of a joint with springs in several groups whose change is known to within ``deviation``.
     """
 
     mean: float
@@ -127,20 +134,20 @@ class Change:
     parts: tuple[PartialChange, ...] = ()
 
     def below(self, limit: float, scatter: float, *, changed: bool = False) -> float:
-        """Posterior probability of a change below a limit, where tight states scatter so much; given that it is loose, if asked."""
+        """Posterior probability of a change below a limit, widened by the scatter of tight states; with ``changed`` given it is loose."""
         if self.sampled is not None:
             return self.sampled.below(limit - self.excess, float(np.hypot(scatter, self.excess)), changed=changed)
         return float(normal_cdf((limit - self.mean) / max(float(np.hypot(self.std, scatter)), 1e-12)))
 
     def interval(self, change: float, std: float) -> Interval:
-        """95 % limits about a change with a standard deviation [decades]; None to the side where they are open."""
+        """95 % interval about a change with a standard deviation [decades]; None as lower limit if open."""
         low = None if self.open_below or self.may_be_free else change - float(np.hypot(NORMAL_95 * std, self.beyond))
         return low, change + NORMAL_95 * std
 
 
 @dataclass(frozen=True, kw_only=True)
 class BoltEvidence:
-    """What an identification says of one bolt.
+    """Results of an identification on one bolt.
 
     Attributes
     ----------
@@ -148,23 +155,23 @@ class BoltEvidence:
     position : (3,) tuple of float
         [m].
     outside : str or None
-        Why no term reaches it: then there are no numbers.
+        Message why no term reaches it; it then has no numbers.
     log10_stiffness : float or None
-        Mean log10 stiffness of the values that it owns, or within half a pitch along the edge.
+        Mean log10 stiffness of the values that it owns, or of those within half a pitch along the edge.
     felt : float or None
-        The same with values above saturation counted as saturated.
+        The same with values above saturation replaced by the stiffness at saturation.
     difference : float or None
-        ``felt`` less that of the tight state, where there is one [decades].
+        ``felt`` less that of the tight state, if there is one [decades].
     change : Change or None
-        Its posterior, where the job was identified against a tight state.
+        Posterior of its change, if the job was identified relative to a tight state.
     probability_changed : float or None
-        That it is loose rather than tight at all, however little it changed.
+        Probability of the loose kind, however small the change.
     joint : bool
-        It owns its terms; else it is a place along an edge.
+        Whether it owns its terms; otherwise it is on an edge.
     tight_std : float or None
-        Standard deviation of the stiffness in the tight state, which is ``felt`` less ``difference``, or ``felt`` in the reference job.
+        Standard deviation of the log10 stiffness in the tight state (``felt - difference``, or ``felt`` in the reference job) [decades].
     groups : tuple of int
-        Numbers of the groups whose values speak for it: bolts of the same ones have the same unit and scale.
+        Indices of the groups of its values: bolts with the same groups have the same unit and scale.
     """
 
     name: str
@@ -182,7 +189,7 @@ class BoltEvidence:
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """What an identification says, as far as it is needed to judge it.
+    """Results of an identification that are needed to judge it.
 
     Attributes
     ----------
@@ -190,30 +197,30 @@ class Evidence:
     status, reason : str
         How the optimisation ended.
     along_edges : bool
-        Whether stiffness was identified that bolts own, or along edges at which they can lie.
+        Whether stiffness was identified that bolts own, or along edges on which bolts can be.
     bolts : tuple of BoltEvidence
     missing_reference : str or None
-        The job that changes were wanted against, and which had no result.
+        Reference job that has no result, although changes relative to it are wanted.
     compared : str or None
-        The channels whose misfit tells whether the model explains the measurement; None where none can be compared.
+        Channels whose misfit shows whether the model explains the measurement, ``VALIDATION`` or ``USED``; None if none can be compared.
     misfit_db : float or None
-        Their mean misfit.
+        Their mean misfit [dB].
     used_misfit_db : float or None
-        Mean misfit of the channels that were fitted.
+        Mean misfit of the channels used (fitted) [dB].
     against_reference : bool
-        What was identified is changes against the reference state.
+        Whether changes relative to the reference state were identified.
     unvalidated : str
-        Why none of them is a validation channel.
+        Why there is no validation channel.
     doubted : str or None
-        What is wrong with the measurement where it is that of the reference job once more, ends before it, or has sensors exchanged.
+        Fault of the measurement that prevents its validation: a copy of the reference job, a truncated file, exchanged sensors, ....
     excused : str
-        What would be wrong with the measurement if the change that was identified did not explain it as well.
+        Apparent fault of the measurement that the identified change explains as well.
     setting : str
         What was compared, and what constant factors explain, for messages.
     data_warnings, warnings, notes : tuples of str
-        On the measurement; what the user has to act on; the rest.
+        Warnings on the measurement, warnings on which the user has to act, and other messages.
     alternatives : tuple of (tuple of float or None, float)
-        States of nearly equal posterior probability: the change of each bolt [decades], None where it has none, and that probability.
+        States of nearly equal posterior probability: the change of each bolt [decades], None if it has none, and the probability.
     """
 
     job: str
@@ -236,7 +243,7 @@ class Evidence:
     excused: str = ""
 
     def beside(self, copied: str | None) -> Evidence:
-        """With a doubt where the measurement is a copy in some way, unless there is one already."""
+        """The same with the message ``copied`` as ``doubted``, unless it is None or there is a doubt already."""
         return self if copied is None or self.doubted else replace(self, doubted=copied)
 
 
@@ -246,16 +253,18 @@ def at_bolts(
     xyz: Floats,
     change_of: Callable[[int, Spot, float | None], Change | None] | None = None,
 ) -> tuple[BoltEvidence, ...]:
-    """What the values of edges and joints say of each bolt.
+    """Evidence of each bolt from the identified values of edges and joints.
 
     Parameters
     ----------
     groups : sequence of Edge or Joints
-        At least one where there are bolts.
+        At least one if there are bolts.
     names : (m,) sequence of str
+        Of the bolts.
     xyz : (m, 3) float array
+        Positions of the bolts [m].
     change_of : callable or None
-        Posterior of the change of a bolt by its number, spot and difference, where the job was identified against a tight state.
+        Posterior of a bolt's change, from its index, ``Spot`` and difference; None if the job is not compared with a tight state.
     """
     from lrbc_cli.updating.unknowns.places import Joints, spots
 

@@ -1,4 +1,4 @@
-"""The tight state that other jobs are compared with, as its own job found it."""
+"""The reference state: the tight state that other jobs are compared with, as identified from the reference job."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ class GroupState:
     Attributes
     ----------
     log10 : (k,) float array
-        Identified values.
+        Identified log10 values p.
     damping_exponent : float or None
+        p_damp.
     log10_effective : (k,) float array
-        Of the smoothed terms.
+        Effective values ``log10(W 10^p)``.
     std, upper95 : (k,) float arrays or None
-        Of these [decades]; NaN where there is no limit.
+        Standard deviation and upper 95 % limit of the effective values [decades]; NaN if open.
     """
 
     log10: Floats
@@ -33,7 +34,7 @@ class GroupState:
 
 @dataclass(frozen=True, kw_only=True)
 class ReferenceState:
-    """What identifying and judging a job take of its reference job.
+    """Results of the reference job that the identification and judgement of other jobs use.
 
     Attributes
     ----------
@@ -41,19 +42,19 @@ class ReferenceState:
     parameters : mapping
         State of each parameter group, by name.
     covariance : (n, n) float array or None
-        Of all values and damping exponents, in the order of the groups.
+        Covariance of theta: all values and damping exponents, in the order of the groups.
     sigma_db : float
-        Scatter of the residuals [dB].
+        Standard deviation of the residuals [dB].
     misfit_db, validation_db : float or None
         Mean misfit of the responses used, and of the validation channels [dB].
     hammer_offset_m : mapping
-        Where the hammer hit, by excitation and direction [m].
+        Offset of the hammer point, by excitation and direction [m].
     gain_db : mapping
-        By how much its FRFs lie above the model's at all lines, by response [dB].
+        Gain of its measured FRFs relative to the model, by response [dB].
     explained : bool
-        The model explains its measurement, by the rule that it was judged by.
+        Whether the model explains its measurement, by the rule that it was judged with.
     inputs : frozenset of str
-        SHA-256 of the files that it was identified from.
+        SHA-256 digests of the files from which it was identified.
     """
 
     job: str
@@ -68,5 +69,5 @@ class ReferenceState:
     inputs: frozenset[str] = field(default_factory=frozenset, repr=False)
 
     def misfit_of(self, channels: str | None) -> float | None:
-        """Mean misfit of these channels [dB]."""
+        """Mean misfit of the validation channels or, for any other name, of the channels used [dB]."""
         return self.validation_db if channels == VALIDATION else self.misfit_db

@@ -1,4 +1,4 @@
-"""The decision rule: from the posterior probability that a bolt is loose to a verdict, and what counts as explained."""
+"""The decision rule: thresholds of a change, posterior probability of a verdict, limits of the misfit; guide, *statistics*, 7 and 8."""
 
 from __future__ import annotations
 
@@ -6,74 +6,73 @@ from dataclasses import dataclass
 
 import numpy as np
 
-#: Words of a verdict; that on a bolt that no term reaches: the FRFs say nothing of it, so it has no numbers.
+#: Words of a verdict. ``outside`` is for a bolt that no term reaches: the FRFs contain no information on it, so it has no numbers.
 TIGHT, LOOSE, UNDECIDED, OUTSIDE = "tight", "loose", "undecided", "outside"
 
 
 @dataclass(frozen=True)
 class TightScatter:
-    """Changes between tight states.
+    """Scatter of the changes between tight states.
 
     Attributes
     ----------
     rms : float
-        [decades].
+        Root mean square change [decades].
     baselines : int
-        Of how many further tight states.
+        Number of baselines that it comes from.
     """
 
     rms: float = 0.0
     baselines: int = 0
 
 
-#: Of a campaign without baselines.
+#: For a campaign without baselines.
 NO_SCATTER = TightScatter()
 
 
 @dataclass(frozen=True, kw_only=True)
 class DecisionRule:
-    """When a bolt is judged, and when none may be.
+    """Numbers that turn a posterior into a verdict, and misfits into explained, validated or neither.
 
     Attributes
     ----------
     loose_change : float
-        Change of log10 stiffness below which a bolt is loose, where its posterior is Gaussian (negative) [decades]. A
-        choice: a third of the stiffness is left.
+        Change of log10 stiffness (negative) below which a bolt is loose, if its posterior is Gaussian [decades]. A choice: a third of the
+        stiffness is left.
     mixture_change : float
-        The same where the change was sampled as tight or loose: less spreads to the neighbours. A choice; with it no bolt of the 50 tight
-        campaigns of the benchmarks was called loose.
+        The same if the change was sampled as tight or loose, which spreads less to the neighbours [decades]. A choice; with it no bolt of
+        the 50 tight campaigns of the benchmarks was called loose.
     confidence : float
         Posterior probability that a verdict, loose or tight, needs.
     largest_misfit : float
-        Mean misfit above which the model does not explain the measurement, so that no bolt is judged [dB]: of the reference job, and of
+        Mean misfit above which the model does not explain the measurement, so that no bolt is judged [dB]; for the reference job, and for
         jobs that are compared with none.
     validated_misfit : float
-        Mean misfit above which nothing is validated, whatever else is judged; √2 times that of the reference job counts as one, too
-        [dB]. The usual ``largest_misfit``.
+        Mean misfit, or √2 times that of the reference job, above which a job is judged but not validated [dB]. Usually ``largest_misfit``.
     misfit_margin : float
-        Mean misfit above that of the reference job, over the same channels, from which on a state is not explained [dB]; 0:
-        ``largest_misfit`` alone holds, as where it is given. A choice: states of the samples lie within 0.3 of their reference, of 7 states
-        of virtual rigs above 3 dB the four that had been found right within 0.8 to 1.4, the three wrong ones at 2 and more.
+        Largest excess of the mean misfit over that of the reference job, over the same channels, for a state that counts as explained [dB];
+        0 if ``largest_misfit`` alone decides. A choice: states of the samples are within 0.3 of their reference; of 7 states of virtual
+        rigs above 3 dB the four correct ones are within 0.8 to 1.4, the three wrong ones at 2 and more.
     scatter_margin : float
-        Standard deviations of the changes between tight states that the threshold keeps from zero: of a normal distribution 1 in 30 000
-        lies beyond four.
+        Distance of the threshold from zero in standard deviations of the changes between tight states: 1 in 30 000 of a normal
+        distribution is beyond four.
     joint_margin : float
-        The same of joints, where tight states scatter by a quarter of a decade. A choice; with ``joint_spread`` a joint is loose from 3.3
-        of these standard deviations on (1 tight one in 2000), and tight down to 1.7.
+        The same for joints, which scatter by a quarter of a decade between tight states. A choice; with ``joint_spread`` a joint is loose
+        from 3.3 of these standard deviations (1 tight one in 2000), and tight up to 1.7.
     joint_scatter : float
-        Standard deviation of the changes of joints between tight states where no baseline tells it [decades]: torques that scatter by 30 %
-        in both states, and a seat. 0.18 to 0.28 on virtual rigs.
+        Standard deviation of the changes of joints between tight states if there is no baseline [decades]: torques that scatter by 30 % in
+        both states, and the seat. 0.18 to 0.28 on virtual rigs.
     joint_assumed : float
-        Baselines that ``joint_scatter`` counts as where those measured scatter less. A choice: a single one, of a dozen joints, stated 0.06
-        to 0.36 decades on 20 virtual campaigns whose tight joints scatter by 0.16 to 0.23.
+        Number of baselines as which ``joint_scatter`` counts if the measured ones scatter less. A choice: a single one of a dozen joints
+        gave 0.06 to 0.36 decades in 20 virtual campaigns whose tight joints scatter by 0.16 to 0.23.
     joint_spread : float
-        Share of that scatter by which the posterior of a joint's change is widened: the rest is what tight joints do, not an error of this
-        change. A choice.
+        Share of that scatter by which the posterior of a joint's change is widened; the rest is behaviour of tight joints, not an error of
+        this change. A choice.
     contrast_quantile : float
-        Without a tight state bolts are compared with this quantile of them. A choice: some of a row may be loose.
+        Quantile of all bolts with which each is compared if there is no tight state. A choice: some of a row may be loose.
     copied_db : float
-        Jobs hold one measurement, written with other digits, where all figures of its levels differ by no more [dB]: no two blows of a
-        hammer give the same means over hundreds of lines.
+        Largest difference of all figures of the levels of two jobs with the same measurement, written with other digits [dB]: two blows
+        of a hammer never have the same mean levels over hundreds of lines.
     """
 
     loose_change: float = -0.5
@@ -91,7 +90,7 @@ class DecisionRule:
     copied_db: float = 2e-4
 
     def scatter(self, measured: TightScatter, joint: bool) -> float:
-        """Standard deviation of the changes between tight states [decades]: as baselines tell it, or of joints without any as assumed."""
+        """Standard deviation of the changes between tight states [decades]: from baselines, for joints combined with that assumed."""
         if not joint:
             return measured.rms
         assumed, told = self.joint_assumed, measured.baselines
@@ -99,15 +98,15 @@ class DecisionRule:
         return max(measured.rms, float(believed))
 
     def limit(self, change: float, scatter: float, joint: bool = False) -> float:
-        """A threshold, or further down where tight states scatter that much [decades]."""
+        """Threshold of a change: ``change``, lowered if the scatter of tight states requires it [decades]."""
         return min(change, -(self.joint_margin if joint else self.scatter_margin) * scatter)
 
     def most_db(self, before: float | None) -> float:
-        """Mean misfit above which a state is not explained [dB], that of the reference job being ``before``; None: not known."""
+        """Mean misfit above which a state is not explained [dB]; ``before`` is that of the reference job, None if not known."""
         if before is None or before > self.largest_misfit or not self.misfit_margin:
             return self.largest_misfit
         return before + self.misfit_margin
 
     def word(self, probability: float) -> str:
-        """Verdict at a posterior probability of being loose."""
+        """Verdict for a posterior probability of being loose."""
         return LOOSE if probability >= self.confidence else TIGHT if probability <= 1.0 - self.confidence else UNDECIDED

@@ -1,1 +1,1 @@
-"""The uncertainty after a fit: covariance, sampling of tight or loose, intervals; and what can be predicted beforehand."""
+"""The uncertainty after a fit: covariance, sampling of tight or loose, intervals; and its prediction before a measurement."""

@@ -1,4 +1,4 @@
-"""From the posterior to what a reader wants: confidence intervals along the edge, closed or open to one side."""
+"""95 % intervals from the posterior: of the stiffness along an edge and of the changes of joints, open to a side if saturated."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.model.terms import LN10, ParameterGroup, Parameterisation
 from lrbc_cli.updating.normal import NORMAL_95
 
-#: Increase of the data's sum of squares over the noise that 95 % of fluctuations do not reach (chi-squared, one unknown).
+#: 95 % quantile of chi-squared with one degree of freedom: limit for the increase of the data's sum of squares over their variance.
 CHI2_95 = NORMAL_95**2
 
 
 @dataclass(frozen=True)
 class Band:
-    """Confidence along one group.
+    """Uncertainty of the k effective values ``log10(W 10^p)`` of one group.
 
     Attributes
     ----------
     std : (k,) float array
-        Of log10(W 10^p), linearised.
+        Standard deviations, linearised [decades].
     lower, upper : (k,) float arrays
-        95 % limits of log10(W 10^p); infinite where the data say nothing to that side.
+        95 % limits; infinite on a side where the interval is open.
     """
 
     std: Floats
@@ -33,16 +33,17 @@ class Band:
 
 
 def band(group: ParameterGroup, p: Floats, covariance: Floats, opens: tuple[Bools, Bools]) -> Band:
-    """Confidence of the effective values of a group.
+    """Standard deviations and 95 % intervals of the effective values of a group.
 
     Parameters
     ----------
     group : ParameterGroup
     p : (k,) float array
+        log10 values of the group.
     covariance : (k, k) float array
         Of p.
     opens : two (k,) bool arrays
-        Where the interval opens downwards and upwards.
+        Whether an interval is open downwards, and upwards, see ``open_values``.
 
     Returns
     -------
@@ -59,27 +60,27 @@ def band(group: ParameterGroup, p: Floats, covariance: Floats, opens: tuple[Bool
 
 
 def beyond_errors(change: float, steps: Floats, speeds: Floats, share: float) -> float:
-    """How much further a joint may have loosened where its predicted effect is wrong by a share, common to all resonances [decades].
+    """How far the 95 % interval of a joint's change extends below the linear one, if its predicted effect on the FRFs errs by a share.
 
-    FRFs tell a change by the way that they have gone with it, ``L(z) = integral of the speed from 0 to z``. What errs by ``share L``
-    (standard deviation) is compatible with changes up to ``L(z) = (1 + 1.96 share) L(change)``: where FRFs hardly move any more, a joint
-    that is nearly free, that is far from the change, or free. Of it the part that is proportional to the change, ``1.96 share change``,
-    is taken out, in squares: standard deviations hold it.
+    The FRFs determine a change by the path that they have moved, ``L(z) = integral of the speed from 0 to z``. If ``L`` has the relative
+    standard deviation ``share``, changes up to ``L(z) = (1 + 1.96 share) L(change)`` are possible. For a nearly free joint, where FRFs
+    hardly move, this z is far below the change, or the joint may be free. The part proportional to the change, ``1.96 share change``, is
+    subtracted (in squares), because standard deviations already contain it.
 
     Parameters
     ----------
     change : float
-        Negative.
+        Identified change, negative [decades].
     steps : (k,) float array
-        From 0 down to where the joint is free; [decades], as ``change``.
+        Changes from 0 down to that of a free joint [decades].
     speeds : (k,) float array
-        Of the FRFs there, see ``FrfModel.speeds``.
+        Speed of the FRFs there [1/decade], see ``FrfModel.speeds``.
     share : float
 
     Returns
     -------
     float
-        Zero or more; infinite where it may be free.
+        Zero or more [decades]; infinite if the joint may be free.
     """
     way = np.concatenate([[0.0], np.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * np.abs(np.diff(steps)))])
     gone = float(np.interp(-change, -steps, way))
@@ -91,23 +92,24 @@ def beyond_errors(change: float, steps: Floats, speeds: Floats, share: float) ->
 
 
 def open_sides(data: Callable[[Floats], float], theta: Floats, patches: Floats, bounds: Floats, variance: float) -> tuple[Bools, Bools]:
-    """Where the data do not object to a stretch of the edge being free, or clamped.
+    """Whether the data allow patches of values to be free (at their lower bound), or clamped (at their upper bound).
 
     Parameters
     ----------
     data : callable
-        Sum of squares of the data residuals at theta.
+        Sum of squares of the data residuals at theta [dB²].
     theta : (size,) float array
+        The optimum.
     patches : (size, q) float array
-        Stretches of an edge, weights from 0 to 1.
+        Patches of values, with weights from 0 to 1.
     bounds : (size, 2) float array
     variance : float
-        Of the noise, correlation included.
+        Of a residual, correlation included [dB²].
 
     Returns
     -------
     down, up : (q,) bool arrays
-        Whether moving the stretch to its lower or upper bound costs less than ``CHI2_95``.
+        Whether moving a patch to its lower or upper bound raises the sum of squares by less than ``CHI2_95 variance``.
     """
     base = data(theta)
     found = []
@@ -121,20 +123,20 @@ def open_sides(data: Callable[[Floats], float], theta: Floats, patches: Floats, 
 def open_values(
     parameters: Parameterisation, pitch: float, data: Callable[[Floats], float], theta: Floats, variance: float
 ) -> tuple[Bools, Bools]:
-    """Where the data do not object to a stretch of half a pitch about a stiffness value, or to a joint's value, being free, or clamped.
+    """Whether the data allow each stiffness value to be free, or clamped: on an edge with all values within half a pitch of it.
 
     Parameters
     ----------
     parameters : Parameterisation
     pitch : float
-        Of the bolts [m]; the distance of the values counts where it is larger.
+        Of the bolts [m]; half of it is replaced by the median distance of the values if that is larger.
     data, theta, variance
         See ``open_sides``.
 
     Returns
     -------
     down, up : (size,) bool arrays
-        False for values that are no stiffness.
+        Whether the interval is open to that side; False for entries of theta that are no stiffness.
     """
     size = parameters.size
     patches, owner = [], []

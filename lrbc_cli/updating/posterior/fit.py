@@ -1,4 +1,7 @@
-"""One identification with its confidence: weight of the prior from the noise, nuisances, posterior covariance."""
+"""One identification with its uncertainty: weight of the prior from the noise, nuisance parameters, posterior covariance.
+
+The descents themselves are those of ``search``; here cost, weights and covariance are set about them.
+"""
 
 from __future__ import annotations
 
@@ -16,33 +19,34 @@ from lrbc_cli.updating.search.optimise import HistoryEntry, Objective, Solution
 from lrbc_cli.updating.statistics.noise import Noise, estimate_noise, widened
 from lrbc_cli.updating.unknowns.shapes import Shapes
 
-#: Weight that stands for none where the rows of something else share it.
+#: Weight of a penalty that is off, where it cannot be zero because other rows are scaled by it.
 LEAST_ETA = 1e-30
 
 
 @dataclass(frozen=True, kw_only=True)
 class Posterior:
-    """What is known after an identification, linearised about its optimum.
+    """Gaussian posterior of m boundary unknowns z and k nuisance parameters, linearised about the optimum.
 
     Attributes
     ----------
     shapes : Shapes
-        The boundary unknowns z come first, ``nuisances`` after them.
+        Maps z to theta.
     nuisances : tuple of Nuisance
-    z, values : float arrays
-        Optimum of both.
+        They follow z in the covariance.
+    z, values : (m,) and (k,) float arrays
+        Optimum of z and of the nuisance parameters.
     covariance : (m + k, m + k) float array
-        ``s² (JᵀJ + eta PᵀP)⁻¹``, prior included.
+        ``variance (JᵀJ + eta RᵀR)⁻¹``, prior included.
     noise : Noise
-        ``s²`` is its variance.
+        Gives the variance.
     prior_std : (m,) float array
-        Standard deviations of z in the prior, ``s / sqrt(eta)`` times those of the shapes.
+        Standard deviations of z in the prior, ``sqrt(variance / eta)`` times those of the shapes.
     about : (size, size) float array or None
-        Part of the covariance of theta that the state has about which z are changes; None where that is no estimate.
+        Covariance of theta that comes from the reference state, which z is a change of; None if that is no estimate.
     own : (m, m) float array or None
-        Covariance of z without that part; None where they are the same.
+        Covariance of z without the errors of the reference state; None if these do not contribute.
     told : (m + k, m + k) float array or None
-        What of the covariance the errors of the data make, see ``noise.widened``.
+        Part of the covariance that comes from errors of the data, see ``noise.widened``.
     """
 
     shapes: Shapes
@@ -57,30 +61,30 @@ class Posterior:
     told: Floats | None = None
 
     def wider(self, ratio: float) -> Posterior:
-        """The same where the data err by so many times as much as their residuals, see ``noise.validation_ratio``."""
+        """The same with errors of the data ``ratio`` times as large as their residuals, see ``noise.validation_ratio``."""
         told, m = np.zeros_like(self.covariance) if self.told is None else self.told, self.z.size
         own = None if self.own is None else widened(self.own, told[:m, :m], ratio)
         return replace(self, covariance=widened(self.covariance, told, ratio), own=own, noise=replace(self.noise, ratio=ratio))
 
     @property
     def boundary(self) -> Floats:
-        """(size, size) covariance of theta, nuisances marginalised."""
+        """(size, size) covariance of theta, nuisance parameters marginalised, errors of the reference state included."""
         m = self.z.size
         covariance = self.shapes.T @ (self.covariance[:m, :m] if self.own is None else self.own) @ self.shapes.T.T
         return np.asarray(covariance if self.about is None else covariance + self.about)
 
     def about_estimate(self, state: Floats, jacobian: Floats | None = None, by_theta: Floats | None = None) -> Posterior:
-        """The same where the prior is the state of another job, known with a covariance of its own.
+        """The same with the error of the reference state added, of which theta is a change.
 
-        An error of that state moves the optimum against it as far as the data see it: ``dz = -(JᵀJ + eta PᵀP)⁻¹ Jᵀ J_theta dtheta``.
+        An error dtheta of that state moves the optimum by ``dz = -(JᵀJ + eta RᵀR)⁻¹ Jᵀ J_theta dtheta``.
 
         Parameters
         ----------
         state : (size, size) float array
-            Covariance of theta there.
+            Covariance of theta in the reference state.
         jacobian, by_theta : (n, m + k) and (n, size) float arrays or None
-            Of the data residuals to the unknowns and to theta; None where the comparison is with FRFs of that state, so that its error
-            drops out of the changes.
+            Jacobians of the data residuals to the unknowns and to theta; None for a relative comparison, in which the error of the
+            reference state cancels out of the changes.
         """
         size, m = self.shapes.T.shape
         moved = np.zeros((self.covariance.shape[0], size))
@@ -97,20 +101,20 @@ class Posterior:
 
     @property
     def std(self) -> Floats:
-        """(m + k,) standard deviations of z and of the nuisances."""
+        """(m + k,) standard deviations of z and of the nuisance parameters."""
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
 
 def residual_places(misfit: Misfit, selected: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Measured line and response of each data residual; real and imaginary parts count as different responses.
+    """(n,) measured line and (n,) response of each data residual; the imaginary part (phase) counts as a further response.
 
     Parameters
     ----------
     misfit : Misfit
     selected : (F,) int array
-        Index of each of its lines among the measured ones.
+        Index of each line of the misfit among the measured lines.
     count : int
-        Number of its data residuals.
+        Number n of data residuals.
     """
     line, response = np.nonzero(misfit.valid)
     line = selected[line]
@@ -120,7 +124,7 @@ def residual_places(misfit: Misfit, selected: NDArray[np.int64], count: int) -> 
 
 
 def noise_of(misfit: Misfit, evaluation: Evaluation, selected: NDArray[np.int64]) -> Noise:
-    """Noise from the residuals of an evaluation, coarsened where joints are sought: values along an edge are held by their neighbours."""
+    """Noise from the residuals of an evaluation, see ``estimate_noise``, with the coarsening of the misfit."""
     rows = misfit.data_rows(evaluation)
     line, response = residual_places(misfit, selected, rows)
     errors = replace(misfit.errors, coarsening=misfit.coarsening)
@@ -130,25 +134,26 @@ def noise_of(misfit: Misfit, evaluation: Evaluation, selected: NDArray[np.int64]
 def weighed(
     misfit: Misfit, evaluation: Evaluation, noise: Noise, theta: Floats, error: ChangeError | None, damped: bool = False
 ) -> tuple[Misfit, float]:
-    """The cost with its lines weighted against the model discrepancy at an optimum, and the noise variance to be expected then.
+    """The cost with the covariance of its residuals updated at an optimum, and the variance that a residual then has.
 
     Parameters
     ----------
     misfit : Misfit
     evaluation : Evaluation
-        There, as the misfit gives it.
+        Of the misfit at theta.
     noise : Noise
-        By that evaluation.
+        Estimated from that evaluation.
     theta : (size,) float array
+        The optimum.
     error : ChangeError or None
-        How wrong predicted changes may be; None where none are predicted.
+        Errors of predicted changes; None in a state that is no change of another.
     damped : bool
-        Go half the way only, in logarithms: two levels can lead to each other.
+        Move the model discrepancy half the way only, in logarithms: two levels can lead to each other.
 
     Returns
     -------
     Misfit, float
-        [dB²]
+        The variance in dB².
     """
     before = misfit.level
     misfit = misfit.gained_about(theta) if error is None else misfit.about(theta, error)
@@ -161,10 +166,10 @@ def weighed(
 
 
 def no_worse(objective: Objective, solution: Solution, places: Sequence[Floats], again: Callable[[Floats], Solution]) -> Solution:
-    """Descend anew from an earlier place that the last weights and the dB misfit both prefer to the solution.
+    """Descend again from an earlier place if both the last cost and the mean misfit are lower there than at the solution.
 
-    Weights change from round to round, and the last round may have left what it would now keep. The cost alone does not decide: weights
-    of a loosened state forgive the tight one.
+    Weights change from round to round, so an earlier place may be better by the last ones. The cost alone does not decide, because the
+    covariance of a loosened state tolerates the residuals of the tight one.
 
     Parameters
     ----------
@@ -174,12 +179,12 @@ def no_worse(objective: Objective, solution: Solution, places: Sequence[Floats],
     places : sequence of (size,) float arrays
         Starts, and ends of earlier rounds.
     again : callable
-        A descent of the last cost.
+        Descent of the last cost from a theta.
 
     Returns
     -------
     Solution
-        With all evaluations in its history.
+        The better of both, with all evaluations in its history.
     """
     here, *values = [objective(theta) for theta in (solution.theta, *places)]
     history = list(solution.history)
@@ -211,28 +216,29 @@ def follow_noise(
     change: float = 0.05,
     rounds: int = 6,
 ) -> tuple[Misfit, Solution, Noise]:
-    """Set the weight of the prior by the noise, ``eta = s²`` on rows in standard deviations, and descend again until both agree.
+    """Alternate descents with updates of the weights and of the prior, ``eta = variance``, until the variance of the residuals settles.
 
     Parameters
     ----------
     misfit : Misfit
-        Its rows are in standard deviations of the prior.
+        Its rows R are in standard deviations of the prior.
     solution : Solution
-        Where to begin.
+        Start of the first round.
     again : callable
-        The descent of a round, with its own limit and stop rule: from a misfit and a theta to a solution whose Jacobian is to z.
+        The descent of a round: from a misfit and a theta to a solution whose Jacobian is to z.
     selected : int array
+        See ``residual_places``.
     error : ChangeError or None
         See ``weighed``.
     starts : sequence of (size,) float arrays
-        Further places than the ends of the rounds to which the last end is compared, see ``no_worse``.
+        Places that the last end is compared with, besides the ends of the rounds, see ``no_worse``.
     change, rounds : float, int
-        The weight follows the noise until its variance changes by a smaller share, or so many times.
+        End when the variance changes by a smaller share than this, or after so many rounds.
 
     Returns
     -------
     Misfit, Solution, Noise
-        With the last weight and the status of the last round; evaluations and history of all rounds.
+        With the last weights and the status of the last round, but evaluations and history of all rounds.
     """
     places, errors = [*starts], misfit.errors
     noise = noise_of(misfit, solution.evaluation, selected)
@@ -249,7 +255,7 @@ def follow_noise(
         solution = replace(found, iterations=iterations, evaluations=evaluations, history=tuple(history), starts=solution.starts)
         noise = noise_of(misfit, solution.evaluation, selected)
         if misfit.weighted and solution.evaluation.misfit_db > errors.runaway * kept[1].evaluation.misfit_db + errors.least_runaway_db:
-            # Weights of a loosened state forgive the tight one: from there the noise would only grow.
+            # The covariance of a loosened state tolerates these residuals: in further rounds the noise would only grow.
             misfit, solution, noise = kept
             solution = replace(solution, iterations=iterations, evaluations=evaluations, history=tuple(history))
             break
@@ -260,7 +266,7 @@ def follow_noise(
 
 
 def extended_misfit(misfit: Misfit, model: Sensitive, nuisances: Sequence[Nuisance], variance: float) -> Misfit:
-    """The same cost with further unknowns, each with its Gaussian prior.
+    """The same cost with nuisance parameters as further unknowns, each with its Gaussian prior.
 
     Parameters
     ----------
@@ -268,9 +274,9 @@ def extended_misfit(misfit: Misfit, model: Sensitive, nuisances: Sequence[Nuisan
     model : ExtendedFrf
     nuisances : sequence of Nuisance
     variance : float
-        Of the noise: a standard deviation of a nuisance costs as much as one of the data.
+        Of a residual [dB²]: one standard deviation of a nuisance parameter costs as much as one of a residual.
     """
-    # Without a prior of the boundary the rows of the nuisances still need a weight.
+    # Without a prior of the boundary (eta = 0) the rows of the nuisance parameters still need a weight.
     eta = misfit.eta or LEAST_ETA
     rows = np.zeros((misfit.rows.shape[0] + len(nuisances), misfit.rows.shape[1] + len(nuisances)))
     rows[: misfit.rows.shape[0], : misfit.rows.shape[1]] = misfit.rows
@@ -281,19 +287,19 @@ def extended_misfit(misfit: Misfit, model: Sensitive, nuisances: Sequence[Nuisan
 
 
 def posterior(misfit: Misfit, solution: Solution, shapes: Shapes, nuisances: Sequence[Nuisance], noise: Noise, prior: Floats) -> Posterior:
-    """Covariance at the optimum.
+    """Posterior at the optimum: ``variance (JᵀJ + eta RᵀR)⁻¹``, see the guide's statistics page, section 5.
 
     Parameters
     ----------
     misfit : Misfit
-        As it was minimised, nuisances included.
+        As it was minimised, nuisance parameters included.
     solution : Solution
-        Theta with the nuisances behind it; its Jacobian is to z and the nuisances.
+        Its theta ends with the nuisance parameters; its Jacobian is to z and the nuisance parameters.
     shapes : Shapes
     nuisances : sequence of Nuisance
     noise : Noise
     prior : (size,) float array
-        Of theta.
+        Prior mean of theta, without nuisance parameters.
 
     Returns
     -------
@@ -302,11 +308,11 @@ def posterior(misfit: Misfit, solution: Solution, shapes: Shapes, nuisances: Seq
     J = solution.evaluation.jacobian
     normal = J.T @ J
     size = prior.size
-    # Theta does not tell apart bolts in one place, or more bolts than terms: of such differences the prior says all there is.
+    # Directions of z that leave theta unchanged (bolts in one place, more bolts than terms) are determined by the prior alone.
     blind = np.eye(shapes.T.shape[1]) - np.linalg.pinv(shapes.T) @ shapes.T
     blind *= np.where(np.isfinite(shapes.std), 1.0 / shapes.std, 0.0)[:, None]
     normal[: blind.shape[0], : blind.shape[0]] += misfit.eta * blind.T @ blind
-    # Unknowns that neither data nor prior hold have no finite variance: a share of round-off stands for none.
+    # Unknowns without data and prior have no finite variance: a precision far below the largest one keeps the matrix regular.
     floor = 1e-10 * max(float(np.diag(normal).max(initial=0.0)), np.finfo(float).tiny)
     inverse = np.linalg.inv(normal + floor * np.eye(normal.shape[0]))
     rows = misfit.data_rows(solution.evaluation)

@@ -1,6 +1,6 @@
-"""What measurements can tell of the changes at bolts before there are any: Fisher information, and how clearly a loosened bolt shows.
+"""Prediction before a measurement (``lrbc plan``): Fisher information on the changes at bolts, and how detectable a loosened bolt is.
 
-Every response contributes a sum of its own, so that a set of responses is judged by adding what its members contribute.
+Each response adds its own terms to the sums, so a set of responses is judged by adding the contributions of its members.
 """
 
 from __future__ import annotations
@@ -17,43 +17,43 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.updating.misfit.frf import Sensitive
 from lrbc_cli.updating.statistics.residuals import DataResidual, ResidualOptions
 
-#: Losses of stiffness that are asked of every bolt [decades]: two thirds, nine tenths and all but a hundredth of it; the one on which the
-#: word for a bolt rests, and what responses are worth.
+#: Losses of stiffness that are examined for every bolt [decades]: two thirds, nine tenths and 99 %. The second constant is the loss that
+#: decides whether a bolt is detectable, and by which responses are ranked.
 LOSSES, LOSS = (0.5, 1.0, 2.0), 1.0
 
-#: Standard deviation of a line where none is known [dB], noise and model error of a calibrated model, and its correlation factor: see
-#: ``Noise``. Identifications of the virtual rigs have factors from 1.5 to 2.4.
+#: Standard deviation of a line if none is known [dB], for noise and model error of a calibrated model, and its correlation factor, see
+#: ``Noise``. Identifications of virtual rigs have factors from 1.5 to 2.4.
 SIGMA_DB, FACTOR = 1.0, 2.0
 
-#: Values this far below the strongest of their quantity drown in the noise of the measuring chain [dB].
+#: Distance of the noise of the measuring chain from the strongest value of a physical quantity [dB].
 RANGE_DB = 80.0
 
-#: A bolt is detectable where the probability of a right verdict is at least the first, and not detectable where it is below the second.
+#: A bolt is detectable if the probability of a correct verdict is at least the first, and not detectable if it is below the second.
 DETECTABLE, HIDDEN = 0.8, 0.2
 
-#: Changes smaller than this are none [decades]: the value stands at its bound.
+#: Smaller changes count as none, because the value is at its bound [decades].
 LEAST_CHANGE = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """What each of R responses contributes, of K unknowns and N bolts.
+    """Contributions of each of R responses to the information on K unknowns, N of which may be changes at bolts.
 
     Attributes
     ----------
     prior : (K, K) float array
         Precision of the unknowns before the measurement.
     columns : (N,) int array
-        Unknown of each bolt; -1 where none feels it.
+        Unknown of each bolt; -1 if no term reaches it.
     change : (N,) float array
-        Its finite change [decades]; 0 where the bounds allow none.
+        Finite change of each bolt [decades]; 0 if the bounds allow none.
     tangent : (R, K, K) float array
-        Fisher information ``JᵀJ/s²`` about the state.
+        Fisher information ``JᵀJ/s²`` at the state.
     secant : (R, K, K) float array
-        The same with the columns of the bolts replaced by slopes over their finite changes: about a saturated state a tangent hides
-        what neighbours can imitate.
+        The same with the columns of the bolts replaced by difference quotients over their finite changes: at a saturated state the
+        tangents do not show how far neighbours can imitate a change.
     product : (N, R, K) float array
-        ``Jᵀd/s²`` with the secant J and the differences d that the finite change makes.
+        ``Jᵀd/s²`` with the secant J and the differences d caused by the finite change of a bolt.
     square : (N, R) float array
         ``dᵀd/s²``.
     """
@@ -68,20 +68,18 @@ class Experiment:
 
     @property
     def responses(self) -> int:
-        """Their number R."""
+        """Number of responses R."""
         return int(self.square.shape[1])
 
 
 def fading(y: NDArray[np.complexfloating], quantity: Sequence[str]) -> Floats:
-    """Weights of lines that come near the noise of the measuring chain.
-
-    A floor ``f`` of noise power adds its share to the variance of the level, so that a line counts by ``1/sqrt(1 + f/|y|²)``.
+    """Weights of lines near the noise floor of the measuring chain: ``1/sqrt(1 + f/|y|²)`` with the noise power f.
 
     Parameters
     ----------
     y : (F, R) complex array
     quantity : sequence of str
-        Of each response; the floor lies ``RANGE_DB`` below the strongest value of a quantity.
+        Physical quantity of each response; f is ``RANGE_DB`` below the strongest value of a quantity.
 
     Returns
     -------
@@ -98,16 +96,16 @@ def fading(y: NDArray[np.complexfloating], quantity: Sequence[str]) -> Floats:
 
 @dataclass(frozen=True)
 class Unknowns:
-    """What measurements are to tell, of K unknowns and N bolts.
+    """The K unknowns u of a planned measurement, ``theta + T u``.
 
     Attributes
     ----------
     T : (size, K) float array
-        ``theta + T u`` for the unknowns u, nuisances among them.
+        Nuisance parameters included.
     prior : (K, K) float array
-        Their precision.
+        Prior precision of u.
     columns : (N,) int array
-        See ``Experiment``.
+        Unknown of each of N bolts, see ``Experiment``.
     """
 
     T: Floats
@@ -125,22 +123,26 @@ def experiment(
     options: ResidualOptions,
     quantity: Sequence[str],
 ) -> Experiment:
-    """Evaluate the model about the state and about the state with each bolt changed.
+    """Contributions of all responses, from the model at the state theta and with each bolt changed.
 
     Parameters
     ----------
     model : Sensitive
-        FRFs of all responses at the lines that are to be compared.
+        FRFs of all responses at the lines to be compared.
     theta : (size,) float array
     unknowns : Unknowns
     changed : callable
-        FRFs with one of the bolts changed, and by how much [decades]: as far as its bounds let it.
+        From the index of a bolt to the FRFs (F, R) with this bolt changed, and its change as far as its bounds allow [decades].
     variance : float
         ``s²`` of a residual, correlation included [dB²].
     options : ResidualOptions
         How differences are formed.
     quantity : sequence of str
-        Of each response.
+        Physical quantity of each response.
+
+    Returns
+    -------
+    Experiment
     """
     N, K = unknowns.columns.size, unknowns.T.shape[1]
     y, J = _evaluate(model, theta, options)
@@ -172,13 +174,13 @@ def experiment(
 
 
 class _Scaled:
-    """Residuals against FRFs y, and their Jacobian to the unknowns, in standard deviations and one response each."""
+    """Residuals relative to FRFs y and their Jacobian to the unknowns, in standard deviations, for each response separately."""
 
     def __init__(self, y: NDArray[np.complexfloating], weights: Floats, T: Floats, options: ResidualOptions) -> None:
         self._residuals, self._weights, self._T = [_data(y[:, [r]], options) for r in range(y.shape[1])], weights, T
 
     def __call__(self, values: NDArray[np.complexfloating], slopes: Floats) -> list[tuple[Floats, Floats]]:
-        """Of other FRFs with their slopes to theta."""
+        """Residual (m,) and Jacobian (m, K) of each response, for FRFs ``values`` (F, R) with derivatives ``slopes`` (F, R, size)."""
         found = []
         for r, residual in enumerate(self._residuals):
             if residual is None:
@@ -191,7 +193,7 @@ class _Scaled:
 
 
 def _evaluate(model: Sensitive, theta: Floats, options: ResidualOptions) -> tuple[NDArray[np.complexfloating], Floats]:
-    # A response that is silent at a line has no level there: such lines do not count.
+    # A response that is zero at a line has no level there: its derivatives are set to zero.
     with np.errstate(divide="ignore", invalid="ignore"):
         y, J = model.sensitivities(theta, options.phase)
     return y, np.where(np.isfinite(J), J, 0.0)
@@ -206,18 +208,18 @@ def _data(y: NDArray[np.complexfloating], options: ResidualOptions) -> DataResid
 
 @dataclass(frozen=True)
 class Outlook:
-    """What a set of responses can tell of N bolts.
+    """Information of a set of responses on N bolts.
 
     Attributes
     ----------
     std : (N,) float array
-        Standard deviation of the change at a bolt after the measurement, about the state, prior included [decades].
+        Posterior standard deviation of the change at a bolt about the state [decades].
     removed : (N,) float array
         Share of the prior variance that the measurement removes, 0 to 1.
     distance : (N,) float array
-        d': how many standard deviations a changed bolt lies from the state, after the other unknowns have explained what they can.
+        d': effect of a bolt's finite change on the FRFs, in standard deviations, after the other unknowns have imitated what they can.
     correct : (N,) float array
-        Probability of a verdict that is correct, the other probabilities being of a wrong one or of none: see ``chance``.
+        Probability of a correct verdict, see ``chance``; the rest is that of a wrong one or of none.
     """
 
     std: Floats
@@ -232,49 +234,49 @@ class Outlook:
 
 
 def chance(distance: Floats, confidence: float) -> Floats:
-    """Probability of a correct verdict by the likelihood ratio of changed against unchanged.
+    """Probability of a correct verdict by the likelihood ratio of changed to unchanged, ``Phi(d'/2 - ln(c/(1-c))/d')``.
 
-    The logarithm of the ratio is normal with mean ``±d'²/2`` and variance ``d'²``; a verdict is given where it says either with at least
-    this confidence, both being equally likely beforehand: ``Phi(d'/2 - ln(c/(1-c))/d')``, the same whether the bolt is changed or not.
+    The logarithm of the ratio is normal with mean ``±d'²/2`` and variance ``d'²``. A verdict is given if either hypothesis has at least
+    the posterior probability c (``confidence``), with equal prior probabilities. The result holds for changed and unchanged bolts alike.
     """
     away = np.maximum(distance, 1e-12)
     return np.asarray(ndtr(0.5 * away - np.log(confidence / (1.0 - confidence)) / away))
 
 
 def bits_of(distance: Floats) -> float:
-    """``sum ½ log2(1 + d'²)``: by how much the variances of the bolts' changes fall, each expected to be as large as its finite change."""
+    """Information of a measurement in bits, ``sum ½ log2(1 + d'²)``, if the prior standard deviation of a change is its finite change."""
     return float(0.5 * np.sum(np.log2(1.0 + distance**2)))
 
 
 def distances(of: Experiment, responses: Sequence[int] | Integers) -> Floats:
-    """Give d' of every bolt for a set of responses: ``Outlook.distance``."""
+    """(N,) d' of every bolt for a set of responses, see ``Outlook.distance``."""
     at = np.asarray(responses, dtype=np.int64)
     whole = of.prior + of.secant[at].sum(axis=0)
     found = np.zeros(of.columns.size)
     for n in np.flatnonzero(of.change):
         others = np.arange(whole.shape[0]) != of.columns[n]
         b = of.product[n, at].sum(axis=0)[others]
-        # Least sum of squares where the bolt stays and the others give way, as far as their prior lets them.
+        # Least sum of squares when the other unknowns imitate the change of this bolt, at the cost of their prior.
         left = of.square[n, at].sum() - b @ _inverse(whole[np.ix_(others, others)]) @ b
         found[n] = np.sqrt(max(float(left), 0.0))
     return found
 
 
 def outlook(of: Experiment, responses: Sequence[int] | Integers, confidence: float) -> Outlook:
-    """Judge a set of responses.
+    """Information of a set of responses on all bolts.
 
     Parameters
     ----------
     of : Experiment
     responses : sequence of int
-        Which of them are measured; none says what the prior says.
+        Those that are measured; an empty sequence gives the prior.
     confidence : float
-        Probability that a verdict needs.
+        Posterior probability that a verdict needs.
 
     Returns
     -------
     Outlook
-        Bolts that no unknown feels: no information at all, standard deviation NaN.
+        For bolts without an unknown the standard deviation is NaN and all else zero.
     """
     at = np.asarray(responses, dtype=np.int64)
     before, after = _inverse(of.prior), _inverse(of.prior + of.tangent[at].sum(axis=0))
@@ -288,7 +290,7 @@ def outlook(of: Experiment, responses: Sequence[int] | Integers, confidence: flo
 
 
 def _inverse(precision: Floats) -> Floats:
-    # Unknowns that neither data nor prior hold have no finite variance: a share of round-off stands for none.
+    # Unknowns without data and prior have no finite variance: a precision far below the largest one keeps the matrix regular.
     if not precision.size:
         return precision
     floor = 1e-12 * max(float(np.diag(precision).max()), np.finfo(float).tiny)
@@ -296,18 +298,18 @@ def _inverse(precision: Floats) -> Floats:
 
 
 def verdict(right: float) -> str:
-    """``detectable``, ``marginal`` or ``not detectable``, by the probability of a right verdict."""
+    """``detectable``, ``marginal`` or ``not detectable``, by the probability of a correct verdict."""
     return "detectable" if right >= DETECTABLE else "marginal" if right >= HIDDEN else "not detectable"
 
 
 def greedy(of: Experiment, most: int = 24) -> list[tuple[int, Floats]]:
-    """Responses in the order in which each adds most bits to those before it.
+    """Responses in the order in which each adds the most bits to those before it (greedy selection).
 
     Parameters
     ----------
     of : Experiment
     most : int
-        How many at the most.
+        Largest number of responses.
 
     Returns
     -------

@@ -1,8 +1,9 @@
-"""Changes at bolts under a prior of two kinds: tight, hardly changed, or loose; by Gibbs sampling over which bolt is of which kind.
+"""Posterior of changes at bolts under a mixture prior: each bolt is of one of two kinds, tight (hardly changed) or loose.
 
-A Gaussian prior spreads a change over neighbours that the data hardly tell apart. Here each change is drawn from
-``(1 - pi) N(0, tight²) + pi N(mean, loose²)`` (spike and slab: George and McCulloch, J. Am. Stat. Assoc. 88, 1993): given the kinds all is
-Gaussian about a linearisation, the changes drop out in closed form, and the kinds alone are sampled.
+A Gaussian prior would spread a change over neighbours that the data hardly distinguish. Here each change has the prior
+``(1 - pi) N(0, tight²) + pi N(mean, loose²)`` (spike and slab: George and McCulloch, J. Am. Stat. Assoc. 88, 1993). Given the kinds,
+everything is Gaussian about a linearisation and the changes are integrated out in closed form. This module searches the most probable
+kinds; ``sampling`` samples them.
 """
 
 from __future__ import annotations
@@ -21,41 +22,41 @@ from lrbc_cli.updating.misfit.cost import Evaluation
 from lrbc_cli.updating.search.optimise import Solution, gauss_newton
 from lrbc_cli.updating.statistics.priors import BOLT_PRIOR, BoltPrior
 
-#: Precision of a change that is held, far above what data say of one [per decade²].
+#: Precision that fixes a change, far above what data give [1/decade²].
 HELD = 1e10
 
-#: Relative decrease of the cost at which a descent ends, and its most iterations.
+#: Stop rule of a descent: relative decrease of the cost at which it ends, and largest number of iterations.
 Stop = tuple[float, int]
 
 
 @dataclass(frozen=True, kw_only=True)
 class MixtureProblem:
-    """What is measured of unknowns z, some of which are changes at bolts.
+    """Data and priors of m unknowns z, b of which are changes at bolts.
 
     Attributes
     ----------
     data : callable
-        From z (m,) to residuals (n,) and their Jacobian (n, m).
+        From z (m,) to whitened residuals (n,) and their Jacobian (n, m).
     variance : float
-        Of a residual, correlation included.
+        v, of a residual, correlation and coarsening included [dB²].
     bounds : (m, 2) float array
     bolts : (b,) int array
-        Which of z are changes at bolts.
+        Which of z are changes at bolts [decades].
     neighbours : sequence of (int, int)
-        Pairs of positions in ``bolts`` that lie side by side.
+        Pairs of neighbours, as positions in ``bolts``.
     joint : (b,) bool array
-        Which of the bolts own their terms; the others are hats along an edge.
+        Which of the bolts own their terms; the others have hats along an edge.
     mean, std : (m,) float arrays
-        Gaussian prior of those of z that are none; not read at bolts.
+        Gaussian prior of the other unknowns; not read at bolts.
     about : callable or None
-        Where the covariance of the residuals depends on the state: from z to such data with the covariance there, and its share in the log
-        evidence.
+        Given if the covariance of the residuals depends on the state: from z to ``data`` with the covariance there, and the log
+        determinant's part of the log evidence.
     shared : float
-        Standard deviation of a joint's change over that change, beyond what the data tell: the errors of predicted shifts that all
-        resonances share look like more or less of it. A hat along an edge stands for no stiffness of its own.
+        Further relative standard deviation of a joint's change, by errors of predicted shifts that all resonances have in common. Not for
+        hats along an edge.
     ratio : float
-        How many times larger the errors of the data are than ``variance`` says, see ``noise.validation_ratio``: it widens the changes. The
-        weight of data against prior stays: it would call tight what the data then hardly tell.
+        Errors of the data over what ``variance`` says, see ``noise.validation_ratio``. It widens the changes, but does not reduce the
+        weight of the data against the prior, which would make badly explained bolts tight.
     """
 
     data: Callable[[Floats], tuple[Floats, Floats]]
@@ -73,25 +74,25 @@ class MixtureProblem:
 
 @dataclass(frozen=True, kw_only=True)
 class ChangeSamples:
-    """Posterior of the changes at bolts: for each sweep and bolt two Gaussians, tight and loose, given the kinds of the others.
+    """Posterior of the changes at b bolts: for each of s sweeps and each bolt two Gaussians, tight and loose, given the other kinds.
 
     Averages over these conditionals scatter less than draws of the changes would (Rao-Blackwell).
 
     Attributes
     ----------
     bolts : (b,) int array
-        Columns of the bolts among the unknowns.
+        Index of each bolt among the unknowns z.
     loose : (s, b) float array
         Conditional probability of the loose kind.
     means, stds : (s, b, 2) float arrays
-        Of the change [decades], tight and loose.
+        Of the change, if tight and if loose [decades].
     kinds : (b,) bool array
-        Loose bolts of the most probable state about which most was linearised.
+        Which bolts are loose in the most probable state.
     neighbours : sequence of (int, int)
-        Pairs of positions that lie side by side along an edge.
+        Pairs of neighbours along an edge, as positions in ``bolts``.
     prior : BoltPrior
     alternatives : sequence of ((b,) float array, float)
-        Changes at each state about which it was linearised [decades], and its share of the samples: its posterior probability among them.
+        Changes in each state about which was linearised [decades], and its posterior probability among these, the share of its sweeps.
     """
 
     bolts: NDArray[np.int64]
@@ -121,14 +122,14 @@ class ChangeSamples:
 
     @property
     def smeared(self) -> Floats:
-        """(b,) changes that a tight bolt would show of its neighbours' [decades]: their shapes do not end where a gap does."""
+        """(b,) change that a tight bolt would show beside the change of a neighbour, by ``leakage`` [decades]."""
         mean, found, share = self.mean, np.zeros(self.bolts.size), self.prior.leakage
         for i, j in self.neighbours:
             found[i], found[j] = min(found[i], share * mean[j]), min(found[j], share * mean[i])
         return found
 
     def below(self, limit: float | Floats, scatter: float | Floats = 0.0) -> Floats:
-        """(b,) probabilities that the changes lie below a limit [decades], with a further standard deviation where tight states scatter."""
+        """(b,) probabilities that the changes are below a limit [decades]; the scatter of tight states widens each Gaussian."""
         limits, further = (np.broadcast_to(value, self.bolts.shape)[:, None] for value in (limit, scatter))
         inside = ndtr((limits - self.means) / np.hypot(self.stds, further))
         return np.asarray((self._weights * inside).sum(axis=2).mean(axis=0))
@@ -139,12 +140,12 @@ class ChangeSamples:
 
 
 def along_edges(pairs: Sequence[tuple[int, int]], joint: Bools) -> list[tuple[int, int]]:
-    """Those pairs whose shapes overlap: a joint reaches to no neighbour."""
+    """Those pairs of neighbours whose hats overlap: pairs without a joint."""
     return [(i, j) for i, j in pairs if not (joint[i] or joint[j])]
 
 
 def adjacency(pairs: Sequence[tuple[int, int]], joint: Bools) -> NDArray[np.int64]:
-    """(b, b) ones for bolts that are neighbours along an edge."""
+    """(b, b) matrix with ones for pairs of neighbours along an edge."""
     found = np.zeros((joint.size, joint.size), dtype=np.int64)
     for i, j in along_edges(pairs, joint):
         found[i, j] = found[j, i] = 1
@@ -152,7 +153,7 @@ def adjacency(pairs: Sequence[tuple[int, int]], joint: Bools) -> NDArray[np.int6
 
 
 class _Moves:
-    """Sets of bolts that are flipped together, and which bolts' priors that touches: padded to one size, so that all are judged at once."""
+    """Sets of bolts that are flipped together, and the bolts whose priors a flip changes; padded to one size, to evaluate all at once."""
 
     def __init__(self, flips: Sequence[tuple[int, ...]], beside: NDArray[np.int64]) -> None:
         touched = [[*own, *(int(j) for i in own for j in np.flatnonzero(beside[i]) if j not in own)] for own in flips]
@@ -162,7 +163,7 @@ class _Moves:
         self.at = np.array([row + [row[0]] * (width - len(row)) for row in touched], dtype=np.int64).reshape(len(flips), width)
         self.real = np.array([[k < len(row) for k in range(width)] for row in touched], dtype=bool).reshape(self.at.shape)
         self.own = np.array([[k < len(own) for k in range(width)] for own in flips], dtype=bool).reshape(self.at.shape)
-        # Which flip of a set is beside which touched bolt.
+        # Which flipped bolt of a set is a neighbour of which touched bolt.
         most = max((len(own) for own in flips), default=0)
         self.first = np.array([list(own) + [own[0]] * (most - len(own)) for own in flips], dtype=np.int64).reshape(len(flips), most)
         counts = np.array([[k < len(own) for k in range(most)] for own in flips], dtype=bool).reshape(self.first.shape)
@@ -171,7 +172,7 @@ class _Moves:
 
 @dataclass(frozen=True)
 class _Outcome:
-    """Of each set of flips: log evidence added; and for its first bolt the mean and the standard deviation of its change then."""
+    """For each set of flips the gain in log evidence, and mean and standard deviation of the change of its first bolt afterwards."""
 
     gain: Floats
     mean: Floats
@@ -179,24 +180,24 @@ class _Outcome:
 
 
 class KindScore:
-    """Evidence of kinds on ``z'Az/2 - b'z``, and what flips of kinds would add to it.
+    """Log evidence of kinds for the linear problem ``zᵀAz/2 - bᵀz``, and its gain by flips of kinds.
 
     Parameters
     ----------
     A, b : (b, b) and (b,) float arrays
-        Curvature and slope of the data's half sum of squares over the variance, all else marginalised.
+        Curvature and slope of half the data's sum of squares over the variance, other unknowns marginalised.
     prior : BoltPrior
     loose : (b,) bool array
-        Kinds to begin with.
+        First kinds.
     neighbours : sequence of (int, int)
     joint : (b,) bool array
     further : (b,) float array or None
-        Log evidence for being loose beyond that of the linear problem.
+        Log evidence for loose in addition to that of the linear problem, see ``sampling.Beyond``.
 
     Attributes
     ----------
     loose : (b,) bool array
-        Kinds now; the other figures are those given them.
+        Present kinds; all results are given these.
     """
 
     def __init__(
@@ -217,18 +218,18 @@ class KindScore:
         self._precision, self._mean = prior.tables(joint)
         self.loose = loose.copy()
         self._moments: tuple[Floats, Floats] | None = None
-        # A chain comes back to few kinds, again and again.
+        # A chain returns to few sets of kinds again and again.
         self._flips: dict[bytes, tuple[Floats, Floats, Floats]] = {}
         self._swaps: dict[bytes, Floats] = {}
 
     @property
     def covariance(self) -> Floats:
-        """(b, b) covariance of the changes."""
+        """(b, b) covariance of the changes given the kinds."""
         return self._given_kinds()[0]
 
     @property
     def mean(self) -> Floats:
-        """(b,) means of the changes [decades]."""
+        """(b,) means of the changes given the kinds [decades]."""
         return self._given_kinds()[1]
 
     def _given_kinds(self) -> tuple[Floats, Floats]:
@@ -239,7 +240,7 @@ class KindScore:
         return self._moments
 
     def _outcomes(self, moves: _Moves) -> _Outcome:
-        """Changes of low rank: the touched bolts' precisions by D, their slopes by e."""
+        """Low-rank updates: D is the change of the touched bolts' prior precisions, e that of precision times mean."""
         at, kind = moves.at, self.loose.astype(np.int64)
         count = self._beside @ kind
         step = 1 - 2 * kind[moves.first]
@@ -263,7 +264,7 @@ class KindScore:
         return _Outcome(gain, m[:, 0] + (row * (e - Mu)).sum(axis=1), np.sqrt(np.maximum(variance, 0.0)))
 
     def flips(self) -> tuple[Floats, Floats, Floats]:
-        """(b,) log evidence that each single flip adds; (b, 2) mean and standard deviation of each change, if tight and if loose."""
+        """(b,) gain in log evidence by each single flip, and (b, 2) mean and standard deviation of each change, if tight and if loose."""
         if (key := self.loose.tobytes()) not in self._flips:
             other, (covariance, mean), loose = self._outcomes(self._singles), self._given_kinds(), self.loose
             std = np.sqrt(np.diag(covariance))
@@ -272,20 +273,20 @@ class KindScore:
         return self._flips[key]
 
     def swaps(self) -> Floats:
-        """(p,) log evidence that flips of both of each pair of neighbours add."""
+        """(p,) gain in log evidence by flipping both bolts of each of the p pairs of neighbours."""
         if (key := self.loose.tobytes()) not in self._swaps:
             self._swaps[key] = self._outcomes(self._pairs).gain if self._pairs.flips else np.zeros(0)
         return self._swaps[key]
 
     def flip(self, *bolts: int) -> None:
-        """Make bolts of the other kind."""
+        """Change the kind of these bolts."""
         for i in bolts:
             self.loose[i] = not self.loose[i]
         self._moments = None
 
 
 def improve(score: KindScore, neighbours: Sequence[tuple[int, int]], moves: int, least_gain: float = 0.01) -> None:
-    """Flip, or swap neighbours of different kinds, at most so many times, while the log evidence gains more than ``least_gain``."""
+    """Greedy search: flip a bolt, or swap neighbours of different kinds, up to ``moves`` times, while the gain exceeds ``least_gain``."""
     for _ in range(moves):
         gains = score.flips()[0]
         best: tuple[float, tuple[int, ...]] = (float(gains.max()), (int(gains.argmax()),))
@@ -299,7 +300,7 @@ def improve(score: KindScore, neighbours: Sequence[tuple[int, int]], moves: int,
 
 @dataclass(frozen=True)
 class State:
-    """Optimum for given kinds, its log evidence (Laplace), and the linear problem of the bolts about it."""
+    """Optimum z for given kinds, its log evidence (Laplace approximation), and the linear problem A, b of the bolts about it."""
 
     kinds: Bools
     z: Floats
@@ -309,7 +310,7 @@ class State:
 
 
 def _priors(problem: MixtureProblem, prior: BoltPrior, kinds: Bools) -> tuple[Floats, Floats]:
-    """(m,) precisions and means of all unknowns."""
+    """(m,) prior precisions and means of all unknowns, given the kinds."""
     precision, mean = problem.std**-2.0, problem.mean.copy()
     beside = adjacency(problem.neighbours, problem.joint)
     precision[problem.bolts], mean[problem.bolts] = prior.of(kinds, beside, problem.joint)
@@ -317,7 +318,7 @@ def _priors(problem: MixtureProblem, prior: BoltPrior, kinds: Bools) -> tuple[Fl
 
 
 def _settle(problem: MixtureProblem, prior: BoltPrior, kinds: Bools, z: Floats, stop: Stop, held: tuple[int, float] | None) -> State:
-    """Descend for given kinds, and linearise."""
+    """Descend for given kinds from z, and linearise at the end; see ``settle``."""
     precision, mean = _priors(problem, prior, kinds)
     if held is not None:
         precision[problem.bolts[held[0]]], mean[problem.bolts[held[0]]] = HELD, held[1]
@@ -346,7 +347,7 @@ def _settle(problem: MixtureProblem, prior: BoltPrior, kinds: Bools, z: Floats, 
     A, b = J.T @ J, J.T @ (J @ z - r)
     at = problem.bolts
     rest = np.setdiff1d(np.arange(z.size), at)
-    # All that is Gaussian whatever the kinds drops out here, once for all sweeps.
+    # The unknowns that are no bolts are marginalised here, once for all sweeps.
     across = A[np.ix_(at, rest)]
     share = np.linalg.solve(
         A[np.ix_(rest, rest)] + np.diag(precision[rest]), np.column_stack([across.T, b[rest] + precision[rest] * mean[rest]])
@@ -364,9 +365,9 @@ def settle(
     held: tuple[int, float] | None = None,
     rounds: int = 2,
 ) -> State:
-    """Descend for given kinds, with the covariance of the residuals where that ended: a state answers for its own errors only.
+    """Descend for given kinds, with the covariance of the residuals updated at the end of each round; gives the optimum and its evidence.
 
-    With ``held`` the change of one of the bolts, by its position, stays at a value, and the evidence is that of the data there.
+    With ``held`` (position in ``bolts``, value) the change of one bolt is fixed.
     """
     if problem.about is None:
         return _settle(problem, prior, kinds, z, stop, held)
@@ -378,7 +379,7 @@ def settle(
 
 
 def _climb(problem: MixtureProblem, prior: BoltPrior, limits: tuple[int, int], stop: Stop, begin: tuple[Bools, Floats]) -> State:
-    """The best state on the way from kinds and a start, while the linearisation there promises more by a few flips; see ``best_states``."""
+    """Best state of a search from given kinds and a start: descend, then flip kinds by the linearisation, in turn; see ``best_states``."""
     kinds, start = begin
     rounds, moves = limits
     end: State | None = None
@@ -389,7 +390,7 @@ def _climb(problem: MixtureProblem, prior: BoltPrior, limits: tuple[int, int], s
             end = state
         seen.add(kinds.tobytes())
         score = KindScore(state.A, state.b, prior, kinds, problem.neighbours, problem.joint)
-        # Few moves at a time: a linearisation does not carry far.
+        # Few moves at a time: a linearisation does not hold far from its point.
         improve(score, problem.neighbours, moves)
         if score.loose.tobytes() in seen:
             break
@@ -410,7 +411,7 @@ def best_states(
     search: Stop = (1e-3, 5),
     last: Stop = (1e-4, 12),
 ) -> list[State]:
-    """The most probable kinds that relinearisation and local search find, from all tight and from the large changes of each start.
+    """Most probable kinds by local search with relinearisation, begun from all tight and from each start with its large changes as loose.
 
     Parameters
     ----------
@@ -418,22 +419,22 @@ def best_states(
     starts : sequence of (m,) float array
     prior : BoltPrior
     large : float
-        Changes below it make a bolt loose at a start [decades].
+        A bolt is loose at a start if its change is below this [decades].
     rounds, moves : int
-        The linearisation follows the kinds at most so many times, by at most so many changes each.
+        Largest number of linearisations, and of moves at each.
     near : float
-        States that lack so much log evidence are no alternative: 1 in 150.
+        States with so much less log evidence are no alternatives: 1 in 150.
     search, last : (float, int)
-        Stop rule and iterations of a descent for given kinds while they are sought, and at last: its sum of squares is a few hundred to a
-        few thousand; a tenth matters.
+        Stop rules of the descents during the search, and of the last one. The sum of squares is a few hundred to a few thousand, and a
+        tenth matters.
 
     Returns
     -------
     list of State
-        The best one first; the others are ends of searches with other kinds of nearly the same evidence.
+        The best one first, then ends of searches with other kinds and nearly the same evidence.
     """
     tight = np.zeros(problem.bolts.size, dtype=bool)
-    # Descents that ended alike are one start.
+    # Starts that are equal to a tenth of a decade are searched from once.
     apart = {np.round(z, 1).tobytes(): z for z in reversed(starts)}
     begun = [(tight, np.zeros(starts[0].size)), *((z[problem.bolts] < large, z) for z in reversed(apart.values()))]
     ends: dict[bytes, State] = {}
@@ -442,6 +443,6 @@ def best_states(
         ends[key] = max(end, ends.get(key, end), key=lambda one: one.evidence)
     best = max(ends.values(), key=lambda one: one.evidence)
     found = sorted((end for end in ends.values() if end.evidence > best.evidence - near), key=lambda one: -one.evidence)
-    # Told apart by descents of one kind: where errors follow the state, each further one changes the evidence of all.
+    # States are compared by the evidence of equal numbers of descents: if the covariance follows the state, each further one changes it.
     settled = side_by_side(lambda end: settle(problem, prior, end.kinds, end.z, last), found)
     return [replace(state, evidence=end.evidence) for state, end in zip(settled, found, strict=True)]

@@ -1,7 +1,7 @@
-"""Sampling of the kinds of bolts on the problem linearised about the most probable state, and what that does not tell of joints.
+"""Gibbs sampling of the kinds of bolts (tight or loose) about the most probable states, with nonlinear corrections for joints.
 
-A joint that lost a decade or two stands where the data hardly feel it: from there a linear problem takes the way back for cheap. So the
-evidence of doubtful joints comes from descents with the other kind, and a change that stays wide from its profile.
+FRFs hardly depend on a joint that has lost a decade or two, so a linear problem about that state makes the way back to tight too cheap.
+Therefore the evidence of doubtful joints comes from descents with the other kind, and a change that remains uncertain from its profile.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from lrbc_cli.updating.statistics.priors import BOLT_PRIOR, BoltPrior
 
 @dataclass(frozen=True)
 class Beyond:
-    """What descents say of joints beyond the linear problem.
+    """Corrections of the linear problem by descents, for b bolts.
 
     Attributes
     ----------
     further : (b,) float array
-        Log evidence for being loose to be added; 0 where the linear problem holds.
+        Log evidence for loose to be added; 0 where the linear problem is used.
     loose : (b, 2) float array
-        Mean and standard deviation of the change if loose [decades]; NaN where the linear problem holds.
+        Mean and standard deviation of the change if loose [decades]; NaN where the linear problem is used.
     """
 
     further: Floats
@@ -49,7 +49,7 @@ def beyond(
     stop: Stop = (1e-3, 5),
     held: Stop = (1e-2, 3),
 ) -> tuple[State, Beyond]:
-    """Descend with the other kind of each joint that is loose or could be.
+    """Evidence of each joint that is loose or could be, by descents with its other kind, and profiles of uncertain changes.
 
     Parameters
     ----------
@@ -57,29 +57,29 @@ def beyond(
     prior : BoltPrior
     state : State
     doubt : float
-        A tight joint could be loose where the linear problem gives that so much log evidence.
+        A tight joint could be loose if the linear problem gives a flip more than this log evidence.
     wide : float
-        Standard deviation of a loose joint's change from which on it is taken from a profile [decades].
+        Standard deviation of a loose joint's change above which its profile is computed [decades].
     gain, rounds : float, int
-        Where the other kind gains so much log evidence, all begins anew there, at most so many times.
+        If the other kind gains more log evidence than this, all begins again from that state, at most so many times.
     certain : float
-        Log evidence between both kinds of a joint from which on it is not looked at again, 1 in 10^13; less what the state has gained
-        since: one with the other kind could have gained as much.
+        Difference of log evidence between both kinds of a joint beyond which later rounds do not repeat the descent, 1 in 10^13. It counts
+        less what the state has gained since, because the state with the other kind could have gained as much.
     stop, held : (float, int)
-        Of the descents, and of those with a change held, each from the end of the one before.
+        Stop rules of the descents, and of those with a fixed change, each of which starts at the end of the one before.
 
     Returns
     -------
     State, Beyond
-        The best state seen.
+        The best state found, and the corrections about it.
     """
-    # Log evidence for loose over tight of those that are settled.
+    # Log evidence for loose over tight of joints that are certain.
     known: dict[int, float] = {}
     for turn in range(rounds):
         score = KindScore(state.A, state.b, prior, state.kinds, problem.neighbours, problem.joint)
         gains, means, stds = score.flips()
         doubted = np.flatnonzero(problem.joint & (state.kinds | (gains > doubt))).tolist()
-        # Where errors follow the state, a descent moves the evidence by a nat though nothing changes: both kinds go the same way.
+        # If the covariance follows the state, a further descent alone moves the evidence by a nat: both kinds get the same descents.
         own = settle(problem, prior, state.kinds, state.z, stop) if doubted else state
         asked = [(i, float(means[i, 1])) for i in doubted if i not in known]
         others = dict(zip((i for i, _ in asked), side_by_side(partial(_other_kind, problem, prior, state, stop), asked), strict=True))
@@ -100,18 +100,20 @@ def beyond(
 
 @dataclass(frozen=True, kw_only=True)
 class _Turn:
-    """What descents from one state found: where it leads itself, and with the other kind of each joint that is not settled.
+    """Results of the descents from one state.
 
     Attributes
     ----------
     state, own : State
+        The state, and the end of a descent from it with the same kinds.
     others : mapping of int to State
+        Ends of descents with the other kind of a joint, for joints that are not certain.
     doubted : sequence of int
         Joints that are loose or could be.
     known : mapping of int to float
-        Log evidence for loose over tight of those that are settled.
+        Log evidence for loose over tight of joints that are certain.
     gains : (b,) float array
-        Log evidence that the linear problem gives a flip.
+        Gain in log evidence by a flip, by the linear problem.
     """
 
     state: State
@@ -122,7 +124,7 @@ class _Turn:
     gains: Floats
 
     def said(self, problem: MixtureProblem, prior: BoltPrior, widths: Floats, stops: tuple[Stop, Stop]) -> Beyond:
-        """Evidence beyond the linear problem, and changes by profiles of those joints that have a width (b,), else NaN."""
+        """Corrections of the linear problem; profiles are computed for joints with a finite width (b,) [decades]."""
         kinds, found = self.state.kinds, Beyond(np.zeros(self.gains.size), np.full((self.gains.size, 2), np.nan))
         loose = {i: self.own if kinds[i] else self.others[i] for i in self.doubted if kinds[i] or i in self.others}
         flat = [(i, at, float(widths[i])) for i, at in loose.items() if np.isfinite(widths[i])]
@@ -137,7 +139,7 @@ class _Turn:
 
 
 def _other_kind(problem: MixtureProblem, prior: BoltPrior, state: State, stop: Stop, joint: tuple[int, float]) -> State:
-    """Where a state with one joint of the other kind leads; the change of that, if loose, begins as given."""
+    """Descend from a state with the kind of one joint changed; ``joint`` is its position and its first change if it becomes loose."""
     i, change = joint
     z, kinds = state.z.copy(), state.kinds.copy()
     kinds[i] = not kinds[i]
@@ -148,16 +150,16 @@ def _other_kind(problem: MixtureProblem, prior: BoltPrior, state: State, stop: S
 def _profiles(
     problem: MixtureProblem, prior: BoltPrior, joints: Sequence[tuple[int, State, float]], stops: tuple[Stop, Stop]
 ) -> list[tuple[float, float, float]]:
-    """Profiles of some joints, each in a state in which it is loose, with its width; states that several share are settled once."""
+    """Profiles of joints, given as (position, state in which it is loose, width); a state that several share is settled once."""
     states = list({id(state): state for _, state, _ in joints}.values())
     bases = dict(zip(map(id, states), side_by_side(lambda state: about_itself(problem, prior, state, stops[0]), states), strict=True))
     return side_by_side(lambda one: profile(prior, *bases[id(one[1])], one[0], stops[1], one[2]), joints)
 
 
 def about_itself(problem: MixtureProblem, prior: BoltPrior, state: State, stop: Stop) -> tuple[MixtureProblem, State]:
-    """The problem with the covariance of the residuals of a state throughout, and where the state leads then.
+    """The problem with the covariance of the residuals fixed to that of a state, and the end of a descent from the state with it.
 
-    Of a change that the data do not feel a profile is flat then.
+    With a fixed covariance the profile of a change that does not affect the FRFs is flat.
     """
     if problem.about is not None:
         problem = replace(problem, data=problem.about(state.z)[0], about=None)
@@ -177,24 +179,29 @@ def profile(
     fine: int = 400,
     negligible: float = 10.0,
 ) -> tuple[float, float, float]:
-    """Log evidence of a loose joint beyond that of its state, mean and standard deviation of its change, from descents with it held.
+    """Profile of a loose joint's change, by descents with the change fixed at several values and everything else identified anew.
 
     Parameters
     ----------
     prior, problem, base
         The latter two as ``about_itself`` gives them for a state in which the joint is loose.
     i : int
-        Which of the bolts.
+        Position of the joint among the bolts.
     stop : (float, int)
-        Of the descents with the change held.
+        Stop rule of the descents with a fixed change.
     width : float
-        Standard deviation of the change by the linear problem [decades]: values are held there on both sides, too.
+        Standard deviation of the change by the linear problem [decades]: one and two of these to either side are further values.
     points, reach : int, float
-        Values from no change to so many standard deviations of the prior below its mean, or to the bound.
+        Number of values from no change down to so many prior standard deviations below the prior mean, or to the bound.
     fine : int
-        Values between which the log evidence is interpolated.
+        Number of points to which the log evidence is interpolated.
     negligible : float
-        Where the data and the prior say so much less of a value, the ones beyond it are left out: 1 in 20 000 each.
+        Values beyond one with so much less log probability are left out: 1 in 20 000 each.
+
+    Returns
+    -------
+    float, float, float
+        Log evidence in addition to that of ``base``, mean and standard deviation of the change [decades].
     """
     low = max(prior.joint_loose_mean - reach * prior.joint_loose_std, float(problem.bounds[problem.bolts[i], 0]))
     own = min(float(base.z[problem.bolts[i]]), 0.0)
@@ -202,11 +209,11 @@ def profile(
     at = np.unique(np.round(np.clip([*np.linspace(low, 0.0, points), *(own + width * np.arange(-2.0, 3.0))], low, 0.0), 6))
     at, evidence = _held(problem, prior, base, (i, at), stop, negligible)
     t = np.linspace(at[0], at[-1], fine)
-    # Loaded here: most commands do without.
+    # Imported here: most commands do not need it.
     from scipy.interpolate import PchipInterpolator
 
     log = PchipInterpolator(at, evidence)(t) + prior.log_density(t) + np.log(t[1] - t[0])
-    # What the prior has beyond the lowest value stands there: a joint that is free cannot lose more.
+    # The prior's probability beyond the lowest value is placed at that value: a free joint cannot lose more.
     beyond_free = evidence[0] + prior.log_below(float(at[0]))
     t, log = np.append(t, at[0]), np.append(log, beyond_free)
     weight = np.exp(log - logsumexp(log))
@@ -217,7 +224,7 @@ def profile(
 def _held(
     problem: MixtureProblem, prior: BoltPrior, base: State, joint: tuple[int, Floats], stop: Stop, negligible: float
 ) -> tuple[Floats, Floats]:
-    """Changes of a joint that count, of those given, and the evidence with each held: from the state outwards, each from the one before."""
+    """Changes of a joint that are not negligible, and the log evidence with each fixed; from that of ``base`` outwards to either side."""
     i, at = joint
     evidence, known, best = np.zeros(at.size), np.zeros(at.size, dtype=bool), -np.inf
     expected = prior.log_density(at)
@@ -238,7 +245,7 @@ def _held(
 def sample_changes(
     problem: MixtureProblem, starts: Sequence[Floats], prior: BoltPrior = BOLT_PRIOR, *, sweeps: int = 700, burn_in: int = 50, seed: int = 0
 ) -> ChangeSamples:
-    """Sample which bolts are loose, on the problem linearised about the most probable state and about others nearly as probable.
+    """Posterior of the changes at bolts by Gibbs sampling of the kinds, about the most probable state and others nearly as probable.
 
     Parameters
     ----------
@@ -247,8 +254,8 @@ def sample_changes(
         First estimates, such as that with a Gaussian prior.
     prior : BoltPrior
     sweeps, burn_in, seed : int
-        Sweeps over all bolts, shared by the states in proportion to their evidence, those before them that are left out at each; the same
-        seed gives the same result.
+        Number of sweeps over all bolts, divided among the states in proportion to their evidence; number of discarded sweeps at each
+        state; seed of the random numbers.
 
     Returns
     -------
@@ -256,7 +263,7 @@ def sample_changes(
     """
     first, *others = best_states(problem, starts, prior)
     best, more = beyond(problem, prior, first)
-    # What one flip reaches the sweeps about the best state reach themselves.
+    # States that differ by one flip are reached by the sweeps about the best state.
     rest = [state for state in others if np.count_nonzero(state.kinds != best.kinds) > 1]
     evidence = np.array([best.evidence, *(state.evidence for state in rest)])
     count = np.round(sweeps * np.exp(evidence - logsumexp(evidence))).astype(int)
@@ -277,7 +284,7 @@ def sample_changes(
 def _sweeps(
     problem: MixtureProblem, prior: BoltPrior, state: State, more: Beyond, sweeps: int, burn_in: int, rng: np.random.Generator
 ) -> tuple[Floats, Floats, Floats]:
-    """Gibbs sampling of the kinds about one state: conditional probabilities (s, b), means and standard deviations (s, b, 2)."""
+    """Gibbs sampling of the kinds about one state: ``loose`` (s, b), ``means`` and ``stds`` (s, b, 2) of ``ChangeSamples``."""
     score = KindScore(state.A, state.b, prior, state.kinds, problem.neighbours, problem.joint, more.further)
     count = problem.bolts.size
     loose, means, stds = np.zeros((sweeps, count)), np.zeros((sweeps, count, 2)), np.zeros((sweeps, count, 2))
@@ -292,7 +299,7 @@ def _sweeps(
             if chance[turn] < gains[i]:
                 score.flip(i)
                 gains, centres, spreads = score.flips()
-        # Neighbours whose hats overlap take each other's part: by single flips that is a long way.
+        # Neighbours whose hats overlap can replace each other, which single flips hardly reach.
         swaps = score.swaps()
         for pair, (i, j) in enumerate(problem.neighbours):
             if score.loose[i] != score.loose[j] and np.log(rng.random()) < swaps[pair]:
@@ -300,6 +307,6 @@ def _sweeps(
                 swaps = score.swaps()
     known = np.isfinite(more.loose[:, 0])
     means[:, known, 1], stds[:, known, 1] = more.loose[known].T[:, None]
-    # Of one change by itself: variance less variance² over that of the prior is what the errors of the data make.
+    # For a single change the part of its variance that comes from errors of the data is variance - variance² / prior variance.
     stds = np.sqrt(widened(stds**2, np.maximum(stds**2 - stds**4 * precision, 0.0), problem.ratio))
     return loose, means, np.hypot(stds, problem.shared * np.abs(means) * problem.joint[:, None])
