@@ -1,1 +1,1 @@
-"""Resolves the settings of a campaign: the only place that knows what ``auto`` and an absent key mean."""
+"""Turns the settings of a campaign into the method of identification: the only place that knows what ``auto`` and a missing key mean."""

@@ -1,7 +1,7 @@
-"""From settings and facts of a campaign to the method: frozen, all decided, with the reason of each choice.
+"""``resolve`` decides from the settings and facts of a campaign how jobs are identified (``Method``), with the reason for each choice.
 
-Execution is no part of it: back end, workers, and which of two formulas that give the same FRFs serves (``formula``).
-Values that depend on the FRFs themselves (``initial: auto``, ``bounds: auto``) follow from ``statistics.limits``.
+Execution is not part of the method: sparse solver, workers, and which of two formulas for the same FRFs is evaluated (``formula``).
+Values that depend on the FRFs (``initial: auto``, ``bounds: auto``) are determined later, by ``statistics.limits``.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from lrbc_cli.updating.statistics.model import STATISTICS, StatisticalModel
 from lrbc_cli.updating.statistics.residuals import ResidualOptions
 
 #: Why joints have a wider prior.
-JOINTS = "nothing beside a joint holds what it held: one that is finger-tight loses two decades"
+JOINTS = "nothing beside a joint takes over its stiffness: a finger-tight joint loses two decades"
 
 Approach = Literal["bolts", "paper"]
 Noise = Literal["coherence", "scatter", "none"]
@@ -27,16 +27,16 @@ Noise = Literal["coherence", "scatter", "none"]
 
 @dataclass(frozen=True)
 class Facts:
-    """What a resolution needs to know of a campaign besides its settings.
+    """Facts about a campaign, besides its settings, on which the method depends.
 
     Attributes
     ----------
     reference : bool
         There is a reference job, or one will be measured.
     bolts : bool
-        The places of the bolts are known.
+        The campaign lists bolts.
     joints : bool
-        Some of them own their terms.
+        Some bolts own their terms.
     """
 
     reference: bool
@@ -46,41 +46,41 @@ class Facts:
 
 @dataclass(frozen=True, kw_only=True)
 class Method:
-    """How jobs are identified.
+    """How jobs are identified: all settings resolved.
 
     Attributes
     ----------
     approach : str
-        ``bolts``: changes against the reference job, at bolts where they are known; ``paper``: values along the edge, drawn to their start
-        values. The reference job itself is always identified by values along the edge.
+        ``bolts``: changes against the reference job, at bolts if the campaign lists them; ``paper``: values along the edge, drawn to their
+        start values. The reference job itself is always identified by values along the edge.
     regularisation : float or str
-        Weight eta of the penalty [dB² per decade²]; ``noise``: from the residuals and the priors; ``l-curve``: at its corner.
+        Weight eta of the penalty [dB² per decade²]; ``noise``: from the residuals and the priors; ``l-curve``: at the L-curve's corner.
     optimiser : str
         ``gauss-newton`` or ``bfgs``.
     tolerance, max_iterations : float, int
-        Its stop rule.
+        Stop rule of the optimiser.
     relative : bool
         Measurements are corrected by the model discrepancy of the reference state.
     mixture : bool
-        Bolts are judged by sampled changes, each tight or loose.
+        The posterior of each bolt's change is sampled as a mixture of tight and loose.
     weighted : bool
-        Lines are weighted by what is known of their noise, see ``noise_source``, and by errors of predicted changes.
+        Lines are weighted by their noise, if known (``noise_source``), and by errors of predicted changes.
     residual : ResidualOptions
     lines : str or mapping
-        As in the campaign file.
+        Lines compared, as in the campaign file.
     responses : tuple of str or None
-        Those that are fitted; all where None.
+        Responses that are fitted; None: all.
     nuisances : mapping of str to float
-        Standard deviations of what may drift, by key of the campaign file.
+        Prior standard deviations of the nuisance parameters, by key of the campaign file.
     full_order : bool
-        FRFs are those of the full model.
+        FRFs are computed with the full model.
     statistics : StatisticalModel
     rule : DecisionRule
-        Stands beside the method in a result, and is no part of the digest: it changes no identification.
+        Kept beside the method in a result; not part of the digest, since it changes no identification.
     reasons : mapping of str to str
-        Why each choice was made, by field; no part of the identity.
+        Reason for each choice, by field; ignored in comparisons.
     warnings : tuple of str
-        Settings that are not used.
+        Settings that have no effect; ignored in comparisons.
     """
 
     approach: Approach
@@ -103,7 +103,7 @@ class Method:
 
     @property
     def prior_std(self) -> str:
-        """Standard deviations of the changes in words."""
+        """Prior standard deviations of the changes, as text."""
         values = self.statistics.values
         return f"{values.joint_std:g} for joints" + ("" if values.joint_std == values.std else f", {values.std:g} along edges")
 
@@ -113,34 +113,34 @@ class Method:
         return self.regularisation == "noise"
 
     def tree(self) -> dict[str, Any]:
-        """``method`` of ``result.json``: all fields but the rule as plain values, reasons included."""
+        """The entry ``method`` of ``result.json``: all fields except the rule, including reasons, as plain values."""
         found = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.name != "rule"}
         found |= {"residual": asdict(self.residual), "statistics": asdict(self.statistics)}
         return found | {"nuisances": dict(self.nuisances), "reasons": dict(self.reasons)}
 
     @property
     def digest(self) -> str:
-        """Digest of everything but statistics, rule, reasons and warnings: what identifications rest on besides model and measurement."""
+        """Digest of all fields except statistics, rule, reasons and warnings; if it changes, identifications are out of date."""
         tree = {key: value for key, value in self.tree().items() if key not in ("statistics", "reasons", "warnings")}
         return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()[:32]
 
     @property
     def choices(self) -> list[str]:
-        """One line a choice: what, and why."""
+        """One line of text for each choice with its reason."""
         words = {True: "yes", False: "no"}
         shown = ((name, getattr(self, name), reason) for name, reason in self.reasons.items())
         return [f"{name}: {words[value] if isinstance(value, bool) else value} ({reason})" for name, value, reason in shown]
 
 
 def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = STATISTICS) -> Method:
-    """Decide.
+    """Resolve the settings ``update`` of a campaign into a ``Method``.
 
     Parameters
     ----------
     update : UpdateConfig
     facts : Facts
     statistics : StatisticalModel
-        Its prior of values takes the standard deviation of the settings where one is given.
+        A standard deviation given in the settings (``prior_std``) replaces that of its prior of values.
 
     Returns
     -------
@@ -152,21 +152,21 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
     given = update.regularisation
     regularisation: float | Literal["noise", "l-curve"] = "noise" if by_bolts or given == "auto" else given
     if by_bolts:
-        reasons["regularisation"] = "the weight of the prior follows the residuals"
+        reasons["regularisation"] = "the weight of the prior follows from the residuals"
         if given != "auto":
-            warnings.append(f"update.regularisation: {given} is a weight of values along the edge, for approach: paper, and not used")
+            warnings.append(f"update.regularisation: {given} is not used: a weight of values along the edge needs approach: paper")
     else:
-        reasons["regularisation"] = "no weight is given: it follows the residuals" if given == "auto" else "as given"
+        reasons["regularisation"] = "no weight is given: it follows from the residuals" if given == "auto" else "as given"
     optimiser = "gauss-newton" if by_bolts else update.method
-    reasons["optimiser"] = "as given" if optimiser == update.method else "bfgs keeps to the nearest basin"
+    reasons["optimiser"] = "as given" if optimiser == update.method else "bfgs stays in the nearest minimum"
     if optimiser != update.method:
-        warnings.append(f"update.method: {update.method} is for approach: paper, and not used")
+        warnings.append(f"update.method: {update.method} is not used: it needs approach: paper")
     follows = regularisation == "noise"
     weighted = follows and update.weights == "auto"
     reasons["weighted"] = (
-        "noise of the lines counts where coherence or repeats tell it, against the model discrepancy"
+        "lines are weighted by their noise, known from coherence or repeats, and by the model discrepancy"
         if weighted
-        else ("update.weights: none" if follows else "without a noise variance that follows the residuals nothing weighs against it")
+        else ("update.weights: none" if follows else "weights need a noise variance that follows from the residuals")
     )
     mixture, relative = by_bolts and facts.bolts, by_bolts and facts.bolts and weighted
     reasons |= _comparison(mixture, relative)
@@ -176,7 +176,7 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
         approach=approach,
         regularisation=regularisation,
         optimiser=optimiser,
-        # Of the paper, on the log10 of the sum; of Gauss-Newton on the sum itself.
+        # BFGS: on the log10 of the sum, as in the paper; Gauss-Newton: on the sum itself.
         tolerance=update.tolerance or (1e-4 if optimiser == "gauss-newton" else 1e-3),
         max_iterations=update.max_iterations,
         relative=relative,
@@ -200,27 +200,27 @@ def _with_prior(update: UpdateConfig, statistics: StatisticalModel) -> Statistic
 
 
 def _without_effect(update: UpdateConfig, facts: Facts, follows: bool) -> Iterator[str]:
-    """Further settings that were given where nothing reads them."""
+    """Warnings about further settings that were given but have no effect."""
     given = update.model_fields_set
     if not follows and update.prior_std != "auto":
-        yield f"update.prior_std: {update.prior_std:g} weighs no values, because update.regularisation: {update.regularisation} does"
+        yield f"update.prior_std: {update.prior_std:g} is not used: update.regularisation: {update.regularisation} weights the values"
     if not follows and "weights" in given and update.weights == "auto":
-        yield f"update.weights: auto weighs no lines beside update.regularisation: {update.regularisation}, and is not used"
+        yield f"update.weights: auto is not used: it weights no lines with update.regularisation: {update.regularisation}"
     if update.loss == "squares" and "loss_scale" in given:
-        yield f"update.loss_scale: {update.loss_scale:g} is of loss: soft, and not used"
+        yield f"update.loss_scale: {update.loss_scale:g} is not used: it needs loss: soft"
     if "room" in update.nuisances.model_fields_set and update.nuisances.temperature is None:
-        yield f"update.nuisances.room: {update.nuisances.room:g} is what nuisances.temperature varies about; without that it is not used"
+        yield f"update.nuisances.room: {update.nuisances.room:g} is not used: it needs nuisances.temperature, which varies about it"
     if not facts.bolts:
         for key in ("baselines", "confidence", "loose_change"):
             if key in given and getattr(update, key):
-                yield f"update.{key} is for verdicts on bolts, and not used: the campaign names none (`bolts`)"
+                yield f"update.{key} is not used: it is for verdicts on bolts, and the campaign lists none (`bolts`)"
 
 
 def _comparison(mixture: bool, relative: bool) -> dict[str, str]:
-    """Reasons of ``relative`` and ``mixture``."""
+    """Reasons for ``relative`` and ``mixture``."""
     if not mixture:
-        return dict.fromkeys(("relative", "mixture"), "no changes at bolts are sought")
-    why = "most of the model discrepancy is that of the reference state" if relative else "errors of changes need weights"
+        return dict.fromkeys(("relative", "mixture"), "no changes at bolts are identified")
+    why = "most of the model discrepancy is the same as in the reference state" if relative else "errors of changes need weighted lines"
     return {"relative": why, "mixture": "each bolt is tight or loose"}
 
 
@@ -232,20 +232,20 @@ def _approach(update: UpdateConfig, facts: Facts) -> tuple[Approach, str]:
     if update.regularisation != "auto":
         return "paper", f"regularisation: {update.regularisation} is a weight of values along the edge"
     if update.method == "bfgs":
-        return "paper", "method: bfgs is the paper's"
+        return "paper", "method: bfgs is the method of the paper"
     return "bolts", "there is a reference job to compare with"
 
 
 def noise_source(method: Method, *, coherent: bool, repeated: bool) -> Noise:
-    """From what the noise of the lines of one measurement is known.
+    """Source from which the noise of the lines of one measurement is estimated.
 
     Parameters
     ----------
     method : Method
     coherent : bool
-        There are coherences of more than one average.
+        The measurement has coherences of more than one average.
     repeated : bool
-        There are repeated measurements.
+        The measurement was repeated.
 
     Returns
     -------
@@ -258,14 +258,14 @@ def noise_source(method: Method, *, coherent: bool, repeated: bool) -> Noise:
 
 
 def formula(evaluation: str, terms: int, size: int) -> str:
-    """By what FRFs are evaluated; ``auto`` takes the cheaper: a solve of order nt, or one of order r, each with its right-hand sides.
+    """Formula by which FRFs are evaluated; ``auto`` takes the cheaper one: port FRFs (solves of order nt) or eq. (28) (order r).
 
     Parameters
     ----------
     evaluation : str
-        Of the settings.
+        As in the settings.
     terms, size : int
-        nt, and the order r of the reduced model.
+        Number of terms nt, and order r of the reduced model.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The decision rule of a campaign's settings: all that judging needs of them, and loaded without the rest."""
+"""The decision rule that the settings give: the only settings on which judging depends, in a module that loads fast."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from lrbc_cli.config.settings import UpdateConfig
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.updating.judging.rule import DecisionRule
 
-#: Keys of ``update`` that decide, and change no identification.
+#: Keys of ``update`` that belong to the decision rule; they change no identification.
 RULE = ("confidence", "loose_change", "largest_misfit")
 
 
 def rule_of(update: UpdateConfig) -> DecisionRule:
-    """The decision rule of the settings: a given ``loose_change`` holds for either posterior."""
+    """The decision rule of the settings; a given ``loose_change`` replaces the thresholds of both posteriors, sampled and Gaussian."""
     rule = DecisionRule(confidence=update.confidence, largest_misfit=update.largest_misfit)
     if "largest_misfit" in update.model_fields_set:
-        # A limit that is given is the only one.
+        # A given limit is the only one: no margin over the reference job.
         rule = replace(rule, misfit_margin=0.0)
     given = update.loose_change
     return rule if given is None else replace(rule, loose_change=given, mixture_change=given)
 
 
 def changed_rule(update: UpdateConfig, changes: Mapping[str, Any]) -> DecisionRule:
-    """The same with other values of some keys of ``RULE``.
+    """The decision rule of the settings with other values for some keys of ``RULE``.
 
     Raises
     ------
     ConfigError
-        Where a key is no part of the rule, or its value is none.
+        If a key is not part of the rule, or its value is not valid.
     """
     expected = "confidence, loose_change or largest_misfit"
     if unknown := set(changes) - {*RULE}:

@@ -1,7 +1,7 @@
-"""What a reduction will need, before any factorisation: memory from the fill of its factors, time from their operations.
+"""Predicts memory and time of a reduction for `lrbc check`, from the fill and operations of its factors, without a factorisation.
 
-The pattern, its ordering and the analysis are those of the reduction itself; values are not touched. What follows is counted in arrays:
-operators on the union pattern, factors, snapshots of one expansion point, the basis, the lines of the estimate.
+Pattern, ordering and analysis are those of the reduction itself. Memory is the sum of its large arrays: operators on the union pattern,
+factors, snapshots (solutions) of one expansion point, the basis, and the lines of the error estimate.
 """
 
 from __future__ import annotations
@@ -20,51 +20,51 @@ from lrbc_cli.reduction.threads import single_threaded
 
 COMPLEX, REAL = 16, 8
 
-#: Bytes an entry of the union pattern costs: K, C and M twice, their values on the pattern, its indices, and what forming it leaves behind
-#: in the allocator. Measured on models of 10 000 to 90 000 DOFs; real and complex matrices differ by less than the rest of this table.
+#: Bytes for each entry of the union pattern: K, C and M twice, their values on the pattern, its indices, and memory that the allocator
+#: keeps. Measured on models of 10 000 to 90 000 DOFs; real and complex matrices differ by less than the two solvers do.
 PATTERN_BYTES = {"superlu": 150, "pardiso": 120}
 
-#: Bytes an entry of SuperLU's factors costs: its value, its share of the row subscripts, and the room by which the arrays grow.
+#: Bytes for each entry of SuperLU's factors: its value, its share of the row subscripts, and the reserve by which the arrays grow.
 SUPERLU_BYTES = 18.6
 
 #: Copies of the snapshots of one expansion point while they are orthogonalised, and of the right-hand sides that are solved together.
 SNAPSHOT_COPIES, SOLVE_COPIES = 5, 5
 
-#: Arrays as large as the basis: itself, and new directions with their images, which are not kept.
+#: Arrays as large as the basis: the basis, and temporarily the new directions with their images.
 BASIS_ARRAYS = 2
 
-#: Reduced DOFs for each input and each dual right-hand side: 3.3 to 4.5 on all sample models. That holds where the band has no more modes
-#: than the model has terms and responses; every further mode adds about one, and ``max_size`` bounds it.
+#: Reduced DOFs for each input and each dual right-hand side: 3.3 to 4.5 on all sample models, if the band has no more modes than the
+#: model has terms and responses. Each further mode adds about one DOF; ``max_size`` is the limit.
 SIZE_RELATION = 4
 
-#: Lines of the estimate, rows of its sketch, and copies of its largest array.
+#: Lines of the error estimate, rows of its sketch, and copies of its largest array.
 ESTIMATE_LINES, SKETCH, ESTIMATE_COPIES = 160, 96, 3
 
-#: Libraries and thread buffers that only a reduction loads.
+#: Bytes of libraries and thread buffers that only a reduction loads.
 LIBRARIES = 60e6
 
 #: Expansion points beside the held-out lines.
 POINTS = 4
 
-#: Share of the speed of a dense product that a factorisation reaches, and a solve of many right-hand sides, an orthogonalisation.
+#: Speed relative to that of a dense matrix product: (factorisation, solve of many right-hand sides) by solver, and orthogonalisation.
 EFFICIENCY = {"superlu": (0.5, 0.1), "pardiso": (0.5, 0.15)}
 ORTHOGONALISATION = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cost:
-    """What a reduction is predicted to need.
+    """Predicted memory and time of a reduction.
 
     Attributes
     ----------
     memory : dict
-        Bytes beyond what the process holds once the model is read, by what needs them.
+        Bytes needed in addition to those after reading the model, by purpose.
     work : float
-        Operations, those of sparse steps counted by how much slower they are than a dense product: the same on every machine.
+        Operations, weighted by how much slower each step is than a dense product; the same on every machine.
     line : float
-        Those of one full line with all columns.
+        The same for one line of the full model with all right-hand sides.
     seconds : float
-        At the speed of a dense product in one thread, now.
+        Time of ``work`` at the speed of a dense product in one thread, measured now.
     nonzeros : int
         Entries of the factors.
     backend : str
@@ -79,14 +79,14 @@ class Cost:
 
     @property
     def additional(self) -> float:
-        """Bytes in all."""
+        """Sum of ``memory`` [bytes]."""
         return sum(self.memory.values())
 
 
 def memory_bound(model: FeModel) -> float:
-    """Bytes that a reduction hardly exceeds, at once and without an ordering: a regular three-dimensional mesh with twice its fill.
+    """Quick bound [bytes] that a reduction hardly exceeds, without an ordering: twice the fill of a regular three-dimensional mesh.
 
-    Nested dissection of such a mesh fills as n^(4/3) (George 1973); the constant is that of a cube of quadratic tetrahedra.
+    The fill of such a mesh after nested dissection grows as n^(4/3) (George 1973); the constant is that of a cube of quadratic tetrahedra.
     """
     n = model.size
     entries = model.K.nnz + model.M.nnz
@@ -98,7 +98,7 @@ def memory_bound(model: FeModel) -> float:
 
 
 def predict(model: FeModel, options: ReductionOptions, *, backend: str = "auto") -> Cost:
-    """Order and analyse the dynamic stiffness, and add up what its reduction will hold.
+    """Order and analyse the dynamic stiffness, and predict memory and time of its reduction.
 
     Parameters
     ----------
@@ -113,17 +113,19 @@ def predict(model: FeModel, options: ReductionOptions, *, backend: str = "auto")
 
     Raises
     ------
+    ConfigError
+        If ``backend`` is ``pardiso`` and it is not installed.
     NumericalError
-        Where the back end is not installed.
+        If the analysis of PARDISO fails.
     """
-    # What each response belongs to costs nothing.
+    # Which input a response belongs to has no effect on the cost.
     problem = Problem.of(model, np.zeros(model.L.shape[0], dtype=np.int64), options, backend=backend)
     n, Z, analysis, backend = model.size, problem.Z, problem.Z.analyse(), problem.Z.backend
     inputs = problem.inputs.shape[1]
     columns = inputs + problem.dual.shape[1]
     moments = moments_worth(problem, analysis)
     size = n if problem.is_small else min(SIZE_RELATION * columns, options.max_size or n, n)
-    # Two lines side by side have two factors.
+    # Two lines solved at the same time need two factors.
     width = 2 if backend == "superlu" and cores() > 1 and COMPLEX * analysis.nonzeros <= SIDE_BY_SIDE_BYTES else 1
     factors = float(analysis.bytes or width * SUPERLU_BYTES * analysis.nonzeros)
     snapshots = float(COMPLEX * n * columns * moments)
@@ -136,7 +138,7 @@ def predict(model: FeModel, options: ReductionOptions, *, backend: str = "auto")
         "operators": float(PATTERN_BYTES[backend] * Z.entries),
         "factors": factors,
         "snapshots": max(solving, arrays - factors) if released else max(solving, arrays),
-        # Each field has its share of the columns only.
+        # With two fields the basis is block diagonal: each column fills one field only.
         "basis": BASIS_ARRAYS * REAL * size * float(n if not model.is_acoustic.any() or model.is_acoustic.all() else 0.5 * n),
         "estimate": _estimate_bytes(model),
         "libraries": LIBRARIES,
@@ -148,7 +150,7 @@ def predict(model: FeModel, options: ReductionOptions, *, backend: str = "auto")
     orthogonalised = 2 * n * (2 * columns * moments) * (2 * columns * moments + 2 * size) / ORTHOGONALISATION
     reduced = 8 * ESTIMATE_LINES * (size**3 / 3 + (size**2 + 2 * SKETCH * size) * columns) / ORTHOGONALISATION
     more = solved * (columns * moments / inputs - 1)
-    # What is kept whole is looked at on the lines of the estimate once, and not expanded.
+    # A model kept whole is evaluated once on the lines of the estimate, and not expanded.
     dense = 8 * ESTIMATE_LINES * (n**3 / 3 + n**2 * columns) / factor
     rest = dense if problem.is_small else POINTS * (line + solved + more + orthogonalised + reduced)
     work = float(options.held_out * (line + solved) + rest)
@@ -162,10 +164,10 @@ def _estimate_bytes(model: FeModel) -> float:
 
 
 def _product_rate() -> float:
-    """Operations a second of a dense complex product on this machine, in one thread, the best of a few.
+    """Operations per second of a dense complex product on this machine in one thread, the best of five.
 
-    Where others use the cores, or a container has a share of them, two threads of so short a product wait for each other: they are up to a
-    hundred times slower then, and a reduction is not.
+    One thread, because on busy or shared cores the threads of so short a product wait for each other and are up to a hundred times slower,
+    which says nothing about a reduction.
     """
     A = np.full((256, 256), 0.5 + 0.5j)
     times = []

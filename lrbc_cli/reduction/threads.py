@@ -1,4 +1,4 @@
-"""Work on small dense matrices in two threads: lines shared by both, or whole pieces of work side by side."""
+"""Two threads for work on small dense matrices: the lines of one evaluation are shared, or independent tasks run at the same time."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from threadpoolctl import ThreadpoolController
 T = TypeVar("T")
 R = TypeVar("R")
 
-#: Cubes of the terms, summed over the lines, from which two threads solve: less is done before a thread has begun; and terms up to which
-#: LAPACK does not use threads of its own.
+#: Two threads are used if lines x states x terms³ is at least THREADED (smaller work is done before a thread has started). Up to MOST_TERMS
+#: terms LAPACK does not use threads of its own.
 THREADED, MOST_TERMS = 2e6, 128
 
-#: Bytes of the matrices that are solved in one go: what a core's cache holds is not fetched from memory for each step again.
+#: Bytes of the matrices that are solved in one batch, so that they stay in the cache of a core.
 CACHED = 2_000_000
 
-#: Whether other work goes on beside this, which then has one thread.
+#: Whether this work runs in one of two parallel threads already, and must not start further ones.
 _beside: ContextVar[bool] = ContextVar("beside", default=False)
 
 
 def side_by_side(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
-    """What independent pieces of work give, two at a time.
+    """Results of ``work`` for independent items, two items at a time.
 
     Parameters
     ----------
     work : callable
-        Changes nothing that another piece reads.
+        Must not change anything that it reads for another item.
     items : iterable
 
     Returns
     -------
     list
-        In the order of the items, the same whatever the threads.
+        In the order of the items, independent of the threads.
     """
     todo = list(items)
     if len(todo) < 2 or (os.cpu_count() or 1) < 2 or _beside.get():
@@ -56,7 +56,7 @@ def side_by_side(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
     pool = ThreadPoolExecutor(2)
     try:
         with single_threaded(), in_turn():
-            # Settings are those of the caller; before NumPy 2 errors of floats were settings of a thread.
+            # Each task has the context of the caller; before NumPy 2 the floating-point error settings belonged to a thread.
             return [future.result() for future in [pool.submit(copy_context().run, one, item) for item in todo]]
     finally:
         pool.shutdown(cancel_futures=True)
@@ -64,7 +64,7 @@ def side_by_side(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
 
 @contextmanager
 def in_turn() -> Iterator[None]:
-    """Nothing is done side by side, for work that has threads of its own or needs much memory."""
+    """Context without parallel threads, for work that has threads of its own or needs much memory."""
     token = _beside.set(True)
     try:
         yield
@@ -73,19 +73,19 @@ def in_turn() -> Iterator[None]:
 
 
 def by_lines(lines: int, terms: int, states: int, work: Callable[[slice], None]) -> None:
-    """Run ``work`` on slices of lines whose matrices a core's cache holds, in two threads where that pays.
+    """Run ``work`` on slices of lines small enough for the cache of a core, in two threads if that is faster.
 
     Parameters
     ----------
     lines, terms, states : int
-        Matrices of ``(terms, terms)`` for each line and state.
+        Size of the work: a matrix of shape (terms, terms) for each line and state.
     work : callable
-        What it does for a line is the same whatever the slice.
+        Its result for a line must not depend on the slice.
 
     Raises
     ------
     Exception
-        Whatever ``work`` raises, once both threads have ended.
+        Any exception of ``work``, after both threads have ended.
     """
     shared = lines * states * float(terms) ** 3 >= THREADED and (os.cpu_count() or 1) > 1 and not _beside.get()
     count = max(-(-lines * states * terms**2 * np.dtype(complex).itemsize // CACHED), 2 if shared else 1)
@@ -121,18 +121,18 @@ def by_lines(lines: int, terms: int, states: int, work: Callable[[slice], None])
 
 @cache
 def _blas() -> ThreadpoolController:
-    """The BLAS libraries of NumPy and SciPy; looking for them takes longer than a small chunk."""
+    """The BLAS libraries of NumPy and SciPy; cached, since finding them takes longer than a small chunk of work."""
     return ThreadpoolController().select(user_api="blas")
 
 
 def single_threaded() -> AbstractContextManager[object]:
-    """BLAS with one thread, for work on small matrices: its threads would cost more than they do."""
+    """Context with one BLAS thread, for small matrices, where more threads cost more than they gain."""
     limit: AbstractContextManager[object] = _blas().limit(limits=1)
     return limit
 
 
 def in_chunks(count: int, work: Callable[[slice], None], *, chunk: int = 16, workers: int = 2) -> None:
-    """Run ``work`` on slices of lines, in threads with BLAS limited to one thread each (small dense solves release the GIL)."""
+    """Run ``work`` on slices of ``chunk`` lines in ``workers`` threads with one BLAS thread each (small dense solves release the GIL)."""
     slices = [slice(at, min(at + chunk, count)) for at in range(0, count, chunk)]
     if _beside.get():
         for part in slices:

@@ -1,1 +1,1 @@
-"""What is reduced: the full model about its reference state, the basis, the values of terms, and the norms of errors."""
+"""The problem that a reduction solves: full model at reference values of its terms, basis, certificate vectors, norms of errors."""

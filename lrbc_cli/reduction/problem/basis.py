@@ -1,4 +1,4 @@
-"""The split real basis V = diag(Vs, Va) and what is projected on it, grown block by block."""
+"""The real basis V = diag(Vs, Va), split into structure and air, and the operators projected on it, extended block by block."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from lrbc_cli.errors import NumericalError
 #: Loss of orthonormality above which the basis is refused.
 ORTHONORMALITY = 1e-10
 
-#: Share of the stiffness in the norm of residuals. What a converging basis lacks is smooth, M times a mode beyond the band, and a norm of
-#: the mesh's own stiffness would not see it: on fine meshes the estimate fell below the error by orders of magnitude.
+#: Share of the stiffness in the norm of residuals. The residual of a nearly converged basis is smooth (M times a mode above the band), and
+#: the large stiffness of a fine mesh would hide it: with the full share estimates were orders of magnitude below the error.
 RESIDUAL_STIFFNESS = 0.1
 
-#: Deflation from which singular values may be taken from the normal matrix, which squares them.
+#: Smallest deflation for which singular values are computed from the normal matrix, which squares them.
 SQUARED = 3e-7
 
-#: A block whose asymmetry is below this fraction of its largest entry is projected as a symmetric one.
+#: A block whose asymmetry is at most this fraction of its largest entry is projected as a symmetric one.
 MIRRORED = 1e-14
 
 
 @dataclass
 class Field:
-    """One diagonal block of the basis.
+    """The block of the basis for one field, structure or air.
 
     Attributes
     ----------
     dofs : (n_f,) int array
         DOFs of the field.
     weight : (n_f,) float array
-        Square root of a diagonal energy norm: columns are orthonormal after scaling with it, so that translations,
-        rotations and pressures are measured alike.
+        Square root of a diagonal energy norm. Columns of V are orthonormal after scaling with it, so that translations, rotations and
+        pressures have comparable weight.
     Q : (n_f, r_f) float array
         Orthonormal columns; V = Q / weight.
     """
@@ -53,23 +53,23 @@ class Field:
 
 
 def energy_weight(K: sp.csc_array, M: sp.csc_array, omega: float, stiffness: float = 1.0) -> Floats:
-    """(n,) square root of stiffness |diag K| + omega² |diag M|, floored where both vanish."""
+    """(n,) weights ``sqrt(stiffness |diag K| + omega² |diag M|)``, at least the smallest positive one."""
     diagonal = stiffness * np.abs(K.diagonal()) + omega**2 * np.abs(M.diagonal())
     floor = diagonal[diagonal > 0].min() if np.any(diagonal > 0) else 1.0
     return np.asarray(np.sqrt(np.maximum(diagonal, floor)))
 
 
 def new_directions(field: Field, blocks: Sequence[Complexes], deflation: float) -> Floats:
-    """Orthonormal directions that snapshots add to a field.
+    """Orthonormal directions by which snapshots (solutions of the full model) extend the basis of a field.
 
-    Complex snapshots enter as real and imaginary part. Each snapshot is scaled to norm one first; directions whose singular
-    value is below ``deflation`` are near-dependent and dropped.
+    Each complex snapshot is scaled to norm one and enters as real and imaginary part. Directions whose singular value is below
+    ``deflation`` are nearly dependent on the others and are dropped.
 
     Parameters
     ----------
     field : Field
     blocks : sequence of (n, m) complex arrays
-        Snapshots of all fields in the units of the DOFs.
+        Snapshots, rows of all fields, in the units of the DOFs.
     deflation : float
 
     Returns
@@ -81,7 +81,7 @@ def new_directions(field: Field, blocks: Sequence[Complexes], deflation: float) 
     Y = np.empty((field.dofs.size, 2 * count), order="F")
     start = 0
     for block in blocks:
-        # Part by part: on large models every copy of all snapshots counts.
+        # Column by column, since a copy of all snapshots needs much memory in large models.
         for column in range(block.shape[1]):
             values = block[field.dofs, column]
             np.multiply(values.real, field.weight, out=Y[:, start])
@@ -97,7 +97,7 @@ def new_directions(field: Field, blocks: Sequence[Complexes], deflation: float) 
     if Y.shape[1] == 0:
         return np.zeros((field.dofs.size, 0))
     new = _principal(Y, deflation)
-    # Directions kept with a small singular value inherit its amplified round-off: clean them once more.
+    # Round-off is amplified in directions with small singular values: orthogonalise against the basis once more.
     new -= field.Q @ (field.Q.T @ new)
     return _orthonormal(new)
 
@@ -105,7 +105,7 @@ def new_directions(field: Field, blocks: Sequence[Complexes], deflation: float) 
 def _principal(Y: Floats, deflation: float) -> Floats:
     """Left singular vectors of Y with singular values above ``deflation``, roughly orthonormal."""
     if deflation >= SQUARED:
-        # By the normal matrix: one product instead of a factorisation of a tall matrix.
+        # Eigenvectors of the normal matrix are cheaper than a factorisation of the tall matrix.
         values, vectors = la.eigh(Y.T @ Y, check_finite=False)
         keep = values > deflation**2
         return np.asarray(Y @ (vectors[:, keep] / np.sqrt(values[keep]))[:, ::-1])
@@ -115,7 +115,7 @@ def _principal(Y: Floats, deflation: float) -> Floats:
 
 
 def _orthonormal(new: Floats) -> Floats:
-    """Orthonormal columns of the span of nearly orthonormal ones, in their order."""
+    """Orthonormalise nearly orthonormal columns in their order (Cholesky QR, twice)."""
     for _ in range(2):
         try:
             factor = la.cholesky(new.T @ new, check_finite=False)
@@ -126,22 +126,22 @@ def _orthonormal(new: Floats) -> Floats:
 
 
 def check_orthonormal(field: Field) -> float:
-    """Largest entry of QᵀQ - I.
+    """Largest entry of |QᵀQ - I|.
 
     Raises
     ------
     NumericalError
-        Where it exceeds ``ORTHONORMALITY``.
+        If it exceeds ``ORTHONORMALITY``.
     """
     defect = float(np.abs(field.Q.T @ field.Q - np.eye(field.Q.shape[1])).max(initial=0.0))
     if not defect <= ORTHONORMALITY:
-        raise NumericalError("the reduced basis lost its orthonormality", expected=f"at most {ORTHONORMALITY:.0e}", found=f"{defect:.1e}")
+        raise NumericalError("the reduced basis is no longer orthonormal", expected=f"at most {ORTHONORMALITY:.0e}", found=f"{defect:.1e}")
     return defect
 
 
 @dataclass(frozen=True, kw_only=True)
 class Projected:
-    """All that residuals and responses of a reduced model take, without the basis itself, which may be as large as the memory.
+    """Snapshot of a ``Projection`` for responses and residual estimates, without the basis itself, which may be very large.
 
     Attributes
     ----------
@@ -152,12 +152,13 @@ class Projected:
     outputs : (p, r) float array
         L_ext V.
     sketches, turned : three (fields * rows, r) arrays
-        Of K V, C V and M V; and of the transposed operators, the same where those were not asked for.
+        Sketches of K V, C V and M V; and the same for the transposed operators (equal to ``sketches`` for symmetric models).
     sketched_inputs, sketched_dual : (fields * rows, m) and (fields * rows, q) float arrays
+        Sketches of B_ext and of the dual right-hand sides.
     sizes : list of int
         Reduced DOFs of each field.
     rows : int
-        Of the sketch, a field.
+        Rows of the sketch for each field.
     """
 
     operators: tuple[Any, Any, Any]
@@ -173,7 +174,7 @@ class Projected:
 
 
 class Projection:
-    """Operators projected on the growing basis, block by block of the fields, and a random sketch of their residuals.
+    """Operators projected on the growing basis, block by block of the fields, and random sketches for the norms of residuals.
 
     Parameters
     ----------
@@ -187,11 +188,11 @@ class Projection:
     dual : (n, q) csc_array
         Right-hand sides of the dual (transposed) problem.
     residual_weight : (n,) float array
-        Residuals are measured in the norm of rows divided by it.
+        Residuals are divided by it, row by row, before their norm is taken.
     transposed : bool
         Keep sketches of the transposed operators too, for models that cannot be symmetrised.
     sketch : int
-        Rows a field of the sparse sign embedding that measures residual norms without forming the residuals.
+        Rows (for each field) of the sparse sign embedding, which gives norms of residuals without forming the residuals.
     """
 
     def __init__(
@@ -210,14 +211,14 @@ class Projection:
         self.rows, self._transposed = sketch, transposed
         count = range(len(fields))
         weights = [residual_weight[field.dofs] for field in fields]
-        # A quotient by an array is in coordinate form, whose rows and columns SciPy before 1.16 cannot take out.
+        # Division by an array gives coordinate format, which SciPy before 1.16 cannot slice.
         self._theta = [(_sparse_sign(sketch, weight.size, seed) / weight).tocsr() for seed, weight in enumerate(weights)]
         self._parts = [_blocks_of(operator, fields) for operator in operators]
         self._mirrored = [{pair: pair[0] == pair[1] and _is_symmetric(part) for pair, part in parts.items()} for parts in self._parts]
         self._blocks: list[dict[tuple[int, int], Any]] = [
             {pair: np.zeros((0, 0), dtype=part.dtype) for pair, part in parts.items()} for parts in self._parts
         ]
-        # The images of the basis themselves are never kept: they would take as much memory as several bases.
+        # The products K V, C V, M V are not kept: they would take as much memory as several bases.
         self._sketches = [_empty_sketches(parts, sketch) for parts in self._parts]
         self._turned = [
             {(f, g): parts[g, f].T for f in count for g in count if (g, f) in parts} if transposed else {} for parts in self._parts
@@ -234,7 +235,7 @@ class Projection:
 
     @property
     def size(self) -> int:
-        """Number of reduced DOFs so far."""
+        """Number of reduced DOFs r."""
         return sum(self.sizes)
 
     @property
@@ -243,7 +244,7 @@ class Projection:
         return [field.Q.shape[1] for field in self.fields]
 
     def extend(self, new: Sequence[Floats]) -> None:
-        """Append orthonormal directions in weighted coordinates, one array a field."""
+        """Extend the basis by orthonormal directions in weighted coordinates, one (n_f, k_f) array for each field."""
         old, fields = self.sizes, self.fields
         added = [directions / field.weight[:, None] for directions, field in zip(new, fields, strict=True)]
         for which, parts in enumerate(self._parts):
@@ -269,7 +270,7 @@ class Projection:
         sketches[f, g] = np.hstack([sketches[f, g], self._theta[f] @ image])
 
     def restrict(self, turns: Sequence[Floats]) -> None:
-        """Keep a subspace: Q becomes Q T, with one (r_f, k_f) matrix of orthonormal columns a field."""
+        """Restrict the basis to a subspace: Q becomes Q T, with an (r_f, k_f) matrix T of orthonormal columns for each field."""
         for blocks in self._blocks:
             for f, g in blocks:
                 blocks[f, g] = turns[f].T @ blocks[f, g] @ turns[g]
@@ -281,17 +282,17 @@ class Projection:
 
     @property
     def operators(self) -> tuple[Any, Any, Any]:
-        """Vᵀ K V, Vᵀ C V and Vᵀ M V with the terms at their reference values, fields one after the other."""
+        """(r, r) Vᵀ K V, Vᵀ C V and Vᵀ M V with the terms at their reference values, fields one after the other."""
         K, C, M = (self._assemble(blocks, self.sizes) for blocks in self._blocks)
         return K, C, M
 
     def project(self, matrix: sp.csc_array) -> Any:
-        """Vᵀ A V of any matrix, fields one after the other."""
+        """(r, r) Vᵀ A V of any (n, n) matrix A, fields one after the other."""
         blocks, fields = _blocks_of(matrix, self.fields), self.fields
         return self._assemble({(f, g): fields[f].V.T @ (part @ fields[g].V) for (f, g), part in blocks.items()}, self.sizes)
 
     def lift(self, states: Any) -> Any:
-        """(n, k) V a of reduced states (r, k)."""
+        """(n, k) full states V a of (r, k) reduced states a."""
         out = np.empty((sum(field.dofs.size for field in self.fields), states.shape[1]), dtype=states.dtype)
         start = 0
         for field in self.fields:
@@ -301,7 +302,7 @@ class Projection:
         return out
 
     def rows_at(self, dofs: Integers) -> Floats:
-        """(k, r) rows of V at some DOFs."""
+        """(k, r) rows of V at k DOFs."""
         out, start = np.zeros((dofs.size, self.size)), 0
         for field in self.fields:
             at = np.searchsorted(field.dofs, dofs).clip(max=field.dofs.size - 1)
@@ -311,7 +312,7 @@ class Projection:
         return out
 
     def projected(self) -> Projected:
-        """What it is now, apart from what it becomes."""
+        """The present projections and sketches; later changes of the basis do not affect them."""
         heights = [self.rows] * len(self.fields)
         K, C, M = (self._assemble(sketches, heights) for sketches in self._sketches)
         turned = [self._assemble(sketches, heights) for sketches in self._turned_sketches] if self._transposed else [K, C, M]
@@ -351,7 +352,7 @@ class Projection:
 
 @dataclass(frozen=True)
 class _Rows:
-    """The rows of a sparse matrix that hold anything."""
+    """The non-empty rows of a sparse matrix."""
 
     rows: Integers
     values: sp.csr_array
@@ -376,7 +377,7 @@ def _is_symmetric(part: sp.csr_array) -> bool:
 
 
 def narrow(A: Any) -> Any:
-    """The same matrix with 32-bit indices where they suffice: slices of arrays get 64-bit ones, which take as much memory as the values."""
+    """The same matrix with 32-bit indices if they suffice: slicing gives 64-bit ones, which take as much memory as the values."""
     if A.indices.itemsize > 4 and max(*A.shape, A.nnz) < 2**31:
         return type(A)((A.data, A.indices.astype(np.int32), A.indptr.astype(np.int32)), shape=A.shape)
     return A
@@ -389,7 +390,7 @@ def _blocks_of(operator: sp.csc_array, fields: Sequence[Field]) -> dict[tuple[in
 
 
 def _sparse_sign(rows: int, columns: int, seed: int, per_column: int = 4) -> sp.csr_array:
-    """Sparse sign embedding: E |theta x|² = |x|²."""
+    """(rows, columns) random sparse sign embedding theta: the expectation of |theta x|² is |x|²."""
     rng = np.random.default_rng(seed)
     row = rng.integers(0, rows, size=(columns, per_column))
     sign = rng.choice([-1.0, 1.0], size=(columns, per_column)) / np.sqrt(per_column)

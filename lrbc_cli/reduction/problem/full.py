@@ -1,4 +1,4 @@
-"""The unreduced model with its terms at reference values, and port FRFs from full solves."""
+"""Full-order operators with the terms at reference values, and port FRFs from full-order solves (``evaluation: full``)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from lrbc_cli.reduction.solve.dynamic import DynamicStiffness
 
 
 def full_operators(model: FeModel, reference: Floats) -> tuple[sp.csc_array, sp.csc_array, sp.csc_array]:
-    """K, C, M with the reference values of the terms added."""
+    """K, C, M of the model plus the terms at their reference values, (nt, 3) coefficients k, c, m."""
     out = []
     for power, operator in enumerate((model.K, model.C, model.M)):
         weight = reference[:, power]
@@ -38,19 +38,29 @@ def full_ports(
     backend: str = "auto",
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> PortFrf:
-    """Port FRFs of the unreduced model by one refined full solve a line: the reference that reduced models are compared with.
+    """Port FRFs of the full-order model, by one factorisation and refined solve for each line; reduced models are compared with them.
 
     Parameters
     ----------
     model : FeModel
     input_of : (n_out,) int array
+        Which input each response belongs to.
     s : (F,) complex array
     band_hz : (float, float)
-        Sets the reference values of the terms only.
+        Used for the reference values of the terms only.
+    backend : str
+        Sparse solver, see ``DynamicStiffness``.
+    progress : callable
+        Called with the number of lines done and of all lines.
 
     Returns
     -------
     PortFrf
+
+    Raises
+    ------
+    NumericalError
+        If the full model is (nearly) singular at a line.
     """
     high = band_omega(model.K, model.M, band_hz)
     reference = reference_values(model.terms, local_scale(model.K, model.M, model.terms, high), high)

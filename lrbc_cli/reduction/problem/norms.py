@@ -1,4 +1,4 @@
-"""What the error of a line is relative to: its norm over responses of one quantity, and what counts as silence or rounding."""
+"""The norm that makes the error at a line relative: that of the responses of one physical quantity, with lower limits."""
 
 from __future__ import annotations
 
@@ -9,30 +9,30 @@ import numpy as np
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.fem import FeModel
 
-#: A line this much (100 dB) below that of the reference state is silent.
+#: Errors are relative to no less than this share (-100 dB) of the norm of the line in the reference state.
 SILENT = 1e-5
 
-#: A line this much (260 dB) below what a unit load does where it acts is zero: what is left of it is rounding, in the full solution too.
+#: ... and to no less than this share (-260 dB) of the response at the loaded point: below it, the full solution too is rounding only.
 ROUNDING = 1e-13
 
 
 def quantity_groups(model: FeModel) -> list[Integers]:
-    """Responses that share a physical quantity."""
+    """Indices of the responses that share a physical quantity (pressures, displacements, velocities, accelerations)."""
     acoustic = np.asarray(abs(model.L) @ model.is_acoustic.astype(float)) > 0
     key = np.where(acoustic, -1, model.output_power)
     return [np.flatnonzero(key == value) for value in np.unique(key)]
 
 
 def local_responses(model: FeModel, s: complex, input_of: Integers) -> Floats:
-    """(R,) size of a response if its place were where the load acts: the mean flexibility of both, taken from the diagonals alone.
+    """(R,) estimated response if sensor and load were at one point: geometric mean of the flexibilities of both, from the diagonals alone.
 
-    What is far below it is no response: a part that the load cannot reach, where the full solution is zero and every other one rounding.
+    A response far below it belongs to a part that the load cannot reach: the exact solution is zero there, and a computed one is rounding.
     """
     omega = abs(s)
     diagonal = np.abs(model.K.diagonal()) + omega**2 * np.abs(model.M.diagonal())
     positive = diagonal[diagonal > 0]
     flexible = 1.0 / np.maximum(diagonal, positive.min() if positive.size else 1.0)
-    # Rows of the air are divided by omega² where the u-p system is made symmetric: reciprocity holds up to that factor.
+    # In a u-p system reciprocity holds up to the factor omega², by which the acoustic rows are divided to make it symmetric.
     outputs = np.where(model.is_acoustic, omega, 1.0) ** 2 * flexible
     inputs = np.where(model.is_acoustic, 1.0 / omega, 1.0) ** 2 * flexible
     heard = np.sqrt(np.asarray((abs(model.L) ** 2) @ outputs))
@@ -41,11 +41,11 @@ def local_responses(model: FeModel, s: complex, input_of: Integers) -> Floats:
 
 
 def relative_error(groups: Sequence[Integers], y: Complexes, exact: Complexes, reference: Complexes, local: Floats | None = None) -> float:
-    """Error of one line relative to its norm, the worst over quantities (pressures apart from motions).
+    """Error of y at one line relative to the norm of the line, for the physical quantity (``groups``) with the largest one.
 
-    Where the terms silence a line (clamping the loaded point, say) it counts against ``SILENT`` of the reference state instead: below
-    that the full solution itself is a difference of numbers that cancel. Where nothing answers in the reference state either, it counts
-    against ``ROUNDING`` of the local responses.
+    The norm is at least ``SILENT`` times that of the reference state: where the terms suppress the response (e.g. clamp the loaded point),
+    the full solution itself is a difference of nearly equal numbers. It is also at least ``ROUNDING`` times that of the local responses,
+    for loads that reach no response in the reference state either.
     """
     worst = 0.0
     for group in groups:

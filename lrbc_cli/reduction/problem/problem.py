@@ -1,4 +1,4 @@
-"""What is reduced: the full-order model about its reference state, with all that estimator, compressor and certificate read of it."""
+"""The full-order model with its terms at reference values, and the quantities that estimate, compression and certificate share."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from lrbc_cli.reduction.reduced.model import ReducedModel, reference_dynamic
 from lrbc_cli.reduction.reduced.ports import PortFrf, port_frf
 from lrbc_cli.reduction.solve.dynamic import DynamicStiffness
 
-#: Expansion points before the estimate takes over, at Chebyshev places.
+#: Number of first expansion points, at Chebyshev places of the band; later ones are chosen by the error estimate.
 FIRST_POINTS = 3
 
-#: Inputs above which only the first line is solved for all of them, and later ones for random combinations.
+#: Number of inputs above which only the first line is solved for all inputs, and later lines for random combinations of them.
 MANY_INPUTS = 150
 
 
 @dataclass(frozen=True, kw_only=True)
 class Problem:
-    """A reduction to be done.
+    """A model to be reduced, with everything about it that does not change during the reduction.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Problem:
         Which input each response belongs to.
     options : ReductionOptions
     Z : DynamicStiffness
-        With the terms at their reference values.
+        Dynamic stiffness with the terms at their reference values.
     scale : (nt,) float array
         Local stiffness, damping or mass of each term, see ``local_scale``.
     reference : (nt, 3) float array
@@ -45,15 +45,16 @@ class Problem:
     inputs : (n, n_in + nt) csc_array
         B_ext of the paper's extended system, eq. (14).
     outputs : (n_out + nt, n) csc_array
-        L_ext.
+        L_ext of the extended system.
     dual : (n, d) csc_array
-        Distinct responses, and outputs of the terms where their solutions are not those of the inputs.
+        Right-hand sides of the dual (transposed) problem: distinct responses, and the outputs of the terms unless, by symmetry, their dual
+        solutions equal those of the term inputs.
     dual_of : int array
-        Which of them belongs to each response (and output of a term).
+        Column of ``dual`` for each response (and each term output).
     quantities : tuple of int arrays
-        Responses that share a physical quantity.
+        Indices of the responses that share a physical quantity.
     many : bool
-        So many inputs that they are compressed before solving; errors are then measured by residuals.
+        More than ``MANY_INPUTS`` inputs: random combinations of them are solved, and errors are measured by residuals.
     """
 
     model: FeModel
@@ -71,7 +72,7 @@ class Problem:
 
     @classmethod
     def of(cls, model: FeModel, input_of: Integers, options: ReductionOptions, *, backend: str = "auto") -> Problem:
-        """Order the dynamic stiffness about the reference values of the terms; the parameters are those of ``reduce_model``."""
+        """Choose reference values of the terms, and order the dynamic stiffness with them; parameters as of ``reduce_model``."""
         omega = band_omega(model.K, model.M, options.band_hz)
         scale = local_scale(model.K, model.M, model.terms, omega)
         reference = reference_values(model.terms, scale, omega)
@@ -79,7 +80,7 @@ class Problem:
         inputs, outputs = model.inputs, model.outputs
         # With a symmetric Z and equal left and right vectors only the responses need dual solutions.
         covered = Z.symmetric and model.terms.symmetric
-        # A response to several hammer points is one place all the same.
+        # Rows of one response to several hammer points are equal, and need one dual solution.
         dual, dual_of = distinct_columns((model.L.T if covered else outputs.T).tocsc())
         return cls(
             model=model,
@@ -98,25 +99,25 @@ class Problem:
 
     @property
     def loads(self) -> int:
-        """Number of inputs that are loads; those of the terms follow."""
+        """Number of loads n_in, the first inputs; those of the terms follow."""
         return int(self.model.B.shape[1])
 
     @property
     def responses(self) -> int:
-        """Number of outputs that are responses; those of the terms follow."""
+        """Number of responses n_out, the first outputs; those of the terms follow."""
         return int(self.model.L.shape[0])
 
     @property
     def is_small(self) -> bool:
-        """Whether the first points give as many directions as the model has, which is then kept whole.
+        """Whether the model has no more DOFs than the first expansion points give directions; it is then kept whole.
 
-        A solution is two of them, its real and its imaginary part.
+        Each solution gives two directions, its real and its imaginary part.
         """
         limit, directions = self.options.max_size, 2 * FIRST_POINTS * (self.inputs.shape[1] + self.dual.shape[1])
         return bool(self.model.size <= (directions if limit is None else min(directions, limit)))
 
     def empty_basis(self) -> Projection:
-        """A basis without columns, split into structure and air."""
+        """A basis without columns, split into structure and air, with its energy weights."""
         model, omega = self.model, band_omega(self.model.K, self.model.M, self.options.band_hz)
         weight = energy_weight(self.Z.K, self.Z.M, omega)
         masks = [~model.is_acoustic, model.is_acoustic]
@@ -131,11 +132,11 @@ class Problem:
         )
 
     def structure_of(self, basis: Projection | Projected) -> int:
-        """Structural ones of the reduced DOFs."""
+        """Number of structural reduced DOFs, the first ones."""
         return 0 if self.model.is_acoustic.all() else basis.sizes[0]
 
     def reduced(self, basis: Projection) -> ReducedModel:
-        """The reduced model on a basis, without the groups of further factors."""
+        """The reduced model on a basis, with the reference values of the terms removed again; without matrices of further groups."""
         inputs, outputs = basis.inputs, basis.outputs
         left, right = inputs[:, self.loads :], outputs[self.responses :].T
         K, C, M = (A - (left * self.reference[:, i]) @ right.T for i, A in enumerate(basis.operators))
@@ -154,12 +155,12 @@ class Problem:
         )
 
     def ports(self, H: Complexes, s: Complexes) -> PortFrf:
-        """Port FRFs from (F, n_out + nt, n_in + nt) transfer matrices at the reference values."""
+        """Port FRFs from the (F, n_out + nt, n_in + nt) transfer matrices of the extended system at the reference values."""
         return port_frf(H, s, reference_dynamic(self.reference, s), self.model.output_power, self.input_of)
 
 
 def distinct_columns(A: sp.csc_array) -> tuple[sp.csc_array, Integers]:
-    """Columns that differ, in their order, and for each column of A which of them it is."""
+    """The distinct columns of A in their order, and for each column of A the index of its copy among them."""
     A = A.copy()
     A.sum_duplicates()
     kept: dict[tuple[bytes, bytes], int] = {}

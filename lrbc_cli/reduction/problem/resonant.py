@@ -1,4 +1,7 @@
-"""States of the terms that resonate at a given line: where a reduced model errs most, and where drawn states hardly ever lie."""
+"""Values of the terms for which the structure resonates exactly at a given line, used by estimate and certificate.
+
+A reduced model errs most at such states, and randomly drawn states hardly ever are near one.
+"""
 
 from __future__ import annotations
 
@@ -9,44 +12,43 @@ from lrbc_cli.model.terms import LowRankTerms
 from lrbc_cli.reduction.problem.vectors import RANDOM_DECADES
 from lrbc_cli.reduction.reduced.ports import PortFrf
 
-#: Loss factor that the terms have at least in such a state: a resonance without any damping has no relative error, and no bolted
-#: structure is damped less.
+#: Least loss factor in such a state: a resonance without damping has no relative error, and no bolted structure is damped less.
 LEAST_LOSS = 1e-3
 
-#: Decades around the local values in which the shares of the terms are drawn, all patterns but the first.
+#: Decades around the local values within which the shares of all patterns but the first are drawn.
 PATTERN_DECADES = 2.0
 
-#: Shares of the local values from which the terms are raised, and to which: a motion that a term alone holds is not set free, and terms
-#: that depend on each other are not clamped together.
+#: Lowest and highest share of the local values. Above zero, so that a motion held by one term only does not become free; and finite, since
+#: linearly dependent terms cannot all be clamped.
 LOWEST, HIGHEST = 1e-12, 10.0 ** RANDOM_DECADES[0][1]
 
 _SEED = 20180406
 
 
 def resonant_vectors(ports: PortFrf, terms: LowRankTerms, scale: Floats, *, patterns: int, count: int) -> list[Complexes]:
-    """Dynamic values D(s) of states that resonate at the very lines of some port FRFs.
+    """Dynamic values D(s) of the terms for which the structure resonates at each line of the port FRFs.
 
-    From free on, the stiffness terms are raised together in fixed shares d: ``D = free + a d``. A resonance is where ``I + a diag(d) Hpp``
-    is singular, ``a = -1 / lambda`` with an eigenvalue of ``sqrt(d) Hpp sqrt(d)``. With light damping, where resonances are sharp, those
-    are the negative ones of its real part, and the imaginary part moves them by its Rayleigh quotient. So no level has to be drawn, and
-    none is missed because the mesh makes local stiffnesses as large as it likes.
+    The stiffness terms are raised from free with fixed shares d: ``D = free + a d``. A line is a resonance if ``I + a diag(d) Hpp`` is
+    singular, ``a = -1 / lambda`` with an eigenvalue lambda of ``sqrt(d) Hpp sqrt(d)``. With light damping (sharp resonances) these are the
+    negative eigenvalues of its real part; the Rayleigh quotient of the imaginary part gives their damping. Levels a need not be drawn, so
+    none is missed however much the local stiffnesses depend on the mesh.
 
     Parameters
     ----------
     ports : PortFrf
-        Exact ones, or those of a reduced model.
+        Exact, or of a reduced model.
     terms : LowRankTerms
     scale : (nt,) float array
-        From ``local_scale``: shares of the first pattern.
+        From ``local_scale``; the shares of the first pattern.
     patterns : int
-        Sets of shares, those after the first one drawn.
+        Number of sets of shares; all but the first are drawn at random.
     count : int
-        States of each pattern: those which the responses feel most.
+        States of each pattern at each line: those with the largest effect on the responses.
 
     Returns
     -------
     list of (F, nt) complex arrays
-        At lines where fewer states resonate, the free one stands in their place; none without terms of stiffness.
+        At lines with fewer resonant states the free state takes their place; empty without stiffness terms.
     """
     stiff = np.flatnonzero(terms.power == 0)
     free = -terms.baseline * ports.s[:, None] ** terms.power + 0j
@@ -66,7 +68,7 @@ def resonant_vectors(ports: PortFrf, terms: LowRankTerms, scale: Floats, *, patt
 
 
 def _levels(ports: PortFrf, shares: Floats, count: int) -> list[Complexes]:
-    """(F,) factors of the shares at which a line resonates, those felt most first; zero where there are no more."""
+    """At most ``count`` arrays of (F,) levels a at which each line resonates, largest effect on responses first; 0 if there are no more."""
     root = np.sqrt(shares)
     H = root[:, None] * ports.Hpp * root
     values, vectors = np.linalg.eigh(0.5 * (H.real + H.real.transpose(0, 2, 1)))

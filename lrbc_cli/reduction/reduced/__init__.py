@@ -1,1 +1,1 @@
-"""The reduced model: its port FRFs, global factors, modes and time domain, and its solution at many lines."""
+"""The reduced model: FRFs for any values of terms and global factors, modes, first-order form, and fast solution at many lines."""

@@ -1,7 +1,7 @@
-"""The reduced model as a function of global factors: stiffness, mass and damping of each field, and further affine groups (Table 2).
+"""The reduced model as a function of the global factors of a calibration (Table 2): stiffness, mass, damping of each field, further groups.
 
-Such factors are affine but not low rank, so the port formula does not cover them. The reduced dynamic stiffness (28) does, and one
-factorisation a line gives the FRFs with all their derivatives: to the terms, to the factors, and to shifts of the loads.
+Factors are affine but not of low rank, so the port formula does not apply. One factorisation of the reduced dynamic stiffness (28) at each
+line gives the FRFs with their derivatives with respect to terms, factors and shifts of the loads.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from lrbc_cli.reduction.reduced.modal import Motions, diagonal_of, modal_structu
 from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.threads import in_chunks
 
-#: Z counts as symmetric, after the acoustic rows are scaled, where it differs from its transpose by less than this fraction.
+#: Z counts as symmetric if, after scaling of the acoustic rows, it differs from its transpose by at most this fraction.
 SYMMETRY = 1e-9
 
 
 @dataclass(frozen=True)
 class Linearised:
-    """FRFs and their derivatives.
+    """FRFs y and their derivatives.
 
     Attributes
     ----------
     y : (F, R) complex array
     terms : (F, R, nt) complex array
-        dy/dD_j.
+        dy/dD_j for the dynamic values of the terms.
     factors : (F, R, k) complex array
-        dy/d ln phi_i.
+        dy/d ln phi_i for the factors.
     shifts : (F, R, 2) complex array
-        dy of a unit shift of the response's load along the two directions of ``AffineModel.shifts``; empty without them.
+        Derivatives with respect to shifts of the response's load along two directions [1/m]; (F, R, 0) without ``AffineModel.shifts``.
     """
 
     y: Complexes
@@ -47,16 +47,16 @@ class Linearised:
 
 @dataclass(frozen=True)
 class AffineModel:
-    """``Z(s, phi) = sum_p c_p(s, phi) A_p`` in reduced coordinates.
+    """The reduced dynamic stiffness ``Z(s, phi) = sum_p c_p(s, phi) A_p`` as a function of the factors phi.
 
     Attributes
     ----------
     base : ReducedModel
-        At factors that are all one; its columns of B beyond the loads are ``shifts``.
+        With all factors one; columns of B beyond the loads are the derivatives that ``shifts`` refers to.
     recipe : Recipe
-        How the coefficients depend on the factors.
+        Gives the coefficients c_p.
     shifts : (n_in, 2) int array or None
-        For every load the columns of B that hold its derivatives to two shifts of the hammer [N/m].
+        For every load the columns of B with its derivatives with respect to two shifts of the hammer [N/m].
     """
 
     base: ReducedModel
@@ -65,7 +65,7 @@ class AffineModel:
 
     @cached_property
     def blocks(self) -> list[Any]:
-        """A_p in the order of ``Recipe.pieces``."""
+        """(r, r) matrices A_p in the order of ``Recipe.pieces``."""
         r, ns = self.base.size, self.base.structure
         first = np.arange(r) < ns
         inside = {"structure": np.outer(first, first), "acoustic": np.outer(~first, ~first), "coupling": first[:, None] != first[None, :]}
@@ -84,7 +84,7 @@ class AffineModel:
         return K, C, M
 
     def damping_coefficients(self) -> dict[str, float]:
-        """Alpha, beta and loss factor of each field, by the names of their factors: those at which these are one."""
+        """Values of alpha, beta and loss factor of each field that the model has with all factors one, by the names of their factors."""
         ns, K = self.base.structure, self.base.K
         found: dict[str, float] = {}
         for piece in self.recipe.pieces:
@@ -101,12 +101,12 @@ class AffineModel:
         return replace(self.base, K=K, C=C, M=M)
 
     def diagonalised(self, omega: float) -> AffineModel:
-        """The same with a diagonal air, or with the modes of a structure alone, which makes its lines cheaper.
+        """The model with diagonal acoustic blocks or, for a structure without air, in modal coordinates: faster at each line.
 
         Parameters
         ----------
         omega : float
-            In the band [rad/s].
+            Angular frequency in the band [rad/s].
         """
         base = self.base
         modal = modal_structure(base.K, base.C, base.M, omega) if base.structure == base.size else None
@@ -127,7 +127,7 @@ class AffineModel:
         return replace(self, base=base)
 
     def restricted(self, responses: Integers) -> AffineModel:
-        """The same for some of the responses."""
+        """The model with some of the responses only (index array)."""
         base = replace(
             self.base, L=self.base.L[responses], output_power=self.base.output_power[responses], input_of=self.base.input_of[responses]
         )
@@ -143,7 +143,7 @@ class AffineModel:
         *,
         workers: int = 2,
     ) -> Linearised:
-        """FRFs with their derivatives.
+        """FRFs and their derivatives with respect to terms, factors and shifts of the loads.
 
         ``dy/dD_j = -(b_jᵀ v)(c_jᵀ x)`` and ``dy/d ln phi = -vᵀ (dZ/d ln phi) x`` with ``Z x = B u`` and ``Zᵀ v = Lᵀ``, eqs. (28), (32).
 
@@ -151,10 +151,11 @@ class AffineModel:
         ----------
         s : (F,) complex array
         D : (F, nt) complex array
-            Finite.
+            Dynamic values of the terms, finite.
         factors : mapping
+            Values by name; factors that are not given are one.
         names : sequence of str
-            Factors to derive to.
+            Factors for which derivatives are computed.
         offset : (n_in, 2) float array or None
             Shift of each load along its two directions [m].
 
@@ -182,14 +183,14 @@ class AffineModel:
                 for i in range(2):
                     by_shift[part, :, i] = (heard @ found.x)[:, rows, self.shifts[own, i]] * to_quantity
 
-        # What all lines of a chunk share is formed once.
+        # With work shared by all lines of a chunk, chunks are as large as possible.
         in_chunks(s.size, work, chunk=max(8, -(-s.size // workers)) if shared else 8, workers=workers)
         return Linearised(y, by_term, by_factor, by_shift)
 
     def _solver(
         self, s: Complexes, D: Complexes, operators: tuple[Any, Any, Any], B: Floats
     ) -> tuple[Callable[[slice], Motions], Floats | None, bool]:
-        """What solves some of the lines; its coordinates, where they are not those of the base; whether lines share work."""
+        """A function that solves a slice of lines; the (r, r) matrix from its coordinates to ``base`` or None; whether lines share work."""
         base, own, rows = self.base, self.base.input_of, np.arange(self.base.L.shape[0])
         terms = (base.left, base.right)
         modal = modal_structure(*operators, omega=float(np.median(np.abs(s)))) if base.structure == base.size else None
@@ -206,7 +207,7 @@ class AffineModel:
         return moved, None, condense
 
     def _sloping(self, factors: Mapping[str, float], names: Sequence[str], turn: Floats | None) -> list[tuple[Any, Floats]]:
-        """Pieces that some factor moves, as (r, r) matrices or (r,) diagonals, with the (k, 3) derivatives of their shares of K, C, M."""
+        """Pieces that depend on ``names``: (r, r) matrix or (r,) diagonal, and (k, 3) derivatives of its weights in K, C, M."""
         found = []
         for piece, A in zip(self.recipe.pieces, self.blocks, strict=True):
             slopes = np.array([piece.slopes(factors, name) for name in names]).reshape(-1, 3)
@@ -217,7 +218,7 @@ class AffineModel:
         return found
 
     def loads(self, offset: Floats | None) -> Floats:
-        """B with its loads shifted."""
+        """(r, columns) B with each load shifted by its (2,) offset [m]."""
         B = np.array(self.base.B, dtype=float)
         if offset is not None and self.shifts is not None:
             for load, columns in enumerate(self.shifts):
@@ -231,20 +232,20 @@ class AffineModel:
     def _solve(
         self, z: Complexes, D: Complexes, operators: tuple[Any, Any, Any], B: Floats, kappa: float | None
     ) -> tuple[Complexes, Complexes]:
-        """X and v of ``Z x = B`` and ``Zᵀ v = Lᵀ``; kappa as of ``_kappa``."""
+        """Solutions x and v of ``Z x = B`` and ``Zᵀ v = Lᵀ``; kappa from ``_kappa``."""
         base, ns = self.base, self.base.structure
         K, C, M = operators
         Z = z**2 * M + z * C + K + (base.left * D[:, None, :]) @ base.right.T
         if kappa is None:
             return np.linalg.solve(Z, B.astype(complex)[None]), np.linalg.solve(Z.transpose(0, 2, 1), base.L.T.astype(complex)[None])
-        # diag(I, -1/(kappa s²)) Z is symmetric: v follows from the same factorisation.
+        # diag(I, -1/(kappa s²)) Z is symmetric, so v follows from the same factorisation.
         scale = np.ones((Z.shape[0], base.size, 1), dtype=complex)
         scale[:, ns:] = -1.0 / (kappa * z**2)
         both = np.linalg.solve(Z, np.concatenate([np.broadcast_to(B, (Z.shape[0], *B.shape)), base.L.T[None] / scale], axis=2))
         return both[:, :, : B.shape[1]], scale * both[:, :, B.shape[1] :]
 
     def _kappa(self, K: Any, C: Any, M: Any) -> float | None:
-        """The factor that makes Z symmetric; None where none does."""
+        """The kappa with which Z becomes symmetric (acoustic rows divided by -kappa s²); 1 if it is symmetric; None if there is none."""
         ns, base = self.base.structure, self.base
         if not np.array_equal(base.left, base.right):
             return None
@@ -271,7 +272,7 @@ class AffineModel:
 
 
 def _slopes(s: Complexes, x: Complexes, v: Complexes, own: Integers, sloping: Sequence[tuple[Any, Floats]], names: int) -> Complexes:
-    """(F, R, k) ``vᵀ (dZ/d ln phi) x``."""
+    """(F, R, k) products ``vᵀ (dZ/d ln phi) x`` for every response and factor."""
     out = np.zeros((s.size, own.size, names), dtype=complex)
     powers = s[:, None] ** np.arange(3)
     for A, slopes in sloping:

@@ -1,4 +1,4 @@
-"""A reduced model in coordinates in which the air is diagonal, and its solution by condensing the air out."""
+"""Faster solution of reduced u-p models: cavity modes make the acoustic blocks diagonal, and the air is condensed out at each line."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ import scipy.linalg as la
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.reduction.reduced.model import ReducedModel
 
-#: The projected acoustic blocks count as symmetric, and what is left beside their diagonals as zero, below this fraction.
+#: Asymmetry of the acoustic blocks, and off-diagonal entries after the transformation, count as zero up to this fraction.
 NEGLIGIBLE = 1e-9
 
-#: Entries of the table of products of left and right vectors above which it is not formed.
+#: Largest number of entries of the table of products of left and right vectors in ``weighted``.
 PAIRS = 4_000_000
 
 
 def air_modes(K: Any, M: Any, structure: int) -> Floats | None:
-    """(na, na) modes of the rigid-walled cavity in its reduced coordinates, mass-normalised.
+    """(na, na) mass-normalised modes of the rigid-walled cavity, in reduced acoustic coordinates.
 
     Parameters
     ----------
     K, M : (r, r) arrays
     structure : int
-        Structural coordinates, the first ones.
+        Number of structural coordinates, the first ones.
 
     Returns
     -------
     float array or None
-        None where there is no air or its matrices are not symmetric and of definite mass.
+        None without air, or if its matrices are not symmetric or its mass is not positive definite.
     """
     if structure == K.shape[0]:
         return None
@@ -44,7 +44,7 @@ def air_modes(K: Any, M: Any, structure: int) -> Floats | None:
 
 
 def turned(A: Any, modes: Floats, structure: int) -> Any:
-    """``Tᵀ A T`` for T that turns the air's coordinates only; what round-off leaves beside the diagonal of its block becomes zero."""
+    """``Tᵀ A T`` with T = diag(I, modes); off-diagonal entries of the acoustic block that are round-off become zero."""
     ns = structure
     out = np.array(A)
     out[:, ns:] = out[:, ns:] @ modes
@@ -57,9 +57,9 @@ def turned(A: Any, modes: Floats, structure: int) -> Any:
 
 
 def with_diagonal_air(model: ReducedModel) -> ReducedModel:
-    """The same model with the modes of the rigid-walled cavity, in its acoustic subspace, as acoustic coordinates.
+    """The model with modes of the rigid-walled cavity as acoustic coordinates, which make the acoustic blocks diagonal.
 
-    Whatever multiplies the acoustic stiffness or mass as a whole, damping in proportion to them included, then stays diagonal.
+    They stay diagonal when factors multiply the acoustic stiffness or mass, and with proportional damping.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def with_diagonal_air(model: ReducedModel) -> ReducedModel:
     Returns
     -------
     ReducedModel
-        The given one where there is no air or its matrices are not symmetric, definite mass.
+        Unchanged without air, with a complex C, or if the acoustic matrices are not symmetric with a positive definite mass.
     """
     ns = model.structure
     modes = None if np.iscomplexobj(model.C) else air_modes(model.K, model.M, ns)
@@ -90,7 +90,7 @@ def with_diagonal_air(model: ReducedModel) -> ReducedModel:
 
 
 def air_is_diagonal(K: Any, C: Any, M: Any, structure: int, left: Floats, right: Floats) -> bool:
-    """Whether the air can be condensed out by its diagonal: no term acts on it either."""
+    """Whether the air can be condensed out: its blocks of K, C, M are diagonal, and no term acts on it."""
     ns = structure
     if ns in (0, K.shape[0]) or left[ns:].any() or right[ns:].any():
         return False
@@ -106,23 +106,27 @@ def condensed_solve(
     loads: Complexes | Floats,
     outputs: Complexes | Floats,
 ) -> tuple[Complexes, Complexes]:
-    """``Z x = B`` and ``Zᵀ v = Lᵀ`` with a diagonal air: one factorisation of the size of the structure.
+    """Solve ``Z x = B`` and ``Zᵀ v = Lᵀ`` with diagonal acoustic blocks: one factorisation of the size of the structure for each line.
 
-    ``S = Z_ss - Z_sa Z_aa⁻¹ Z_as``; the transposed problem has the transposed Schur complement. What air and terms add to S is linear
-    in one number a mode and one a term, so it is formed for all lines in one product.
+    The Schur complement is ``S = Z_ss - Z_sa Z_aa⁻¹ Z_as``, and its transpose for the transposed problem. The contributions of air and
+    terms to S are linear in one number for each mode and term, so they are formed for all lines in one product.
 
     Parameters
     ----------
     z : (F, 1, 1) complex array
+        Lines s.
     D : (F, nt) complex array
+        Dynamic values of the terms, finite.
     operators : three (r, r) arrays
         K, C, M.
     terms : two (r, nt) arrays
         Left and right vectors.
     structure : int
-        Structural coordinates, the first ones.
+        Number of structural coordinates, the first ones.
     loads : (r, n) array
+        B.
     outputs : (r, R) array
+        Lᵀ.
 
     Returns
     -------
@@ -156,18 +160,18 @@ def condensed_solve(
 
 
 def _powers(K: Any, C: Any, M: Any, rows: slice, columns: slice) -> list[tuple[int, Any]]:
-    """Blocks of K, C, M that are not zero, with their powers of s; a zero block of K where all are."""
+    """Non-zero blocks of K, C, M with their powers of s; the (zero) block of K if all are zero."""
     found = [(power, plain(A[rows, columns])) for power, A in enumerate((K, C, M)) if A[rows, columns].any()]
     return found or [(0, plain(K[rows, columns]))]
 
 
 def plain(A: Any) -> Any:
-    """The real part of an array that has no other, as the coupling in a stiffness with loss factors."""
+    """A as a real array if its imaginary part is zero, for example the coupling block of a complex stiffness."""
     return A.real if not A.imag.any() else A
 
 
 def weighted(weight: Complexes, left: Floats, right: Floats) -> Complexes:
-    """(F, m, n) ``left diag(weight) rightᵀ`` for every line, by one real product where its table of pairs is small."""
+    """(F, m, n) ``left diag(weight) rightᵀ`` for every line; by one real product for all lines unless its table would be too large."""
     F, m, n = weight.shape[0], left.shape[0], right.shape[0]
     if weight.shape[1] * m * n > PAIRS:
         return np.asarray((left * weight[:, None, :]) @ right.T)

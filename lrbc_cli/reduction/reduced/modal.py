@@ -1,4 +1,4 @@
-"""A structure whose damping its undamped modes share: a diagonal dynamic stiffness, to which the terms are few ports."""
+"""Faster lines for structures without air whose damping is diagonal in the undamped modes; the terms enter by the port formula."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from lrbc_cli.reduction.reduced.ports import port_frf
 
 @dataclass(frozen=True, kw_only=True)
 class Motions:
-    """What unit loads move, and unit loads at the responses.
+    """Solutions for unit inputs and of the dual problem of each response, with the terms included in Z.
 
     Attributes
     ----------
     x : (F, r, n_in) complex array
-        ``Z x = B``, in the coordinates of whoever solved it.
+        Solution of ``Z x = B``, in the coordinates of the solver.
     v : (F, r, R) complex array
-        ``Zᵀ v = Lᵀ``, likewise.
+        Solution of ``Zᵀ v = Lᵀ``, likewise.
     after : (F, nt, n_in) complex array
-        ``cᵀ x`` of every term.
+        ``cᵀ x`` for every term.
     before : (F, nt, R) complex array
-        ``bᵀ v`` of every term.
+        ``bᵀ v`` for every term.
     y : (F, R) complex array
-        Displacements of the responses over their own load.
+        Displacement of each response over its own input.
     """
 
     x: Complexes = field(repr=False)
@@ -40,33 +40,36 @@ class Motions:
 
 @dataclass(frozen=True)
 class ModalStructure:
-    """Coordinates in which K, C and M are diagonal: ``turn`` maps them to the reduced ones.
+    """Modal coordinates of a structure, in which K, C and M are diagonal.
 
     Attributes
     ----------
     turn : (r, r) float array
+        Modes as columns: maps modal to reduced coordinates.
     diagonals : three (r,) arrays
-        Of K, C and M.
+        Of K, C and M in modal coordinates.
     """
 
     turn: Floats = field(repr=False)
     diagonals: tuple[Any, Any, Any] = field(repr=False)
 
     def motions(self, z: Complexes, D: Complexes, terms: tuple[Floats, Floats], B: Floats, L: Floats, input_of: Integers) -> Motions:
-        """``x = G B + G b u`` with ``G = (K + s C + s² M)⁻¹`` and the auxiliary inputs u of the port formula (14)-(18).
+        """Solve for all inputs and responses: ``x = G (B + b u)``, ``G = (K + s C + s² M)⁻¹``, u from the port formula (14)-(18).
 
-        The cost of a line is that of nt equations instead of r.
+        Each line needs the solution of nt equations instead of r.
 
         Parameters
         ----------
         z : (F,) complex array
             Lines s.
         D : (F, nt) complex array
+            Dynamic values of the terms.
         terms : two (r, nt) arrays
-            Left and right vectors.
+            Left and right vectors, in reduced coordinates as B and L.
         B : (r, n_in) array
         L : (R, r) array
         input_of : (R,) int array
+            Which input each response belongs to.
         """
         K, C, M = self.diagonals
         G = 1.0 / (K + z[:, None] * C + z[:, None] ** 2 * M)
@@ -80,22 +83,22 @@ class ModalStructure:
 
 
 def modal_structure(K: Any, C: Any, M: Any, omega: float) -> ModalStructure | None:
-    """The modes of a structure as coordinates, where they leave its damping diagonal.
+    """Modal coordinates of a structure, if they make its damping diagonal too.
 
-    The eigenvalues are those of ``M x = mu (K + omega² M) x``: what round-off leaves of them is small against those of the modes up to
-    omega, however high the highest lies.
+    The eigenvalue problem is ``M x = mu (K + omega² M) x``: its round-off is small relative to the mu of modes up to omega, however high
+    the highest frequency is.
 
     Parameters
     ----------
     K, C, M : (r, r) arrays
-        Of a structure alone.
+        Of a structure without air.
     omega : float
-        In the band [rad/s].
+        Angular frequency in the band [rad/s].
 
     Returns
     -------
     ModalStructure or None
-        None where the matrices are not symmetric or ``K + omega² M`` is not definite, or where the damping couples modes.
+        None if the matrices are not symmetric, ``K + omega² M`` is not positive definite, or damping couples the modes.
     """
     if not any((A - np.diag(np.diag(A))).any() for A in (K, C, M)):
         return ModalStructure(np.eye(K.shape[0]), (np.diag(K), np.diag(C), np.diag(M)))
@@ -113,6 +116,6 @@ def modal_structure(K: Any, C: Any, M: Any, omega: float) -> ModalStructure | No
 
 
 def diagonal_of(A: Any) -> Any:
-    """(r,) diagonal of a matrix; None where something stands beside it."""
+    """(r,) diagonal of a matrix; None if it has off-diagonal entries beyond round-off."""
     diagonal = np.diag(A)
     return None if np.abs(A - np.diag(diagonal)).max(initial=0.0) > NEGLIGIBLE * np.abs(diagonal).max(initial=0.0) else diagonal

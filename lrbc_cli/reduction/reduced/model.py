@@ -1,4 +1,4 @@
-"""The reduced model (26)-(27): projected operators, port FRFs from it, and the reduced dynamic stiffness (28)."""
+"""The reduced model (26)-(27): projected operators, from which port FRFs follow, and the reduced dynamic stiffness (28)."""
 
 from __future__ import annotations
 
@@ -15,25 +15,26 @@ from lrbc_cli.reduction.threads import in_chunks
 
 @dataclass(frozen=True, kw_only=True)
 class ReducedModel:
-    """``(s² M + s C + K + b D(s) cᵀ) x = B u, y = s^q L x`` with r DOFs, without the terms in K, C, M.
+    """``(s² M + s C + K + b D(s) cᵀ) x = B u, y = s^q L x`` with r DOFs; K, C and M do not contain the terms.
 
     Attributes
     ----------
     K, C, M : (r, r) arrays
-        Vᵀ K V and so on; real unless the full operator is complex.
+        Vᵀ K V etc.; real unless the full operator is complex.
     B : (r, n_in) float array
     L : (n_out, r) float array
     left, right : (r, nt) float arrays
         Vᵀ b and Vᵀ c, eq. (27).
     output_power : (n_out,) int array
+        Power q of s for each response.
     input_of : (n_out,) int array
         Which input each response belongs to.
     reference : (nt, 3) float array
-        D_ref(s) = k + s c + s² m of every term: the values about which port FRFs are taken.
+        Coefficients of the reference values ``D_ref(s) = k + s c + s² m`` of the terms, about which port FRFs are taken.
     structure : int
-        How many of the DOFs, counted from the first, are structural.
+        Number of structural DOFs, the first ones.
     extras : mapping of str to mappings of str to (r, r) arrays
-        Projected matrices of the further groups of factors, by group and operator.
+        Projected matrices of the further calibration groups, by group and operator.
     """
 
     K: Complexes | Floats = field(repr=False)
@@ -70,13 +71,13 @@ class ReducedModel:
         ----------
         s : (F,) complex array
         D : (F, nt) complex array
-            Finite values of the terms.
+            Dynamic values of the terms, finite.
         """
         Z = s[:, None, None] ** 2 * self.M + s[:, None, None] * self.C + self.K
         return np.asarray(Z + (self.left * D[:, None, :]) @ self.right.T)
 
     def transfer(self, s: Complexes, *, workers: int = 2) -> Complexes:
-        """(F, n_out + nt, n_in + nt) transfer matrix of the extended system at the reference."""
+        """(F, n_out + nt, n_in + nt) transfer matrix of the extended system at the reference values."""
         D = self.reference_dynamic(s)
         inputs = np.hstack([self.B, self.left])
         outputs = np.vstack([self.L, self.right.T])
@@ -93,11 +94,11 @@ class ReducedModel:
         return port_frf(self.transfer(s, workers=workers), s, self.reference_dynamic(s), self.output_power, self.input_of)
 
     def evaluate(self, s: Complexes, D: Complexes, *, workers: int = 2) -> Complexes:
-        """(F, n_out) FRFs from the reduced dynamic stiffness, eq. (28): the formula that port FRFs are checked against."""
+        """(F, n_out) FRFs from the reduced dynamic stiffness, eq. (28), for (F, nt) values D (inf clamps); port FRFs give the same."""
         return self._solve(s, D, gradient=False, workers=workers)[0]
 
     def linearise(self, s: Complexes, D: Complexes, *, workers: int = 2) -> tuple[Complexes, Complexes]:
-        """(F, n_out) FRFs and (F, n_out, nt) derivatives to D_j, eqs. (28) and (32) in adjoint form."""
+        """(F, n_out) FRFs and their (F, n_out, nt) derivatives with respect to D_j, eqs. (28) and (32) in adjoint form."""
         return self._solve(s, D, gradient=True, workers=workers)
 
     def _solve(self, s: Complexes, D: Complexes, *, gradient: bool, workers: int) -> tuple[Complexes, Complexes]:
@@ -106,7 +107,7 @@ class ReducedModel:
         dy = np.empty((s.size, R if gradient else 0, self.terms), dtype=complex)
         rows = np.arange(R)
         size, rest = self._sizes(s)
-        # Terms that dwarf the rest of the dynamic stiffness.
+        # Terms much larger than the rest of the dynamic stiffness.
         stiff = size * np.abs(D).max(axis=0, initial=0.0) > 100.0 * rest
         soft = ~stiff
         rigid = CLAMPED * size[stiff] / rest
@@ -116,7 +117,7 @@ class ReducedModel:
 
         def work(part: slice) -> None:
             d = np.where(stiff, 0.0, D[part])
-            # Stiff terms keep their auxiliary input u = -D cᵀ x as an unknown, E u + F cᵀ x = 0: no huge entries, clamping included.
+            # Stiff terms have u = -D cᵀ x as a further unknown, E u + F cᵀ x = 0 with D = F/E: no huge entries, even for clamped terms.
             clamped = np.isinf(D[part][:, stiff])
             finite = np.where(clamped, 0.0, D[part][:, stiff])
             E = np.where(clamped, rigid, 1.0 / (1.0 + np.abs(finite)))
@@ -143,11 +144,11 @@ class ReducedModel:
         return y, dy
 
     def _sizes(self, s: Complexes) -> tuple[Floats, float]:
-        """(nt,) norms of the terms at the value one, and the size of the rest of the dynamic stiffness."""
+        """(nt,) norms of the terms at D = 1, and the size of the rest of the dynamic stiffness."""
         size = np.linalg.norm(self.left, axis=0) * np.linalg.norm(self.right, axis=0)
         return size, float(np.abs(self.K).max() + np.abs(s).max() ** 2 * np.abs(self.M).max())
 
 
 def reference_dynamic(reference: Floats, s: Complexes) -> Complexes:
-    """(F, nt) k + s c + s² m from (nt, 3) coefficients."""
+    """(F, nt) values k + s c + s² m from (nt, 3) coefficients k, c, m."""
     return np.asarray(reference[:, 0] + s[:, None] * reference[:, 1] + s[:, None] ** 2 * reference[:, 2])

@@ -1,4 +1,4 @@
-"""Natural frequencies, damping and shapes of the reduced model at given values of its terms, and how alike the shapes of two states are."""
+"""Modes of the reduced model at given values of its terms (frequencies, damping, shapes), and the MAC between two states."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from lrbc_cli.errors import NumericalError
 from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.reduced.statespace import assembled, poles_of
 
-#: A pole that rounding may have moved by more than this fraction is left out.
+#: Poles whose possible rounding error exceeds this fraction are left out.
 SURE = 1e-5
 
-#: Coupling blocks count as those of a u-p system where they differ by less than this fraction.
+#: Coupling blocks count as those of a u-p system, M_as = -kappa K_saᵀ, up to this relative difference.
 COUPLED = 1e-6
 
-#: Modes of two states are one mode where their MAC is at least this: more alike than not.
+#: Two modes of different states are paired if their MAC is at least this.
 ALIKE = 0.5
 
 
 @dataclass(frozen=True)
 class Modes:
-    """Modes of one state, by rising frequency.
+    """Modes of one state in ascending order of frequency.
 
     Attributes
     ----------
     poles : (m,) complex array
-        In the upper half plane [rad/s].
+        Poles in the upper half plane [rad/s].
     shapes : (r, m) complex array
-        In reduced DOFs.
+        Mode shapes in reduced DOFs, as columns.
     """
 
     poles: Complexes
@@ -38,7 +38,7 @@ class Modes:
 
     @property
     def frequency_hz(self) -> Floats:
-        """(m,) natural frequencies [Hz], those without damping where it is proportional."""
+        """(m,) natural frequencies |pole| / 2 pi [Hz]; with proportional damping those of the undamped system."""
         return np.asarray(np.abs(self.poles) / (2.0 * np.pi))
 
     @property
@@ -48,20 +48,20 @@ class Modes:
 
 
 def modes_of(model: ReducedModel, terms: Complexes | Floats, band_hz: tuple[float, float]) -> Modes:
-    """Modes in a band, from the quadratic eigenvalue problem ``(s² M + s C + K) x = 0`` with the terms in K, C and M.
+    """Modes in a band, from the quadratic eigenvalue problem ``(s² M + s C + K) x = 0`` with the terms included in K, C and M.
 
     Parameters
     ----------
     model : ReducedModel
     terms : (nt, 3) array
-        k, c and m of ``D(s) = k + s c + s² m``; complex with hysteretic damping.
+        Coefficients k, c and m of ``D(s) = k + s c + s² m``; complex with hysteretic damping.
     band_hz : (float, float)
-        For which the model was reduced.
+        Band for which the model was reduced [Hz].
 
     Raises
     ------
     NumericalError
-        Where the eigenvalues cannot be computed.
+        If the eigenvalues cannot be computed.
     """
     omega = 2.0 * np.pi * band_hz[1]
     try:
@@ -81,11 +81,11 @@ def modes_of(model: ReducedModel, terms: Complexes | Floats, band_hz: tuple[floa
 
 
 def mac(model: ReducedModel, a: Modes, b: Modes) -> Floats:
-    """(m_a, m_b) modal assurance criterion over the whole model, DOFs weighted by their kinetic energy.
+    """(m_a, m_b) modal assurance criterion between the modes of two states, weighted by kinetic energy over the whole model.
 
-    With ``M_as = -kappa K_saᵀ`` the energies of plate and air are ``omega² uᴴ M_s u`` and ``pᴴ K_a p / (kappa omega²)``: undamped modes of
-    one state are orthogonal in their sum. Pressures are left out where the coupling has no such form. Reduced matrices between reduced
-    shapes are those of the full model between the expanded ones, so nothing has to be expanded.
+    With ``M_as = -kappa K_saᵀ`` the energies of structure and air are ``omega² uᴴ M_s u`` and ``pᴴ K_a p / (kappa omega²)``; undamped
+    modes of one state are orthogonal in their sum. Pressures are left out if the coupling is not of this form. Products of reduced shapes
+    with reduced matrices equal those of the expanded shapes with the full matrices.
     """
     ns = model.structure
     K, M = np.asarray(model.K), np.asarray(model.M)
@@ -106,17 +106,18 @@ def mac(model: ReducedModel, a: Modes, b: Modes) -> Floats:
 
 
 def paired(likeness: Floats) -> list[tuple[int | None, int | None]]:
-    """Modes of two states one to one by their MAC, those without a counterpart with None.
+    """Pair the modes of two states one to one by their MAC; a mode without a counterpart is paired with None.
 
     Parameters
     ----------
     likeness : (m_a, m_b) float array
+        From ``mac``.
 
     Returns
     -------
     list of pairs of int or None
     """
-    # Loaded here: most commands do without.
+    # Imported here, since most commands do not need it.
     from scipy.optimize import linear_sum_assignment
 
     rows, columns = linear_sum_assignment(-likeness)

@@ -1,4 +1,7 @@
-"""Port FRFs: the parameter-free H(s) of the extended system, and y for any parameter values (method of eqs. (14)-(18))."""
+"""Port FRFs: H(s) between loads, responses and terms, which depends on no parameter, and y for any values of the terms, eqs. (14)-(18).
+
+This is the core of the method: an evaluation of all FRFs needs solves only as large as the number of terms (guide page *method*).
+"""
 
 from __future__ import annotations
 
@@ -10,42 +13,42 @@ import numpy as np
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.reduction.threads import by_lines
 
-#: Hpp counts as symmetric where its asymmetry is below this fraction of its norm.
+#: Hpp counts as symmetric if its asymmetry is at most this fraction of its largest entry.
 SYMMETRY = 1e-9
 
-#: Flexibility that is left where a term clamps, relative to its port: none would make terms that depend on each other singular.
+#: Remaining flexibility of a clamped term, relative to that of its port; with zero, linearly dependent clamped terms would be singular.
 CLAMPED = 1e-14
 
-#: A motion that nothing holds counts as driven where loads move it by more than this fraction of what its own port does: far above
-#: rounding, far below a signal.
+#: An unconstrained motion counts as excited if the loads move it by more than this fraction of its own port: far above rounding errors,
+#: far below a response.
 DRIVEN = 1e-9
 
-#: Roundings of a complex product and a sum: a pivot that is no more has lost all its digits.
+#: A pivot of at most this many rounding errors (complex product and sum) has no correct digits.
 LOST = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class PortFrf:
-    """H(s) = L_ext Z_ref(s)⁻¹ B_ext at the lines of an update, taken about reference values D_ref of the terms.
+    """``H(s) = L_ext Z_ref(s)⁻¹ B_ext`` at F lines, with the terms at reference values D_ref.
 
     Attributes
     ----------
     s : (F,) complex array
         i omega.
     H00 : (F, R) complex array
-        Responses over their own input, at the reference.
+        Responses over their own input, in the quantity of each response.
     H0p : (F, R, nt) complex array
         Responses over the term inputs.
     Hp0 : (F, nt, n_in) complex array
-        Term outputs over the inputs.
+        Term outputs cᵀ x over the inputs.
     Hpp : (F, nt, nt) complex array
         Term outputs over the term inputs.
     D_ref : (F, nt) complex array
-        What the terms already have in the base system.
+        Dynamic values that the terms have in H.
     input_of : (R,) int array
         Which input each response belongs to.
     symmetric : bool
-        Hpp equals its transpose (made exactly so).
+        Hpp is symmetric (it is then made exactly so).
     """
 
     s: Complexes
@@ -68,7 +71,7 @@ class PortFrf:
         return np.asarray(self.s.imag / (2 * np.pi))
 
     def select(self, lines: Integers, responses: Integers) -> PortFrf:
-        """The same for some lines and responses."""
+        """The port FRFs of some of the lines and responses (index arrays)."""
         return PortFrf(
             s=self.s[lines],
             H00=self.H00[np.ix_(lines, responses)],
@@ -83,12 +86,12 @@ class PortFrf:
     def evaluate(self, D: Complexes) -> Complexes:
         """FRFs for the dynamic values D of the terms.
 
-        ``y = H00 - H0p (I + Delta Hpp)⁻¹ Delta Hp0`` with ``Delta = D - D_ref``: regular from free (D = 0) to clamped (D infinite).
+        ``y = H00 - H0p (I + Delta Hpp)⁻¹ Delta Hp0`` with ``Delta = diag(D - D_ref)``; regular from free (D = 0) to clamped (D infinite).
 
         Parameters
         ----------
         D : (..., F, nt) complex array
-            D_j(s), of one state or of several; infinite entries clamp.
+            D_j(s) of one state or of several; infinite entries clamp.
 
         Returns
         -------
@@ -105,9 +108,9 @@ class PortFrf:
         return y
 
     def about(self, D: Complexes) -> PortFrf:
-        """The same with other reference values of the terms: what changes from there may be few terms, see ``among``.
+        """The port FRFs with other reference values, ``Hpp' = (I + Hpp Delta)⁻¹ Hpp`` and so on.
 
-        ``Hpp' = (I + Hpp Delta)⁻¹ Hpp``, and likewise for the inputs and the responses.
+        If only few terms change from there, ``among`` makes evaluations cheaper.
 
         Parameters
         ----------
@@ -121,7 +124,7 @@ class PortFrf:
         return replace(self, H00=H00, H0p=self.H0p - y[:, :, n_in:], Hp0=moved[:, :, :n_in], Hpp=moved[:, :, n_in:], D_ref=D)
 
     def among(self, terms: Integers) -> PortFrf:
-        """The same for some of the terms, the others staying at their reference values: the cost is that of so many terms."""
+        """The port FRFs of some of the terms, the others fixed at their reference values; evaluations cost only that many terms."""
         return replace(
             self,
             H0p=self.H0p[:, :, terms],
@@ -131,7 +134,7 @@ class PortFrf:
         )
 
     def drive(self, D: Complexes) -> tuple[Complexes, Complexes]:
-        """FRFs, and the auxiliary inputs ``u = -Delta c^T x`` (6)-(8) that unit inputs cause through the terms.
+        """FRFs, and the auxiliary inputs ``u = -Delta cᵀ x``, eqs. (6)-(8), of the terms under unit inputs.
 
         Returns
         -------
@@ -143,34 +146,34 @@ class PortFrf:
         return self._respond(F, w), -F[:, :, None] * w
 
     def motions(self, D: Complexes, heard: Complexes) -> tuple[Complexes, Complexes, Complexes, Complexes, Complexes]:
-        """FRFs, and what the terms do and feel in the problems of the inputs and in the dual ones of some responses.
+        """FRFs, and the auxiliary inputs and displacements of the terms for unit inputs and for the dual problems of some responses.
 
         Parameters
         ----------
         D : (F, nt) complex array
         heard : (F, nt, k) complex array
-            Rows of H0p, as columns.
+            Rows of H0p for k responses, as columns.
 
         Returns
         -------
         y : (F, R) complex array
         u : (F, nt, n_in) complex array
-            As of ``drive``.
+            Auxiliary inputs as in ``drive``.
         v : (F, nt, k) complex array
-            What the terms add to the dual problems, ``-Delta (I + Hppᵀ Delta)⁻¹ heard``.
+            Auxiliary inputs of the dual problems, ``-Delta (I + Hppᵀ Delta)⁻¹ heard``.
         after : (F, nt, n_in) complex array
-            ``c^T x = (I + Hpp Delta)⁻¹ Hp0``.
+            Displacements ``cᵀ x = (I + Hpp Delta)⁻¹ Hp0``.
         before : (F, nt, k) complex array
-            The same of the dual problems.
+            The same for the dual problems, bᵀ times the dual solution.
         """
         E, F = self._split(D)
         w, v = self._solved_both(self.Hpp, E, F, self.Hp0, heard)
         return self._respond(F, w), -F[:, :, None] * w, -F[:, :, None] * v, E[:, :, None] * w, E[:, :, None] * v
 
     def linearise(self, D: Complexes) -> tuple[Complexes, Complexes]:
-        """FRFs and their derivatives to every D_j, in one pass.
+        """FRFs and their derivatives with respect to every D_j.
 
-        ``dy/dD_j = -[H0p (I + Delta Hpp)⁻¹]_j [(I + Hpp Delta)⁻¹ Hp0]_j``; where Hpp is symmetric both factors come from one factorisation.
+        ``dy/dD_j = -[H0p (I + Delta Hpp)⁻¹]_j [(I + Hpp Delta)⁻¹ Hp0]_j``; for a symmetric Hpp both factors need one factorisation.
 
         Parameters
         ----------
@@ -195,7 +198,7 @@ class PortFrf:
         return y, dy
 
     def _split(self, D: Complexes, part: slice = slice(None)) -> tuple[Floats, Complexes]:
-        """E = 1/(1 + h|Delta|) and F = Delta E, with h the size of Hpp: finite even where Delta is infinite."""
+        """E = 1/(1 + h |Delta|) and F = Delta E with h = |diag Hpp|, so that Delta = F/E; both are finite for an infinite Delta."""
         h = np.abs(np.diagonal(self.Hpp[part], axis1=1, axis2=2))
         clamped = np.isinf(D)
         delta = np.where(clamped, 0.0, D) - self.D_ref[part]
@@ -207,7 +210,7 @@ class PortFrf:
         return E, F
 
     def _solved_both(self, Hpp: Complexes, E: Floats, F: Complexes, B: Complexes, L: Complexes) -> tuple[Complexes, Complexes]:
-        """``(E + Hpp F)⁻¹ B`` and ``(E + Hppᵀ F)⁻¹ L``, by one factorisation where both are the same."""
+        """``(E + Hpp F)⁻¹ B`` and ``(E + Hppᵀ F)⁻¹ L``, by one factorisation if Hpp is symmetric."""
         if self.symmetric:
             both = self._solved(Hpp, E, F, np.concatenate([B, L], axis=2))
             return both[:, :, : B.shape[2]], both[:, :, B.shape[2] :]
@@ -215,12 +218,12 @@ class PortFrf:
 
     @staticmethod
     def _solved(Hpp: Complexes, E: Floats, F: Complexes, B: Complexes) -> Complexes:
-        """``(E + Hpp F)⁻¹ B``."""
+        """``(E + Hpp F)⁻¹ B``; raises LinAlgError if an unconstrained motion is excited."""
         A = Hpp * F[..., None, :]
         diagonal = np.einsum("...ii->...i", A)
         diagonal += E
-        # A term that alone holds a motion, set free: E + Hpp F is zero or its rounding, by chance. Where nothing drives the motion, any
-        # number but zero gives the rest; this one is within the rounding of E. A motion that is driven has no answer.
+        # If the only term that constrains a motion is free, a pivot of E + Hpp F is zero up to rounding. If nothing excites the motion, any
+        # non-zero pivot gives the correct response (here one within the rounding of E). If it is excited, there is no solution.
         least = np.finfo(float).eps * E
         lost = np.abs(diagonal) <= LOST * least
         within = np.where(lost, least, 0.0)
@@ -229,13 +232,13 @@ class PortFrf:
         try:
             found = np.linalg.solve(A, B)
         except np.linalg.LinAlgError:
-            # The same of several terms together.
+            # The same for a motion that several terms constrain together.
             diagonal += least
             within += least
             found = np.linalg.solve(A, B)
         size = np.abs(np.einsum("...ii->...i", Hpp))
         if within.any() and np.any(np.abs(within[..., None] * found).max(axis=-1) > DRIVEN * size):
-            raise np.linalg.LinAlgError("a motion that nothing holds is driven")
+            raise np.linalg.LinAlgError("an unconstrained motion is excited")
         return np.asarray(found)
 
     def _respond(self, F: Complexes, w: Complexes, part: slice = slice(None)) -> Complexes:
@@ -251,17 +254,18 @@ def port_frf(
     output_power: Integers,
     input_of: Integers,
 ) -> PortFrf:
-    """Arrange the raw transfer matrix of the extended system.
+    """Port FRFs from the transfer matrix of the extended system.
 
     Parameters
     ----------
     H : (F, R + nt, n_in + nt) complex array
-        L_ext Z_ref⁻¹ B_ext.
+        L_ext Z_ref⁻¹ B_ext; responses are displacements or pressures.
     s : (F,) complex array
     D_ref : (F, nt) complex array
     output_power : (R,) int array
         Power of s that turns the displacement of a response into its quantity.
     input_of : (R,) int array
+        Which input each response belongs to.
 
     Returns
     -------

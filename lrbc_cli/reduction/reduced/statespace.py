@@ -1,4 +1,4 @@
-"""The reduced model at given values of its terms as a first-order system, for time domain, where (1)-(5) hold too (Sec. 2.1)."""
+"""The reduced model at given values of its terms as a first-order system, for the time domain (paper, Sec. 2.1), and its poles."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.reduced.ports import SYMMETRY
 
-#: A mass matrix counts as singular where a field's smallest singular value is below this fraction of its largest.
+#: A mass matrix counts as singular if the smallest singular value of a field is at most this fraction of the largest.
 SINGULAR = 1e-12
 
-#: FRFs of the explicit form may differ by this fraction from those of the second-order form; else the descriptor form is taken.
+#: Largest relative difference between FRFs of the explicit and the second-order form; beyond it the descriptor form is tried.
 EXPLICIT = 1e-9
 
-#: The same for the descriptor form; beyond it there is no usable state space.
+#: Largest relative difference of the better of both forms; beyond it there is no usable state space.
 USABLE = 1e-6
 
-#: What is said of a complex matrix, and what fixes it.
-HYSTERETIC = "a complex {} (hysteretic damping) has no real first-order form: it holds for harmonic motion only"
+#: Message about a complex matrix, and its hint.
+HYSTERETIC = "a complex {} (hysteretic damping) has no real first-order form: it is valid for harmonic motion only"
 VISCOUS = "export without --state-space, or give the model viscous damping (model.damping)"
 
-EXTREME = "less extreme values; inf clamps exactly"
+EXTREME = "use less extreme values; inf clamps exactly"
 
 EPS = float(np.finfo(float).eps)
 
-#: Singular values of clamped vectors below this fraction of the largest bind nothing.
+#: Singular values of the vectors of clamped terms below this fraction of the largest count as zero (dependent constraints).
 RANK = 1e-10
 
 
@@ -42,25 +42,25 @@ Numbers = NDArray[np.inexact[Any]]
 
 @dataclass(frozen=True, kw_only=True)
 class StateSpace:
-    """``E z' = A z + B u, y = C z + D u`` with ``z = [q, q', ...]`` and ``x = basis q``; E is the identity in the explicit form.
+    """First-order system ``E z' = A z + B u, y = C z + D u`` with ``z = [q, q', ...]`` and ``x = basis q``; explicit if E is the identity.
 
     Attributes
     ----------
     A : (N, N) float array
     B : (N, n_in) float array
     C : (n_out, N) float array
-        Rows in the quantity of each response, displacement or pressure, velocity, acceleration.
+        Rows give each response in its quantity: displacement or pressure, velocity, acceleration.
     D : (n_out, n_in) float array
     E : (N, N) float array or None
-        None in the explicit form. In the descriptor form each acceleration is one further state.
+        None in the explicit form. In the descriptor form each acceleration response is a further state.
     basis : (r, m) float array
-        Reduced DOFs x from the displacements and pressures q; the identity where nothing is clamped.
+        Maps the coordinates q to the reduced DOFs x; motions that clamped terms prevent are left out.
     deviation : float
-        Largest difference from the FRFs of the second-order form on lines of the band, relative to each response's largest.
+        Largest difference from the FRFs of the second-order form on lines of the band, relative to the largest magnitude of each FRF.
     poles : (P,) complex array
         Finite poles [rad/s], the one with the largest real part first; P is at most N.
     errors : (P,) float array
-        What rounding may have moved them by [rad/s].
+        Possible rounding error of each pole [rad/s].
     """
 
     A: Floats
@@ -85,40 +85,40 @@ class StateSpace:
 
     @property
     def unstable(self) -> int:
-        """Poles in the right half plane beyond rounding; a sealed cavity has poles at zero (constant pressure)."""
+        """Number of poles in the right half plane by more than their rounding error; a sealed cavity has poles at zero."""
         return int(np.sum(self.poles.real > self.errors))
 
     def transfer(self, s: Complexes) -> Complexes:
-        """(F, n_out, n_in) C (s E - A)⁻¹ B + D."""
+        """(F, n_out, n_in) transfer matrix C (s E - A)⁻¹ B + D."""
         E = np.eye(self.states) if self.E is None else self.E
         return np.array([self.C @ np.linalg.solve(z * E - self.A, self.B.astype(complex)) + self.D for z in s])
 
 
 def complex_matrix(model: FeModel | ReducedModel) -> str:
-    """Which matrix, stiffness or damping, has imaginary parts; empty where both are real."""
+    """Name of the matrix with non-zero imaginary part, ``stiffness`` or ``damping``; empty if both are real."""
     named = (("stiffness", model.K), ("damping", model.C))
     return next((name for name, A in named if np.iscomplexobj(A) and abs(A.imag).max() > 0), "")
 
 
 def state_space(model: ReducedModel, terms: Floats, band_hz: tuple[float, float]) -> StateSpace:
-    """First-order form at given values of the terms.
+    """First-order form of the reduced model at given values of the terms.
 
-    ``z = [q, q']`` with ``A = [[0, I], [-M⁻¹K, -M⁻¹C]]``, the operators with the terms in them, eqs. (3)-(5). Damping tied to a
-    stiffness (33) is viscous and goes into C. An acceleration is ``L x'' = -L M⁻¹ (K x + C x') + L M⁻¹ B u``. Clamped terms,
-    ``cᵀ x = 0``, bind the DOFs to ``x = basis q``.
+    ``z = [q, q']`` with ``A = [[0, I], [-M⁻¹K, -M⁻¹C]]``; K, C, M include the terms, eqs. (3)-(5). Damping tied to a stiffness (33) is
+    viscous and part of C. Accelerations are ``L x'' = -L M⁻¹ (K x + C x') + L M⁻¹ B u``. Clamped terms are constraints ``cᵀ x = 0``, which
+    ``x = basis q`` satisfies.
 
-    Poles of a u-p model: with ``p = psi'`` and its acoustic rows divided by s, masses and stiffnesses are those of the fields alone,
-    and the coupling is a skew (gyroscopic) damping; the poles are the same. Where the fields' matrices are not negative the energy
-    never grows, and a basis split into fields keeps all this: no pole lies in the right half plane.
+    Stability of u-p models: with ``p = psi'`` and the acoustic rows divided by s, the mass and stiffness matrices are those of the two
+    fields and the coupling is a skew (gyroscopic) damping; the poles are the same. If the matrices of the fields are positive semidefinite,
+    the energy never grows. A basis split into fields preserves this, so that no pole lies in the right half plane.
 
     Parameters
     ----------
     model : ReducedModel
-        Real. Every response is given for every input.
+        With real matrices. The result has every response for every input.
     terms : (nt, 3) float array
-        k, c and m of ``D(s) = k + s c + s² m``; an infinite k clamps.
+        Coefficients k, c and m of ``D(s) = k + s c + s² m``; an infinite one clamps.
     band_hz : (float, float)
-        Where the result is compared with the second-order form.
+        Band in which the result is compared with the second-order form [Hz].
 
     Returns
     -------
@@ -127,7 +127,7 @@ def state_space(model: ReducedModel, terms: Floats, band_hz: tuple[float, float]
     Raises
     ------
     NumericalError
-        Where K or C is complex, and where the first-order form does not reproduce the FRFs of the second-order form.
+        If K or C is complex, the model is singular in the band, poles cannot be computed, or the FRFs differ from the second-order form.
     """
     if name := complex_matrix(model):
         expected, found = "real matrices and viscous damping", f"a complex {name} matrix"
@@ -153,7 +153,7 @@ def state_space(model: ReducedModel, terms: Floats, band_hz: tuple[float, float]
 
 
 def _closest(second: ReducedModel, basis: Floats, s: Complexes, exact: Complexes) -> StateSpace:
-    """The first form that reproduces the FRFs to rounding, else the better one."""
+    """The explicit form if it reproduces the FRFs to ``EXPLICIT``, else the better of explicit and descriptor form."""
     best: StateSpace | None = None
     forms = [_descriptor] if _singular(np.asarray(second.M.real), second.structure) else [_explicit, _descriptor]
     for form in forms:
@@ -178,12 +178,12 @@ def _unusable(deviation: float) -> NumericalError:
 
 
 def assembled(model: ReducedModel, terms: Floats, omega: float) -> tuple[Floats, ReducedModel]:
-    """Coordinates in which stiff terms do not drown the rest, and the model in them with its terms in K, C and M."""
+    """Coordinates in which rounding of stiff terms does not affect the rest, and the model in them with the terms in K, C and M."""
     clamped: Bools = np.any(np.isinf(terms), axis=1)
     kept = terms[~clamped]
     r, ns = model.size, model.structure
     fields = [part for part in (slice(0, ns), slice(ns, r)) if part.start < part.stop]
-    # Plate and air keep coordinates of their own, as no term binds one to the other.
+    # Structure and air keep separate coordinates if no term acts on both.
     apart = not any(np.any(np.any(v[:ns], axis=0) & np.any(v[ns:], axis=0)) for v in (model.left, model.right))
     K0, C0, M0 = (np.asarray(A.real, dtype=float) for A in (model.K, model.C, model.M))
     regular = apart and np.array_equal(model.left, model.right)
@@ -198,16 +198,16 @@ def assembled(model: ReducedModel, terms: Floats, omega: float) -> tuple[Floats,
         basis, rows = (block_diag(*[_free(v[f][:, clamped]) for f in fields]) for v in (model.right, model.left))
         left, right = rows.T @ model.left[:, ~clamped], basis.T @ model.right[:, ~clamped]
     if rows.shape != basis.shape:
-        # Forces of the constraints act along the left vectors.
+        # Constraint forces act along the left vectors.
         raise NumericalError(
-            "the clamped terms do not bind as many motions as they have forces",
+            "the clamped terms do not constrain as many motions as they have constraint forces",
             expected=f"{basis.shape[1]} free motions",
             found=f"{rows.shape[1]}",
         )
     inside = int(np.sum(np.any(basis[:ns] != 0.0, axis=0))) if apart else basis.shape[1]
     K, C, M = (rows.T @ A @ basis + (left * kept[:, i]) @ right.T for i, A in enumerate((K0, C0, M0)))
     if not modal:
-        # Motions of a metre and pressures of a pascal in one matrix: elimination would choose its pivots by their units.
+        # Equilibrate: displacements and pressures have different units, and pivots must not depend on them.
         row, column = _scales(K, C, M, omega)
         K, C, M = (row[:, None] * A * column for A in (K, C, M))
         rows, basis = rows * row, basis * column
@@ -216,13 +216,14 @@ def assembled(model: ReducedModel, terms: Floats, omega: float) -> tuple[Floats,
 
 
 def _modal(K: Floats, M: Floats, clamped: Floats, vectors: Floats, size: Floats) -> tuple[Floats, Floats]:
-    """Coordinates of one field that are orthonormal to its mass: (r, m) basis without the clamped motions, and (m, nt) vectors in them.
+    """Mass-orthonormal coordinates of one field: (r, m) basis without clamped motions, and the (m, nt) vectors of the terms in them.
 
-    First come motions that no term feels, the modes with all terms clamped, by frequency; then, from the stiffest term to the softest, for
-    each the motion that it moves and stiffer ones do not. Zeros are exact, so that no stiff term leaves its rounding in the rest.
+    The first coordinates are the modes with all terms clamped, by frequency, on which no term acts. Then, from the stiffest term to the
+    softest, follows one motion each on which this term acts and stiffer ones do not. Zeros are exact, so that the rounding of a stiff term
+    does not reach the other coordinates.
     """
     G = cholesky(M, lower=True)
-    # In y = Gᵀ x the mass is the identity.
+    # The mass matrix is the identity for y = Gᵀ x.
     free = _free(solve_triangular(G, clamped, lower=True) if clamped.size else clamped)
     felt = free.T @ solve_triangular(G, vectors, lower=True) if vectors.size else np.zeros((free.shape[1], vectors.shape[1]))
     weight = size * np.sum(felt**2, axis=0)
@@ -240,7 +241,7 @@ def _modal(K: Floats, M: Floats, clamped: Floats, vectors: Floats, size: Floats)
 
 
 def _free(vectors: Floats) -> Floats:
-    """(r, m) orthonormal basis of the motions that are orthogonal to the vectors."""
+    """(r, m) orthonormal basis of the space orthogonal to the columns of ``vectors``."""
     norms = np.linalg.norm(vectors, axis=0)
     found = vectors[:, norms > 0.0] / norms[norms > 0.0]
     return np.asarray(null_space(found.T, rcond=RANK)) if found.size else np.eye(vectors.shape[0])
@@ -256,7 +257,7 @@ def _positive(M: Floats) -> bool:
 
 
 def _singular(M: Floats, structure: int) -> bool:
-    """Whether a field has motions without mass."""
+    """Whether the mass matrix of a field is singular."""
     for block in (M[:structure, :structure], M[structure:, structure:]):
         if block.size:
             values = np.linalg.svd(block, compute_uv=False)
@@ -267,7 +268,7 @@ def _singular(M: Floats, structure: int) -> bool:
 
 def _explicit(model: ReducedModel) -> tuple[Floats, Floats, Floats, Floats, None]:
     r, q = model.size, model.output_power[:, None]
-    # Rows of plate and air differ by many orders of magnitude.
+    # Rows of structure and air differ by many orders of magnitude.
     scale = 1.0 / np.abs(model.M).max(axis=1, keepdims=True)
     solved = np.linalg.solve(scale * model.M, scale * np.hstack([model.K, model.C, model.B]))
     K, C, B = solved[:, :r], solved[:, r : 2 * r], solved[:, 2 * r :]
@@ -288,7 +289,7 @@ def _descriptor(model: ReducedModel) -> tuple[Floats, Floats, Floats, Floats, Fl
     A, E = np.zeros((n, n)), np.zeros((n, n))
     A[:r, r : 2 * r] = E[:r, :r] = np.eye(r)
     A[r : 2 * r, :r], A[r : 2 * r, r : 2 * r], E[r : 2 * r, r : 2 * r] = -model.K, -model.C, model.M
-    # Each acceleration is a state a = L q'', as M has no inverse to give it.
+    # Each acceleration response is a state a = L q'', since M may be singular.
     A[2 * r :, 2 * r :], E[2 * r :, r : 2 * r] = np.eye(a), model.L[at]
     B = np.vstack([np.zeros((r, n_in)), model.B, np.zeros((a, n_in))])
     C = np.zeros((model.L.shape[0], n))
@@ -299,7 +300,7 @@ def _descriptor(model: ReducedModel) -> tuple[Floats, Floats, Floats, Floats, Fl
 
 
 def _second_order(model: ReducedModel, terms: Floats, s: Complexes) -> Complexes:
-    """(F, n_out, n_in) s^q L (s² M + s C + K)⁻¹ B by the reduced dynamic stiffness (28), whose stiff terms do not drown the rest."""
+    """(F, n_out, n_in) FRFs of every response over every input from the reduced dynamic stiffness (28), accurate for stiff terms too."""
     finite = np.where(np.isinf(terms), 0.0, terms)
     D = finite @ s[None, :] ** np.arange(3)[:, None]
     D[np.any(np.isinf(terms), axis=1)] = np.inf
@@ -308,7 +309,7 @@ def _second_order(model: ReducedModel, terms: Floats, s: Complexes) -> Complexes
 
 
 def _deviation(system: StateSpace, s: Complexes, exact: Complexes) -> float:
-    """Largest difference of an FRF over its largest magnitude; infinite where the system cannot be evaluated."""
+    """Largest difference of an FRF, relative to its largest magnitude; infinite if the system cannot be evaluated."""
     try:
         difference = np.abs(system.transfer(s) - exact).max(axis=0)
     except np.linalg.LinAlgError:
@@ -319,13 +320,13 @@ def _deviation(system: StateSpace, s: Complexes, exact: Complexes) -> float:
 
 
 def _scales(K: Numbers, C: Numbers, M: Numbers, omega: float) -> tuple[Floats, Floats]:
-    """(n,) powers of two for the rows and the columns, by which the largest entry of each in ``|K| + omega |C| + omega² |M|`` is about one.
+    """(n,) row and (n,) column scales that make the largest entry of each in ``|K| + omega |C| + omega² |M|`` about one.
 
-    Ruiz's iteration: every step takes the square root of what is left. Powers of two round nothing.
+    Ruiz's iteration: each step divides by the square root of the largest entries. Powers of two cause no rounding.
     """
     size = np.abs(K) + omega * np.abs(C) + omega**2 * np.abs(M)
     row, column = np.ones(size.shape[0]), np.ones(size.shape[1])
-    # Twelve steps leave a factor below two of any two floats.
+    # Twelve steps reduce any ratio of floats to a factor below two.
     for _ in range(12):
         left = row[:, None] * size * column
         across, down = left.max(axis=1, initial=0.0), left.max(axis=0, initial=0.0)
@@ -334,12 +335,13 @@ def _scales(K: Numbers, C: Numbers, M: Numbers, omega: float) -> tuple[Floats, F
 
 
 def poles_of(model: ReducedModel, omega: float) -> tuple[Complexes, Floats, Complexes]:
-    """Finite poles, the one with the largest real part first, what rounding may have moved each by, and their shapes as columns.
+    """Finite poles [rad/s] by descending real part, their possible rounding errors, and their shapes as columns.
 
-    Stiff terms give poles of 1e13 rad/s beside those at zero, and the eigenvalues of A are uncertain by eps times the largest. Those of
-    ``(A - omega E)⁻¹ E``, ``theta = omega / (lambda - omega)``, are not: about one for the poles of the band, they vanish for those far
-    beyond it, and the matrix is of size one whatever the terms. ``Z(omega)``, of positive parts in a stable system, is well conditioned
-    once rows and columns are of one size. An eigenvalue moves by at most its condition times the error of the matrix.
+    Stiff terms cause poles of 1e13 rad/s beside those at zero, and eigenvalues of A are uncertain by eps times the largest. The eigenvalues
+    ``theta = omega / (lambda - omega)`` of ``omega (A - omega E)⁻¹ E`` do not have this problem: they are about one for poles lambda in the
+    band and vanish for poles far above it, so the matrix has size one whatever the terms. ``Z(omega)``, a sum of positive matrices in a
+    stable system, is well conditioned after scaling of rows and columns. The error of an eigenvalue is at most its condition number times
+    the error of the matrix.
     """
     row, column = _scales(np.asarray(model.K), np.asarray(model.C), np.asarray(model.M), omega)
     K, C, M = (row[:, None] * np.asarray(A) * column for A in (model.K, omega * model.C, omega**2 * model.M))
@@ -349,15 +351,15 @@ def poles_of(model: ReducedModel, omega: float) -> tuple[Complexes, Floats, Comp
     solved = np.linalg.solve(Z, np.hstack([K, C + M, M]))
     stiffness, rest, mass = solved[:, :r], solved[:, r : 2 * r], solved[:, 2 * r :]
     shifted = np.block([[-rest, -mass], [stiffness, -mass]])
-    # Far below rounding, and no exponent overflows where LAPACK balances the matrix.
+    # Entries far below rounding become zero, so that no exponent overflows when LAPACK balances the matrix.
     shifted[np.abs(shifted) < EPS**2] = 0.0
     if not np.all(np.isfinite(shifted)):
         raise np.linalg.LinAlgError("numbers out of range")
     theta, left, right = eig(shifted, left=True, right=True)
     condition = 1.0 / np.abs(np.sum(left.conj() * right, axis=0))
-    # Backward errors of the elimination and of the QR algorithm: their number of unknowns in units of rounding.
+    # Backward errors of elimination and QR algorithm: eps times the number of unknowns 2 r.
     error = 2 * r * EPS * np.linalg.cond(Z) * np.linalg.norm(shifted, 2) * condition
-    # What cannot be told from zero is a motion without mass, or pinned: its pole is infinite.
+    # A theta within rounding of zero belongs to a motion without mass, or to a pinned one: its pole is infinite.
     finite = np.abs(theta) > error
     theta, error, shapes = theta[finite], error[finite], column[:, None] * right[:r, finite]
     poles, errors = omega * (1.0 + 1.0 / theta), omega * error / (np.abs(theta) * (np.abs(theta) - error))

@@ -1,4 +1,4 @@
-"""The reduced system at its reference values, solved for all inputs and duals at many lines."""
+"""Solves the reduced system at its reference values for all inputs and dual right-hand sides at many lines."""
 
 from __future__ import annotations
 
@@ -12,23 +12,25 @@ from lrbc_cli.reduction.reduced.condense import air_is_diagonal, air_modes, cond
 
 
 class ReducedSolver:
-    """``Z(s) X = B`` and ``Z(s)ᵀ Y = Lᵀ`` in coordinates in which the air is diagonal where that is possible.
+    """Solves ``Z(s) X = B`` and ``Z(s)ᵀ Y = Lᵀ``, if possible in coordinates in which the acoustic blocks are diagonal.
 
     Parameters
     ----------
     operators : three (r, r) arrays
         Projected K, C, M.
     structure : int
-        Structural coordinates, the first ones.
+        Number of structural coordinates, the first ones.
     inputs : (r, m) float array
+        B.
     dual : (r, q) float array
+        Lᵀ.
     symmetric : bool
-        Solve for the duals with Z itself: it differs from its transpose by factors of the acoustic rows only.
+        Solve the dual problem with Z instead of Zᵀ, which differs by scaling of the acoustic rows only.
 
     Attributes
     ----------
     turn : (r, r) float array
-        From the coordinates of the solutions to those of the basis.
+        Maps the coordinates of the solutions to those of the basis.
     """
 
     def __init__(self, operators: tuple[Any, Any, Any], structure: int, inputs: Floats, dual: Floats, *, symmetric: bool) -> None:
@@ -48,7 +50,7 @@ class ReducedSolver:
         self.inputs, self.dual = self.turn.T @ inputs, self.turn.T @ dual
 
     def solve(self, s: Complexes) -> tuple[Complexes, Complexes]:
-        """(F, r, m) and (F, r, q) solutions at the lines s, in the turned coordinates."""
+        """(F, r, m) and (F, r, q) solutions X and Y at the lines s; ``turn`` maps them to the coordinates of the basis."""
         z, m = s[:, None, None], self.columns
         both = np.hstack([self.inputs, self.dual])
         if self.condensed:
@@ -64,7 +66,7 @@ class ReducedSolver:
         return np.linalg.solve(Z, self.inputs.astype(complex)[None]), np.linalg.solve(Z.transpose(0, 2, 1), self.dual.astype(complex)[None])
 
     def chunk(self, lines: int, workers: int = 2) -> int:
-        """How many lines to solve at once: the condensed way forms what all lines of a chunk share once."""
+        """Number of lines to solve at a time: large chunks pay with diagonal air, where all lines of a chunk share one product."""
         if not self.condensed:
             return 8
         size = self.turn.shape[0]

@@ -1,1 +1,1 @@
-"""The dynamic stiffness of the full model: its orderings, the fill of its factors, its factorisations."""
+"""Sparse factorisations of the full-order dynamic stiffness: fill-reducing orderings, prediction of fill, solvers."""

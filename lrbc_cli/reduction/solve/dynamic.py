@@ -1,4 +1,4 @@
-"""The dynamic stiffness Z(s) = s² M + s C + K of the full model, and its factorisations."""
+"""The dynamic stiffness Z(s) = s² M + s C + K of the full model, factorised and solved for the reduction and for full-order FRFs."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from lrbc_cli.reduction.solve.symbolic import column_counts
 #: Right-hand sides, (n,) or (n, m), or sparse (n, m).
 Columns: TypeAlias = NDArray[Any] | sp.csc_array
 
-#: A refined solve whose residual stays above this fraction of its right-hand side is reported as singular.
+#: Z(s) is reported as singular if the residual of a refined solve exceeds this fraction of the right-hand side.
 RESIDUAL_LIMIT = 1e-6
 
-#: Right-hand sides that are solved for together: more gain nothing, and each takes several vectors besides its solution.
+#: Right-hand sides solved at a time: more are not faster, and each needs several further vectors.
 COLUMNS = 16
 
-#: More of them where one array of them stays below this.
+#: In small models more are solved at a time, up to arrays of this size [bytes].
 COLUMN_BYTES = 64e6
 
 
@@ -40,10 +40,10 @@ class Solver(Protocol):
         """Factorise the values on the pattern."""
 
     def solve(self, rhs: Complexes, *, transposed: bool = False) -> Complexes:
-        """Unrefined solution."""
+        """Solution without iterative refinement."""
 
     def release(self) -> None:
-        """Give the memory of the factors back; solves need another factorisation."""
+        """Release the memory of the factors; another factorisation is needed before the next solve."""
 
     @property
     def nonzeros(self) -> int:
@@ -51,12 +51,12 @@ class Solver(Protocol):
 
 
 def columns_at_once(size: int) -> int:
-    """How many right-hand sides of a model of so many DOFs are solved together."""
+    """Number of right-hand sides solved at a time in a model of ``size`` DOFs."""
     return max(COLUMNS, int(COLUMN_BYTES / (16 * size)))
 
 
 class SuperLuSolver:
-    """SciPy's SuperLU in symmetric mode on a nested-dissection ordering that was applied beforehand."""
+    """SciPy's SuperLU in symmetric mode, for a matrix that is already in nested-dissection order."""
 
     def __init__(self, indptr: NDArray[Any], indices: NDArray[Any]) -> None:
         self._indptr, self._indices = indptr.astype(np.int32), indices.astype(np.int32)
@@ -64,22 +64,22 @@ class SuperLuSolver:
         self._nonzeros = 0
 
     def factor(self, data: Complexes) -> None:
-        """Factorise; the earlier factors are released first."""
+        """Factorise the values on the pattern; earlier factors are released first."""
         n = self._indptr.size - 1
         matrix = sp.csc_matrix((data, self._indices, self._indptr), shape=(n, n))
         self.release()
         try:
-            # Threaded BLAS on small supernodes made this many times slower on busy cores.
+            # On busy cores BLAS threads on small supernodes make this many times slower.
             with threadpool_limits(limits=1, user_api="blas"):
                 self._lu = splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.01, options={"SymmetricMode": True})
                 self._nonzeros = int(self._lu.nnz)
         except MemoryError as error:
-            raise NumericalError("SuperLU failed (not enough memory)", hint="a coarser model, or reduction.backend: pardiso") from error
+            raise NumericalError("SuperLU failed (not enough memory)", hint="use a coarser model, or reduction.backend: pardiso") from error
         except RuntimeError as error:
             raise NumericalError(f"SuperLU failed ({error})") from error
 
     def solve(self, rhs: Complexes, *, transposed: bool = False) -> Complexes:
-        """Unrefined solution."""
+        """Solution without iterative refinement."""
         with threadpool_limits(limits=1, user_api="blas"):
             try:
                 return np.asarray(self._lu.solve(np.asfortranarray(rhs), "T" if transposed else "N"))
@@ -87,7 +87,7 @@ class SuperLuSolver:
                 raise MemoryError(str(error)) if "MALLOC" in str(error).upper() else error from None
 
     def release(self) -> None:
-        """Give the memory of the factors back."""
+        """Release the memory of the factors."""
         self._lu = None
 
     @property
@@ -98,18 +98,18 @@ class SuperLuSolver:
 
 @dataclass(frozen=True)
 class Analysis:
-    """What a factorisation will take.
+    """Predicted size and operations of a factorisation.
 
     Attributes
     ----------
     nonzeros : int
-        Entries of the factors that are stored.
+        Entries of the stored factors.
     triangle : int
         Entries of one triangular factor.
     operations : float
-        Real operations of LDLᵀ with real entries; complex ones cost four times as much, LU twice.
+        Real operations of LDLᵀ with real entries; complex entries take four times as many, LU twice as many.
     bytes : float or None
-        What the solver itself says it will allocate.
+        Memory that the solver itself predicts; None if it does not.
     """
 
     nonzeros: int
@@ -119,19 +119,21 @@ class Analysis:
 
 
 class DynamicStiffness:
-    """Z(s) with one analysed union pattern for all s.
+    """Z(s) on the union pattern of K, C and M, which is ordered and analysed once for all s.
 
-    The u-p system is made complex symmetric by dividing its acoustic rows by -kappa s² where the matrices allow it
-    (``coupling_of`` verifies that), and symmetrically equilibrated: S = diag(l d) Z diag(d).
+    If the matrices allow it (``coupling_of``), a u-p system is made complex symmetric by dividing its acoustic rows by -kappa s². The
+    matrix is then equilibrated: S = diag(l d) Z diag(d), with l this row scaling and d the inverse square root of the diagonal.
 
     Parameters
     ----------
     K, C, M : (n, n) csc_array
     is_acoustic : (n,) bool array
     backend : str
-        ``superlu``, ``pardiso`` or ``auto`` (PARDISO where it is installed).
+        Sparse solver: ``superlu``, ``pardiso`` or ``auto`` (PARDISO if it is installed).
     ordering : str
         ``metis``, ``bisection`` or ``auto``; SuperLU only.
+    coupling : Coupling or None
+        Result of ``coupling_of``, if already known.
     """
 
     def __init__(
@@ -153,7 +155,7 @@ class DynamicStiffness:
         n = K.shape[0]
         self.size = n
 
-        # Patterns are counted in bytes: on large models the operators' values would be copied several times over.
+        # Patterns have entries of one byte: on large models copies of the values would need too much memory.
         union = _ones(K) + _ones(C) + _ones(M) + sp.eye_array(n, dtype=np.int8, format="csc")
         union = (union + union.T).tocsc()
         self._permuted = self.backend == "superlu"
@@ -162,7 +164,7 @@ class DynamicStiffness:
         self._inverse[self._perm] = np.arange(n)
 
         def stored(matrix: sp.csc_array) -> sp.csr_array:
-            """As the solver wants it: PARDISO by rows, of the upper triangle where symmetric; SuperLU by columns, reordered."""
+            """Storage order of the solver: PARDISO by rows (upper triangle only if symmetric), SuperLU by columns and permuted."""
             if self._permuted:
                 found = matrix[self._perm][:, self._perm].T
             else:
@@ -189,13 +191,13 @@ class DynamicStiffness:
         self.factor_seconds: list[float] = []
 
     def twin(self) -> DynamicStiffness:
-        """Another one on the same matrices and ordering, with factors of its own: for a second thread."""
+        """A copy with the same matrices and ordering but its own factors, for a second thread."""
         other = copy.copy(self)
         other._begin()
         return other
 
     def _major(self) -> Integers:
-        """Row of each stored entry for PARDISO, column for SuperLU."""
+        """(entries,) row (PARDISO) or column (SuperLU) of each stored entry."""
         return np.repeat(np.arange(self.size), self._counts)
 
     @property
@@ -205,11 +207,11 @@ class DynamicStiffness:
 
     @property
     def half(self) -> bool:
-        """Whether only one of two equal factors is stored."""
+        """Whether only one triangular factor is stored (LDLᵀ)."""
         return self.backend == "pardiso" and self.symmetric
 
     def analyse(self) -> Analysis:
-        """Fill and operations of a factorisation, from the pattern alone."""
+        """Fill and operations of a factorisation, from the pattern only."""
         if isinstance(self._solver, pardiso.Pardiso):
             nonzeros, operations, size = self._solver.analyse()
             return Analysis(nonzeros, nonzeros if self.half else nonzeros // 2, operations, size)
@@ -219,7 +221,7 @@ class DynamicStiffness:
         return Analysis(2 * fill.nonzeros - n, fill.nonzeros, fill.operations)
 
     def operator(self, s: complex) -> sp.csr_array:
-        """Z(s) as a sparse array."""
+        """(n, n) Z(s) as a sparse array."""
         return (s**2 * self.M + s * self.C + self.K).tocsr()
 
     def apply(self, s: complex, X: Complexes, *, transposed: bool = False) -> Complexes:
@@ -234,12 +236,12 @@ class DynamicStiffness:
         return np.asarray(out)
 
     def factor(self, s: complex) -> Factorisation:
-        """Factorise Z(s); the returned object is valid until the next call.
+        """Factorise Z(s); the returned object is valid until the next call or ``release``.
 
         Raises
         ------
         NumericalError
-            Where the matrix is singular.
+            If the matrix has an empty or non-finite column, or the solver fails.
         """
         start = time.perf_counter()
         k, c, m = self._values
@@ -254,7 +256,7 @@ class DynamicStiffness:
         size = np.abs(data[self._diagonal])
         largest = np.zeros(self.size)
         np.maximum.at(largest, self._major() if self._permuted else self._minor, np.abs(data))
-        # A (nearly) empty diagonal is scaled by the largest entry of its column instead.
+        # If a diagonal entry is (nearly) zero, the largest entry of its column is used for scaling instead.
         size = np.where(size > 1e-8 * largest, size, largest)
         if np.any(size == 0.0) or not np.all(np.isfinite(size)):
             dof = int(self._perm[int(np.argmin(np.where(np.isfinite(size), size, 0.0)))])
@@ -272,7 +274,7 @@ class DynamicStiffness:
         return Factorisation(self, s)
 
     def release(self) -> None:
-        """Give the memory of the factors back; the analysis stays, and solves need another factorisation."""
+        """Release the memory of the factors; the analysis is kept, and another factorisation is needed before the next solve."""
         self._state = None
         self._solver.release()
 
@@ -295,7 +297,7 @@ class DynamicStiffness:
             if refine and regular:
                 for _ in range(refine):
                     x += once(b - self.apply(s, x, transposed=transposed))
-                # A pivot of the size of round-off gives no error and a finite solution, which does not solve.
+                # A pivot of the size of round-off raises no error; the finite solution has a large residual.
                 weight = np.abs(before)[:, None]
                 rest = np.linalg.norm(weight * (b - self.apply(s, x, transposed=transposed))[self._perm], axis=0)
                 regular = bool(np.all(rest <= RESIDUAL_LIMIT * np.linalg.norm(weight * b[self._perm], axis=0)))
@@ -306,7 +308,7 @@ class DynamicStiffness:
             return x
 
         columns = rhs[:, None] if rhs.ndim == 1 else rhs
-        # Fortran order: PARDISO's own, and a part of the columns lies together.
+        # Fortran order, as PARDISO uses it; columns are contiguous.
         out = np.empty(columns.shape, dtype=complex, order="F")
         step = columns_at_once(self.size)
         for first in range(0, columns.shape[1], step):
@@ -317,12 +319,12 @@ class DynamicStiffness:
 
 
 def _ones(matrix: sp.csc_array) -> sp.csc_array:
-    """The pattern of a matrix, a byte an entry."""
+    """The pattern of a matrix, with entries of one byte."""
     return sp.csc_array((np.ones(matrix.indices.size, dtype=np.int8), matrix.indices, matrix.indptr), shape=matrix.shape)
 
 
 def _spread(matrix: sp.csr_array, pattern: sp.csr_array) -> NDArray[Any]:
-    """Values of a matrix on a pattern that contains its own, zero elsewhere; both with sorted indices."""
+    """Values of a matrix on a larger pattern that includes its own, zero elsewhere; both have sorted indices."""
     mine, whole = (sp.csr_array((np.full(A.indices.size, 1, dtype=np.int8), A.indices, A.indptr), shape=A.shape) for A in (matrix, pattern))
     values = np.zeros(pattern.indices.size, dtype=matrix.dtype)
     values[(mine + whole).data == 2] = matrix.data
@@ -331,21 +333,21 @@ def _spread(matrix: sp.csr_array, pattern: sp.csr_array) -> NDArray[Any]:
 
 @dataclass(frozen=True)
 class Factorisation:
-    """One factorised Z(s)."""
+    """A factorised Z(s); valid until its owner factorises again or releases its factors."""
 
     owner: DynamicStiffness
     s: complex
 
     def solve(self, rhs: Columns, *, refine: int = 0) -> Complexes:
-        """Z(s)⁻¹ B, (n,) or (n, m), dense or sparse, with ``refine`` steps of iterative refinement."""
+        """Z(s)⁻¹ B for dense or sparse B, (n,) or (n, m), with ``refine`` steps of iterative refinement; raises NumericalError."""
         return self.owner._solve(self.s, rhs, transposed=False, refine=refine)
 
     def solve_transposed(self, rhs: Columns, *, refine: int = 0) -> Complexes:
-        """Z(s)⁻ᵀ B."""
+        """Z(s)⁻ᵀ B, likewise."""
         return self.owner._solve(self.s, rhs, transposed=True, refine=refine)
 
     def residual(self, x: Complexes, rhs: NDArray[Any]) -> float:
-        """Largest column-wise relative residual of a solution, rows weighted by the largest entry of Z in them."""
+        """Largest relative residual of the columns of a solution x; rows are weighted by the inverse root of their largest entry of Z."""
         Z = self.owner.operator(self.s)
         weight = 1.0 / np.sqrt(abs(Z).max(axis=1).toarray().ravel())
         scale = np.abs(Z) @ np.abs(x) + np.abs(rhs)

@@ -1,4 +1,4 @@
-"""Fill-reducing orderings of the union pattern: METIS, or a graph bisection of our own where it has no wheel."""
+"""Fill-reducing orderings of the union pattern for SuperLU: METIS, or a built-in graph bisection where METIS is not installed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components, dijkstra, reverse_cuthill_mckee
 
-#: Parts of this size or below are not dissected any further.
+#: Parts of at most this many vertices are not divided further.
 LEAF = 80
 
 
@@ -42,7 +42,7 @@ def nested_dissection(pattern: sp.csr_array, method: str = "auto") -> NDArray[np
 
 
 def without_diagonal(pattern: sp.csr_array) -> sp.csr_array:
-    """The adjacency graph of a pattern."""
+    """The adjacency graph of a pattern: the pattern without its diagonal."""
     coo = pattern.tocoo()
     off = coo.row != coo.col
     ones = np.ones(int(off.sum()), dtype=np.int8)
@@ -97,14 +97,14 @@ def bisection_order(pattern: sp.csr_array) -> NDArray[np.int64]:
 
 
 def _cut(graph: sp.csr_array) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Two parts of a connected graph and what separates them: a small separator between parts of like size."""
+    """Masks of two parts of a connected graph, of similar size, and of a small separator between them."""
     level, count = _levels(graph), graph.shape[0]
     size = np.bincount(level)
     below = np.cumsum(size) - size
-    # Cost of the separator against imbalance.
+    # The smallest level with at least a quarter of the vertices on either side; without one, the middle level.
     inner = (below >= 0.25 * count) & (count - below - size >= 0.25 * count)
     cut = int(np.argmin(np.where(inner, size, count))) if inner.any() else int(np.searchsorted(np.cumsum(size), count / 2))
-    # Vertices of the cut level without a neighbour above belong below: thinner separators.
+    # Vertices of the cut level without a neighbour above join the lower part, which makes the separator smaller.
     touches = (graph @ (level == cut + 1).astype(np.int32)) > 0
     separator = (level == cut) & touches
     return (level < cut) | ((level == cut) & ~touches), level > cut, separator

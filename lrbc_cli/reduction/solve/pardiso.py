@@ -1,6 +1,6 @@
-"""Intel MKL PARDISO through ctypes: complex symmetric and unsymmetric, analysis kept between shifts.
+"""The sparse solver Intel MKL PARDISO, called through ctypes: complex symmetric LDLᵀ and unsymmetric LU, one analysis for all s.
 
-The wheel ``mkl`` ships the library; its reference manual documents the call and ``iparm``.
+The wheel ``mkl`` contains the library; the reference manual of MKL documents the call and ``iparm``.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _MESSAGES = {
 
 @cache
 def library() -> ctypes.CDLL | None:
-    """The MKL runtime, or None where it is not installed."""
+    """The MKL runtime library; None if it is not installed."""
     names = ["mkl_rt", "libmkl_rt"]
     candidates: list[Path] = []
     try:
@@ -48,19 +48,24 @@ def library() -> ctypes.CDLL | None:
 
 
 def resolved(backend: str) -> str:
-    """What ``auto`` stands for, the accelerated back end where it is installed; another one as it is."""
+    """The sparse solver for a setting: ``auto`` becomes ``pardiso`` if it is installed, else ``superlu``; other names are returned."""
     return backend if backend != "auto" else "pardiso" if library() else "superlu"
 
 
 class Pardiso:
-    """One analysed pattern; ``factor`` as often as wanted.
+    """A pattern that is analysed once and can be factorised with different values.
 
     Parameters
     ----------
     indptr, indices : int arrays
-        CSR pattern, sorted; the upper triangle with the whole diagonal where ``symmetric``.
+        CSR pattern with sorted indices; if ``symmetric``, the upper triangle with a full diagonal.
     symmetric : bool
         Complex symmetric LDLᵀ (mtype 6), otherwise complex LU (mtype 13).
+
+    Raises
+    ------
+    ConfigError
+        If MKL is not installed.
     """
 
     def __init__(self, indptr: NDArray[Any], indices: NDArray[Any], *, symmetric: bool) -> None:
@@ -71,7 +76,7 @@ class Pardiso:
                 place="reduction.backend",
                 expected="auto or superlu on this machine",
                 found="pardiso",
-                hint="pip install mkl (the extra `accelerated`), or reduction.backend: superlu",
+                hint="run pip install mkl (the extra `accelerated`), or set reduction.backend: superlu",
             )
         self._lib = lib
         self._handle = np.zeros(64, dtype=np.int64)
@@ -92,34 +97,34 @@ class Pardiso:
         self._analysed = False
 
     def analyse(self) -> tuple[int, float, float]:
-        """Order and analyse the pattern, without values.
+        """Order and analyse the pattern; values are not needed.
 
         Returns
         -------
         nonzeros : int
-            Of the factors.
+            Entries of the factors.
         operations : float
-            Real operations of the factorisation LDLᵀ of a real matrix with this pattern.
+            Operations of an LDLᵀ factorisation of a real matrix with this pattern.
         bytes : float
-            Peak of analysis, or factors with the analysis kept, whichever is more.
+            Memory: the larger of the peak during analysis, and of factors and analysis together.
         """
         self._iparm[18] = -1
         self._call(11)
         self._analysed = True
         peak, kept, factors = (1024.0 * float(self._iparm[i]) for i in (14, 15, 16))
-        # Counted in millions, for complex numbers and both factors of LU.
+        # iparm counts millions of operations, of complex numbers and, for LU, of both factors.
         operations = 1e6 * float(self._iparm[18]) / (4 if self._type == 6 else 8)
         self._iparm[18] = 0
         return self.nonzeros, operations, max(peak, kept + factors)
 
     def factor(self, data: Complexes) -> None:
-        """Numeric factorisation of the values ``data`` on the pattern; analyses at the first call."""
+        """Factorise the values ``data`` on the pattern; the first call analyses the pattern if ``analyse`` was not called."""
         self._data = np.ascontiguousarray(data, dtype=complex)
         self._call(22 if self._analysed else 12)
         self._analysed = True
 
     def solve(self, rhs: Complexes, *, refine: int = 0, transposed: bool = False) -> Complexes:
-        """Solution of A X = rhs, or Aᵀ X = rhs; rhs (n,) or (n, m), Fortran order is kept."""
+        """Solution of A X = rhs, or Aᵀ X = rhs, with rhs (n,) or (n, m); the result has Fortran order."""
         b = np.asfortranarray(rhs, dtype=complex)
         x = np.empty_like(b, order="F")
         self._iparm[7] = refine
@@ -150,7 +155,7 @@ class Pardiso:
             raise NumericalError(f"PARDISO failed ({_MESSAGES.get(error.value, f'error {error.value}')})")
 
     def release(self) -> None:
-        """Release the factors; the analysis stays."""
+        """Release the factors; the analysis is kept."""
         if self._analysed:
             self._call(0)
 
@@ -161,6 +166,6 @@ class Pardiso:
             self._call(-1)
 
     def __del__(self) -> None:
-        # At interpreter exit the modules are gone already, and the memory goes with the process.
+        # At interpreter exit modules are gone already, and the memory is freed with the process.
         if getattr(self, "_analysed", False) and not sys.is_finalizing():
             self.close()

@@ -1,4 +1,4 @@
-"""Fill of a sparse Cholesky factor before it is computed: elimination tree and column counts, without a loop over the entries."""
+"""Symbolic factorisation: the fill of a sparse Cholesky factor from its elimination tree and column counts, vectorised."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from lrbc_cli.arrays import Integers
 
 @dataclass(frozen=True)
 class FactorFill:
-    """Size of a factor.
+    """Size of a Cholesky factor.
 
     Attributes
     ----------
     counts : (n,) int array
-        Entries of each column of the Cholesky factor, the diagonal included.
+        Entries of each column of the factor, including the diagonal.
     """
 
     counts: Integers
 
     @property
     def nonzeros(self) -> int:
-        """Entries of one triangular factor."""
+        """Entries of one triangular factor, including the diagonal."""
         return int(self.counts.sum())
 
     @property
@@ -36,10 +36,10 @@ class FactorFill:
 
 
 def elimination_tree(pattern: sp.csr_array) -> Integers:
-    """Parent of every column, -1 for roots.
+    """Parent of every column in the elimination tree, -1 for roots.
 
-    The tree grows as components merge: column i becomes the parent of every component that one of its earlier neighbours lies in. That is
-    Kruskal's algorithm with max(i, k) as the weight of edge (i, k), so a minimum spanning forest, n - 1 of the edges, has the same tree.
+    The tree is built by merging components: column i becomes the parent of all components that contain an earlier neighbour of it. This is
+    Kruskal's algorithm with max(i, k) as the weight of edge (i, k), so a minimum spanning forest (at most n - 1 edges) has the same tree.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def elimination_tree(pattern: sp.csr_array) -> Integers:
     forest = minimum_spanning_tree(graph).tocoo()
     last = np.maximum(forest.row, forest.col)
     order = np.argsort(last, kind="stable")
-    # Union-find with path halving; `top` is the latest column of a component, its root in the tree.
+    # Union-find with path halving; the root of a component is its last column.
     parent = [-1] * n
     ancestor = list(range(n))
     for i, k in zip(last[order].tolist(), np.minimum(forest.row, forest.col)[order].tolist(), strict=True):
@@ -72,11 +72,11 @@ def elimination_tree(pattern: sp.csr_array) -> Integers:
 
 
 def column_counts(pattern: sp.csr_array) -> FactorFill:
-    """Fill of the Cholesky factor of a pattern in its given order.
+    """Fill of the Cholesky factor of a pattern, eliminated in its given order.
 
-    Column j counts the rows whose subtree it belongs to: the tree paths from the neighbours k < i of row i up to i. Only the leaves of a
-    row subtree matter: each new leaf adds its path up to where it meets that of the leaf before (Gilbert, Ng and Peyton, SIAM J. Matrix
-    Anal. Appl. 15, 1994). Sums over subtrees then are differences of one cumulative sum, as the tree is postordered.
+    The count of column j is the number of row subtrees that contain it; the subtree of row i consists of the tree paths from its neighbours
+    k < i up to i. Only its leaves matter: each further leaf adds its path up to the point where it meets that of the leaf before (Gilbert,
+    Ng and Peyton, SIAM J. Matrix Anal. Appl. 15, 1994). In postorder, sums over subtrees are differences of one cumulative sum.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def column_counts(pattern: sp.csr_array) -> FactorFill:
     post = _postorder(parent)
     rank = np.empty(n, dtype=np.int64)
     rank[post] = np.arange(n)
-    # The tree in postorder; n stands above all roots.
+    # Parents in postorder; n is a common parent of all roots.
     above = np.full(n + 1, n, dtype=np.int64)
     known = parent >= 0
     above[rank[known]] = rank[parent[known]]
@@ -104,7 +104,7 @@ def column_counts(pattern: sp.csr_array) -> FactorFill:
     coo = pattern.tocoo()
     lower = coo.row > coo.col
     row, col = rank[coo.row[lower]], rank[coo.col[lower]]
-    # An edge joins a column and one of its ancestors in either order.
+    # Each edge joins a column (smaller rank) and one of its ancestors.
     row, col = np.maximum(row, col), np.minimum(row, col)
     key = np.sort(row * n + col)
     row, col = key // n, key % n
@@ -116,7 +116,7 @@ def column_counts(pattern: sp.csr_array) -> FactorFill:
     alone = np.ones(row.size, dtype=bool)
     alone[1:] = row[1:] != row[:-1]
     delta = np.zeros(n + 1, dtype=np.int64)
-    # A row without earlier neighbours is its own subtree.
+    # The subtree of a row without earlier neighbours is the row itself.
     own = np.ones(n, dtype=bool)
     own[row] = False
     np.add.at(delta, np.flatnonzero(own), 1)
@@ -129,7 +129,7 @@ def column_counts(pattern: sp.csr_array) -> FactorFill:
 
 
 def _postorder(parent: Integers) -> Integers:
-    """Children before parents, subtrees together: a preorder from a root above all, reversed."""
+    """(n,) columns in postorder (children before parents, subtrees contiguous): the reversed preorder from a common root."""
     n = parent.size
     up = np.where(parent < 0, n, parent)
     tree = sp.csr_array((np.ones(n), (up, np.arange(n))), shape=(n + 1, n + 1))
@@ -138,7 +138,7 @@ def _postorder(parent: Integers) -> Integers:
 
 
 def _meeting(above: Integers, a: Integers, b: Integers) -> Integers:
-    """Lowest common ancestors of a < b in postorder: the first ancestor of a that is not before b."""
+    """Lowest common ancestors of columns a < b in postorder: the first ancestor of a that does not precede b."""
     jumps = [above]
     while np.any(jumps[-1] != jumps[-1][-1]):
         jumps.append(jumps[-1][jumps[-1]])

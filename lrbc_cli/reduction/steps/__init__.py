@@ -1,1 +1,1 @@
-"""The steps of a reduction: full-order lines that expand the basis, the error estimate, compression, the certificate."""
+"""The steps of a reduction: full-order solves that extend the basis, error estimate, compression, certificate and error bound."""

@@ -1,4 +1,4 @@
-"""Measured errors of a reduced model: full solves at lines outside the basis, for parameter vectors from free to clamped."""
+"""The certificate: errors of a reduced model measured against full solves at single lines, for certificate vectors from free to clamped."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.reduction.solve.dynamic import Factorisation
 
-#: Sets of shares in which the terms are raised to a resonance at a line.
+#: Number of patterns of resonant certificate vectors, see ``resonant_vectors``.
 PATTERNS = 4
 
 
 def port_errors(model: FeModel, scale: Floats, exact: PortFrf, approximate: PortFrf) -> dict[str, float]:
-    """Relative error of y at one line by kind of parameter vector.
+    """Largest relative error of y at one line by kind of parameter vector, from exact and approximate port FRFs.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def port_errors(model: FeModel, scale: Floats, exact: PortFrf, approximate: Port
     scale : (nt,) float array
         From ``local_scale``.
     exact, approximate : PortFrf
-        At the same single line.
+        Of the full and the reduced model at the same single line.
     """
     groups = quantity_groups(model)
     local = local_responses(model, complex(exact.s[0]), exact.input_of)
@@ -51,11 +51,11 @@ def residual_errors(
     lift: Callable[[Complexes], Complexes],
     load: Callable[[Complexes], Complexes],
 ) -> dict[str, float]:
-    """Relative error of y at one line by kind of parameter vector, from the residuals of the reduced solutions.
+    """Largest relative error of y at one line by kind of parameter vector, from the residuals of the reduced solutions.
 
-    ``y - y_r = L Z(D)⁻¹ r`` with r the residual of the full system. It is solved with the factorisation at the reference values; what the
-    terms add to that takes the port FRFs of the reduced model, so that the error is known up to a share of its own size. Solves grow
-    with the vectors instead of the terms.
+    The error is ``y - y_r = L Z(D)⁻¹ r`` with the residual r of the full system. It is solved with the factorisation at the reference
+    values; the effect of D on it is computed with the port FRFs of the reduced model, so the error is known up to a share of itself.
+    The number of solves is that of the vectors, not of the terms: cheaper with very many terms.
 
     Parameters
     ----------
@@ -64,11 +64,11 @@ def residual_errors(
         From ``local_scale``.
     reduced : ReducedModel
     factorisation : Factorisation
-        With the terms at the reference values.
+        Of the full model at the line, with the terms at their reference values.
     lift : callable
-        From reduced to full solutions, (r, k) to (n, k).
+        Maps reduced to full solutions, (r, k) to (n, k).
     load : callable
-        From amplitudes of all inputs to loads, (n_in + nt, k) to (n, k).
+        Maps amplitudes of all inputs to load vectors, (n_in + nt, k) to (n, k).
     """
     s = np.array([factorisation.s])
     groups, n_in = quantity_groups(model), model.B.shape[1]
@@ -94,12 +94,12 @@ def residual_errors(
 
 
 def random_vectors(terms: int) -> int:
-    """How many random parameter vectors a line is measured with: fewer where each is a large system."""
+    """Number of random certificate vectors at each line; fewer with many terms, where each needs the solution of a large system."""
     return 16 if terms <= 150 else 4
 
 
 def measured_vectors(ports: PortFrf, terms: LowRankTerms, scale: Floats) -> dict[str, list[Complexes]]:
-    """Parameter vectors for which the error at a line is measured, by kind; those that resonate on it follow from its port FRFs."""
+    """Certificate vectors by kind, as (F, nt) dynamic values; resonant ones are found from the port FRFs of the lines."""
     drawn = random_vectors(terms.size)
     kinds = certificate_vectors(terms, scale, ports.s, drawn)
     resonant = resonant_vectors(ports, terms, scale, patterns=PATTERNS, count=drawn // PATTERNS)
@@ -107,13 +107,13 @@ def measured_vectors(ports: PortFrf, terms: LowRankTerms, scale: Floats) -> dict
 
 
 def vector_count(terms: LowRankTerms) -> int:
-    """How many those are."""
+    """Number of certificate vectors at each line."""
     drawn = random_vectors(terms.size)
     return 1 + len(KINDS) + drawn + PATTERNS * min(drawn // PATTERNS, int(np.sum(terms.power == 0)))
 
 
 def lines_between(band_hz: tuple[float, float], points: Sequence[float], count: int) -> Floats:
-    """(count,) lines spread over the band, each as far from the given points as its share of the band allows."""
+    """(count,) lines [Hz], one in each of ``count`` equal parts of the band, as far from the given points as possible."""
     ends = np.linspace(*band_hz, count + 1)
     found = []
     for low, high in itertools.pairwise(ends):
@@ -133,18 +133,20 @@ def measured_errors(
     backend: str = "auto",
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> tuple[HeldOut, ...]:
-    """Errors of a reduced model against full solves of a model, which may have other factors than the one it was built from.
+    """Measure the error of a reduced model at given lines against a full model, e.g. one with other factors after a calibration.
 
     Parameters
     ----------
     model : FeModel
     input_of : (n_out,) int array
+        Which input each response belongs to.
     reduced : ReducedModel
     band_hz : (float, float)
     lines_hz : (m,) float array
     backend : str
+        Sparse solver, see ``DynamicStiffness``.
     progress : callable
-        Gets the lines done and their number.
+        Called with the number of lines done and of all lines.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The part of a rich basis that its own solutions use: a smaller model of nearly the same accuracy."""
+"""Compression of a rich basis to the principal directions of its own solutions: a smaller model of nearly the same accuracy."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from lrbc_cli.reduction.steps.estimate import Estimator, Sweep
 from lrbc_cli.reduction.steps.unseen import distance
 from lrbc_cli.reduction.threads import in_chunks
 
-#: Lines at which a smaller basis is compared with the rich one: so many spread over the band, and as many with the worst estimates.
+#: A smaller basis is compared with the rich one at this many lines spread over the band, and as many with the largest estimates.
 CHECKS = 11
 
-#: How much more is allowed at the other lines of the grid.
+#: Factor by which the difference may be larger at the other lines of the grid.
 ELSEWHERE = 2.0
 
-#: What is left out is changed by this factor at a time.
+#: Factor between successive trial shares of what is left out.
 STRIDE = 3.0
 
 
 @dataclass(frozen=True)
 class SweepModes:
-    """Principal directions of the solutions in one field.
+    """Principal directions of the reduced solutions in one field.
 
     Attributes
     ----------
     vectors : (r, r) float array
-        Columns, the most used one first.
+        Directions as columns, the one with the largest share first.
     tail : (r + 1,) float array
-        Share of all solutions (root of the sum of squares) that the first k columns leave out.
+        Element k: share of all solutions (root of the sum of squares) that the first k columns leave out.
     """
 
     vectors: Floats
@@ -43,31 +43,31 @@ class SweepModes:
 
     @classmethod
     def of(cls, spread: Floats) -> SweepModes:
-        """From the sum of x xᵀ of the normalised solutions."""
+        """From the (r, r) sum of x xᵀ over normalised solutions x."""
         values, vectors = la.eigh(spread)
         values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
         left = np.concatenate([np.cumsum(values[::-1])[::-1], [0.0]])
         return cls(vectors, np.sqrt(left / left[0]) if left[0] > 0 else left)
 
     def count(self, share: float) -> int:
-        """Columns that leave out at most this share."""
+        """Smallest number of columns that leave out at most this share."""
         return int(np.argmax(self.tail <= share))
 
 
 class Compressor:
-    """Searches the smallest basis within a rich one; compares with the rich model, without a solve of the full one.
+    """Searches the smallest part of a rich basis that keeps y, compared with the rich model only (no full solves).
 
     Parameters
     ----------
     problem : Problem
     basis : Projection
-        The rich one.
+        The rich basis.
     sweep : Sweep
-        Of that basis: its vectors are those of the comparison.
+        Of the rich basis; gives the parameter vectors for the comparison.
     estimator : Estimator
-        That made the sweep.
+        The estimator that made the sweep.
     limit : float
-        Relative difference of y that is allowed.
+        Largest relative difference of y.
     """
 
     def __init__(self, problem: Problem, basis: Projection, sweep: Sweep, estimator: Estimator, limit: float) -> None:
@@ -85,13 +85,13 @@ class Compressor:
         self._at, self._ports, self._vectors, self._local = at, sweep.ports, sweep.vectors, estimator.local
 
     def turns(self, counts: Sequence[int]) -> list[Floats]:
-        """The first columns of each field."""
+        """The (r_f, k_f) matrix of the first ``counts`` principal directions of each field."""
         return [modes.vectors[:, :count] for modes, count in zip(self.modes, counts, strict=True)]
 
     def error(self, counts: Sequence[int], at: Integers | None = None) -> float:
-        """Relative difference of y to the rich model with so many columns a field, at some lines of the grid or at all."""
+        """Largest relative difference of y to the rich model with ``counts`` columns in the fields, at grid lines ``at`` (None: all)."""
         problem = self._problem
-        # Only the leading part of the operators in principal directions is used.
+        # In principal directions the operators of the smaller basis are the leading blocks.
         keep = np.concatenate([start + np.arange(count) for start, count in zip(self._starts, counts, strict=True)])
         K, C, M = (A[np.ix_(keep, keep)] for A in self._turned)
         structure = counts[0] if self._structure else 0
@@ -109,12 +109,12 @@ class Compressor:
         return float(distance(rich, problem.ports(H, s), [D[at] for D in self._vectors], problem.quantities, self._local).max(initial=0.0))
 
     def search(self, start: float) -> list[int]:
-        """Columns of each field: the largest share left out, in strides, that keeps the difference within the limit.
+        """Number of columns of each field for the largest share left out that keeps the difference within the limit.
 
         Parameters
         ----------
         start : float
-            First share to try.
+            First trial share.
         """
 
         def counts_at(shares: Sequence[float]) -> list[int]:
@@ -132,19 +132,19 @@ class Compressor:
                 shares = [share / STRIDE for share in shares]
                 if shares[0] < np.finfo(float).eps:
                     return [modes.vectors.shape[1] for modes in self.modes]
-        # One field may be content with less than the other.
+        # One field may need fewer columns than the other.
         if len(shares) > 1:
             for field in range(len(shares)):
                 coarser = [share * (STRIDE if f == field else 1.0) for f, share in enumerate(shares)]
                 if holds(coarser):
                     shares = coarser
-        # A resonance between the lines that were compared may want more.
+        # Check all lines: a resonance between the compared lines may need more columns.
         while shares[0] > np.finfo(float).eps and self.error(counts_at(shares)) > ELSEWHERE * self._limit:
             shares = [share / STRIDE for share in shares]
         return counts_at(shares)
 
     def within(self, limit: int) -> list[int]:
-        """Columns of each field that leave out equal shares, together at most ``limit``."""
+        """Number of columns of each field, at most ``limit`` together, such that the fields leave out equal shares."""
         shares = np.unique(np.concatenate([modes.tail for modes in self.modes]))
         for share in shares:
             counts = [modes.count(share) for modes in self.modes]

@@ -1,4 +1,4 @@
-"""Cheap estimate of the error of y over the whole band: product of sketched primal and dual residuals."""
+"""Estimates the error of y over the whole band from primal and dual residuals of the reduced solutions, without full solves."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ from lrbc_cli.reduction.reduced.sweep import ReducedSolver
 from lrbc_cli.reduction.steps.grid import Grid
 from lrbc_cli.reduction.threads import in_chunks
 
-#: States that resonate on a line of the grid.
+#: Number of resonant states for which the error is estimated at each line.
 RESONANCES = 2
 
-#: Lines of the grid; fewer where each costs more, by the number of terms.
+#: Largest number of lines of the grid; fewer with more than 100 terms, where each line costs more.
 GRID_LINES = 120
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sweep:
-    """What one pass of the reduced system over the band gives.
+    """Result of one pass of the reduced system over F lines of the band.
 
     Attributes
     ----------
-    estimate : (count,) float array
-        Estimated relative error of y, worst over a few parameter vectors.
-    rounding : (count,) float array
-        What of it is rounding, of the full solution as of the reduced one, and no larger basis mends.
+    estimate : (F,) float array
+        Estimated relative error of y, the largest over a few parameter vectors.
+    rounding : (F,) float array
+        Estimated rounding error, of the full solution as of the reduced one; no larger basis lowers it.
     ports : PortFrf
-        Of the reduced model at the grid.
+        Of the reduced model at the lines.
     vectors : list of (F, nt) complex arrays
         Dynamic values of the terms for which the error was estimated.
     spread : list of (r_f, r_f) float arrays
-        Sum of x xᵀ over all normalised solutions, primal and dual, real and imaginary parts, of each field: how they fill the basis.
+        For each field the sum of x xᵀ over all normalised solutions (primal and dual, real and imaginary parts), for the compression.
     """
 
     estimate: Floats
@@ -53,14 +53,14 @@ class Sweep:
 
 
 class Estimator:
-    """Residual estimate on a grid of lines.
+    """Estimates the error of y on a grid of lines from residuals.
 
-    The error of a response is ``z_lᵀ r``, with r the residual of the reduced solution and z_l the full dual solution, both for one
-    parameter vector. By Galerkin orthogonality only the error of the dual counts, so that |e_l| is about
-    ``|R_dual (e_l + v_l)| |R (e + u)|`` in rows scaled by the diagonals of M and K: R and R_dual are the residuals for all inputs and
-    outputs at the reference values, u and v_l what the terms add to them. Residuals enter through a random sketch, so that they do not
-    drown in round-off as in the expanded normal form (Balabanov and Nouy 2019). Rounding is not orthogonal to anything: entries of Z that
-    are wrong in the last digit make an error of ``eps |z_l| |x|`` in the same scale.
+    The error of response l is ``z_lᵀ r``, with the residual r of the reduced solution and the full dual solution z_l, both for one
+    parameter vector. By Galerkin orthogonality only the error of the dual solution contributes, so it is of the size of
+    ``|R_dual (e_l + v_l)| |R (e + u)|`` in rows scaled by the diagonals of M and K. R and R_dual are the residuals for all inputs and
+    outputs at the reference values, e and e_l unit vectors, u and v_l the amplitudes of the terms. Norms of residuals are those of a
+    random sketch, which avoids the round-off of the expanded normal form (Balabanov and Nouy 2019). Rounding errors are not orthogonal to
+    the basis: errors of the last digit in Z cause an error of ``eps |z_l| |x|`` in the same scale.
 
     Parameters
     ----------
@@ -81,13 +81,13 @@ class Estimator:
         count = max(count, 3 * problem.options.held_out)
         self.grid = Grid(low, high, count)
         self.local = local_responses(model, 2j * np.pi * float(self.grid.lines_hz[count // 2]), problem.input_of)
-        # A response to several hammer points is one place.
+        # Equal rows of one response to several hammer points count once.
         self._places = np.unique(problem.dual_of[: problem.responses], return_index=True)[1]
         acoustic = model.is_acoustic.astype(float)
         self._in_air = np.concatenate([(abs(model.L) @ acoustic)[self._places], abs(model.terms.right).T @ acoustic]) > 0
 
     def states(self, ports: PortFrf) -> list[Complexes]:
-        """A few parameter vectors from free to clamped, drawn ones and such as resonate at the lines, (F, nt) dynamic values each."""
+        """A few certificate vectors (free to clamped, random, and resonant at the lines) as (F, nt) dynamic values."""
         terms, scale, many = self._problem.model.terms, self._problem.scale, self._problem.many
         chosen = certificate_vectors(terms, scale, ports.s, count=1 if many else 2)
         kinds = ("free", "clamped", "random") if many else ("free", "loose", "local", "clamped", "random")
@@ -96,15 +96,15 @@ class Estimator:
         )
 
     def sweep(self, basis: Projected, lines_hz: Floats | None = None, states: Callable[[PortFrf], list[Complexes]] | None = None) -> Sweep:
-        """Solve the reduced system over the band: estimated error, port FRFs, and how its solutions fill the basis.
+        """Solve the reduced system at all lines: estimated errors, port FRFs, and the shares of the basis that its solutions use.
 
         Parameters
         ----------
         basis : Projected
         lines_hz : (F,) float array or None
-            Other lines than the grid.
+            Lines [Hz]; None: the grid.
         states : callable or None
-            Parameter vectors for port FRFs of some of the lines, others than ``states``.
+            Maps port FRFs of some of the lines to parameter vectors; None: the method ``states``.
         """
         problem, states = self._problem, states or self.states
         s = 2j * np.pi * (self.grid.lines_hz if lines_hz is None else lines_hz)
@@ -138,7 +138,7 @@ class Estimator:
             parts[part.start] = [_spread(field) for field in filled], vectors
 
         in_chunks(s.size, work, chunk=solver.chunk(s.size))
-        # In the order of the lines, whichever thread came first: sums must not depend on it.
+        # Sum in the order of the lines, so that the result does not depend on the threads.
         spreads, vectors = zip(*(parts[at] for at in sorted(parts)), strict=True)
         return Sweep(
             estimate=estimate,
@@ -149,7 +149,7 @@ class Estimator:
         )
 
     def _weights(self, s: Complexes, basis: Projected) -> tuple[Floats, list[Any]]:
-        """The acoustic field is scaled as in the symmetrised system, by |l| = 1/|kappa s²|: its root for sketched rows, and for fields."""
+        """Weights, for sketched rows and for fields, that scale the acoustic field as in the symmetrised system: 1/sqrt|kappa s²|."""
         kappa, rows = self._problem.Z.coupling.kappa, np.ones((s.size, basis.rows * len(basis.sizes), 1))
         if kappa is None:
             return rows, [1.0] * len(basis.sizes)
@@ -158,7 +158,7 @@ class Estimator:
         return rows, [1.0, of_air]
 
     def _outputs(self, dual: Complexes, primal: Complexes, s: Complexes) -> Complexes:
-        """(F, k, places + nt) what belongs to the distinct responses and to the outputs of the terms, in the symmetrised system."""
+        """(F, k, places + nt) columns of the distinct responses, then of the outputs of the terms, scaled as in the symmetrised system."""
         problem, kappa = self._problem, self._problem.Z.coupling.kappa
         of = problem.dual_of
         of_terms = dual[:, :, of[problem.responses :]] if of.size > problem.responses else primal[:, :, problem.loads :]
@@ -168,13 +168,13 @@ class Estimator:
     def _relative(
         self, ports: PortFrf, residuals: tuple[Complexes, Complexes], solutions: tuple[Complexes, Complexes], D: Complexes
     ) -> tuple[Floats, Floats]:
-        """(F,) what the basis misses and what rounding moves, in units of its step, relative to y, for one parameter vector.
+        """(F,) estimated relative errors of y for one parameter vector: by the basis, and by rounding (in units of machine epsilon).
 
         Parameters
         ----------
         ports : PortFrf
         residuals, solutions : pairs of (F, k, m) complex arrays
-            Of all inputs, and of the places of the responses and the outputs of the terms.
+            First for all inputs, second for the distinct responses and the outputs of the terms (dual).
         D : (F, nt) complex array
         """
         problem, places = self._problem, self._places
@@ -187,7 +187,7 @@ class Estimator:
             return np.asarray(norm[:, of] * np.abs(to_quantity))
 
         missed = np.linalg.norm(residuals[0][:, :, :n_in] + residuals[0][:, :, n_in:] @ u, axis=1)
-        # Each input is solved for by itself: their roundings do not cancel where their solutions do.
+        # Each input is solved separately: rounding errors do not cancel where solutions do.
         size = np.sum(np.abs(solutions[0]) ** 2, axis=1)[:, None]
         rounded = np.sqrt(size[:, 0, :n_in] + (size[:, :, n_in:] @ np.abs(u) ** 2)[:, 0])
         of_input = problem.input_of
@@ -196,14 +196,14 @@ class Estimator:
         )
 
     def _worst(self, ports: PortFrf, y: Complexes, errors: Floats) -> Floats:
-        """(F,) errors of the responses relative to y, the worst over inputs and quantities."""
+        """(F,) errors of the responses relative to the norm of y, the largest over inputs and physical quantities."""
         worst = np.zeros(y.shape[0])
         for column in range(self._problem.loads):
             mine = self._problem.input_of == column
             for group in self._problem.quantities:
                 rows = group[mine[group]]
                 if rows.size:
-                    # What is silent counts as the certificate counts it.
+                    # Lower limits of the norm as in ``relative_error``.
                     floor = max(ROUNDING * float(np.linalg.norm(self.local[rows])), np.finfo(float).tiny)
                     silent = np.maximum(SILENT * np.linalg.norm(ports.H00[:, rows], axis=1), floor)
                     size = np.maximum(np.linalg.norm(y[:, rows], axis=1), silent)
@@ -212,7 +212,7 @@ class Estimator:
 
 
 def _spread(X: Complexes) -> Floats:
-    """Sum of Re(x xᴴ) over the normalised columns of a stack."""
+    """(r, r) sum of Re(x xᴴ) over the normalised columns x of an (F, r, k) stack."""
     rows = X.transpose(1, 0, 2).reshape(X.shape[1], -1)
     norm = np.linalg.norm(rows, axis=0)
     rows = rows / np.where(norm > 0, norm, 1.0)
@@ -220,7 +220,7 @@ def _spread(X: Complexes) -> Floats:
 
 
 def _times(A: Any, X: Complexes) -> Complexes:
-    """A X for a stack of X; one real product of two, where A is real, instead of many complex ones."""
+    """A X for an (F, r, k) stack X; for a real A by two large real products instead of many complex ones."""
     if np.iscomplexobj(A):
         return np.asarray(A @ X)
     F, r, k = X.shape
@@ -229,21 +229,21 @@ def _times(A: Any, X: Complexes) -> Complexes:
     return np.asarray(out.reshape(A.shape[0], F, k).transpose(1, 0, 2))
 
 
-#: By how much an estimate may prove too large.
+#: Smallest ratio of measured over estimated error that is believed.
 LEAST_EFFECTIVITY = 0.1
 
 
 class Effectivity:
-    """Measured over estimated error at lines that were solved: how far the estimate is believed.
+    """Ratio ``value`` of measured over estimated error, by which estimates are multiplied: the largest seen so far, at least 1.
 
-    Points of very many terms are so costly that an estimate that proves too large is believed less.
+    With very many inputs, whose expansion points are costly, the first measured ratio may lower it, to ``LEAST_EFFECTIVITY`` at least.
     """
 
     def __init__(self, many: bool) -> None:
         self.value, self._least, self._known = 1.0, LEAST_EFFECTIVITY if many else 1.0, not many
 
     def see(self, error: float, expected: float) -> None:
-        """Take a measured and an estimated error."""
+        """Update the ratio from a measured error and the error expected by the estimate at the same line."""
         if expected > 0:
             seen = float(np.clip(error / expected, self._least, 10.0))
             self.value = max(self.value, seen) if self._known else seen

@@ -1,4 +1,4 @@
-"""The lines at which the error is estimated, and which of them is solved next."""
+"""The grid of lines at which the error is estimated, the choice of the next line to be solved, and checks of lines against the band."""
 
 from __future__ import annotations
 
@@ -9,41 +9,40 @@ import numpy as np
 from lrbc_cli.arrays import Floats
 from lrbc_cli.errors import ConfigError
 
-#: Bands whose ends lie further apart than this ratio are wide.
+#: Ratio of the ends above which a band counts as wide.
 WIDE_BAND = 40.0
 
-#: Share of the grid that a line keeps from expansion points.
+#: Least distance of a chosen line from expansion points, as a share of the grid.
 APART = 0.01
 
-#: Lines at most in one call: a slip in the step must not fill the memory.
+#: Largest number of lines in one call, so that a mistaken step does not fill the memory.
 MAX_LINES = 200_000
 
 
 def band_lines(band: tuple[float, float], place: str | None = None, hint: str = "narrow reduction.band") -> Floats:
-    """The 1 Hz lines of a band [Hz]; its ends where it holds none.
+    """The whole-number frequencies inside a band [Hz]; its two ends if it contains none.
 
     Raises
     ------
     ConfigError
-        Where there are too many.
+        If there are more than ``MAX_LINES``.
     """
     first, last = np.ceil(band[0]), np.floor(band[1])
     if last - first > MAX_LINES:
-        raise ConfigError(f"the band holds more than {MAX_LINES} lines of 1 Hz", place=place, hint=hint)
+        raise ConfigError(f"the band contains more than {MAX_LINES} lines at 1 Hz spacing", place=place, hint=hint)
     return np.arange(first, last + 1) if first <= last else np.array(band)
 
 
 def require_in_band(lines: Floats, band: tuple[float, float], place: str | None = None, hint: str | None = None) -> None:
-    """Refuse lines [Hz] on which the reduced model was not certified.
+    """Refuse lines [Hz] outside the band in which the reduced model holds, and an empty list.
 
     Raises
     ------
     ConfigError
-        Naming the lines.
     """
     if lines.size == 0 or not (band[0] * (1 - 1e-9) <= lines.min() and lines.max() <= band[1] * (1 + 1e-9)):
         raise ConfigError(
-            "the reduced model does not hold outside its band",
+            "the reduced model is not valid outside its band",
             place=place,
             expected=f"lines from {band[0]:g} to {band[1]:g} Hz",
             found=f"{lines.min():g} to {lines.max():g} Hz" if lines.size else "none",
@@ -52,7 +51,7 @@ def require_in_band(lines: Floats, band: tuple[float, float], place: str | None 
 
 
 class Grid:
-    """Lines of a band: evenly spaced, in a wide band half of them by octaves, so that its lower decades are seen too.
+    """Lines of a band, evenly spaced; in a wide band half of them are spaced logarithmically, so that its lower decades are covered.
 
     Parameters
     ----------
@@ -75,7 +74,7 @@ class Grid:
         self._places = np.linspace(0.0, 1.0, count)
 
     def position(self, frequency_hz: Floats) -> Floats:
-        """Where lines lie on the grid, from 0 to 1."""
+        """Position of lines [Hz] on the grid, from 0 to 1, counted in grid lines."""
         return np.asarray(np.interp(frequency_hz, self.lines_hz, self._places))
 
     def frequency(self, position: Floats) -> Floats:
@@ -83,16 +82,17 @@ class Grid:
         return np.asarray(np.interp(position, self._places, self.lines_hz))
 
     def worst(self, estimate: Floats, points: Sequence[float], held_out: Sequence[float], count: int, parts: int) -> list[float]:
-        """Lines with the worst estimates, away from expansion points: one in each of so many equal parts that has no held-out line yet.
+        """Choose lines with the largest estimates, away from expansion points, each in a part of the grid without a held-out line.
 
         Parameters
         ----------
         estimate : (lines,) float array
         points, held_out : sequences of float
-            Expansion points and held-out lines so far [Hz].
+            Present expansion points and held-out lines [Hz].
         count : int
-            How many.
+            Number of lines to choose.
         parts : int
+            Number of equal parts of the grid.
         """
 
         def apart(lines: Sequence[float]) -> Floats:

@@ -1,4 +1,4 @@
-"""What the error is likely to be at lines that were never solved in full."""
+"""Statistical bound of the error at lines that were not solved with the full model, the second part of the certificate."""
 
 from __future__ import annotations
 
@@ -18,32 +18,32 @@ from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.reduction.steps.certify import measured_vectors
 from lrbc_cli.reduction.steps.estimate import Estimator, Sweep
 
-#: Rounding is known to such a factor.
+#: Factor to which the rounding error is known.
 ROUNDING_KNOWN = 10.0
 
-#: Errors below this share of the tolerance do not tell how far the estimate is off, nor do fewer lines than this.
+#: Errors below this share of the tolerance are not used to calibrate the estimate, and at least this many lines are needed for it.
 NEGLIGIBLE, LEAST_TELLING = 1e-4, 3
 
-#: Share of the lines that the bound is for, and how sure it is of that.
+#: Share of the lines for which the bound holds, and the confidence of this.
 SHARE, CONFIDENCE = 0.95, 0.95
 
 
-#: Every which line of the grid is looked at for all vectors of the certificate: at each some of them resonate.
+#: All certificate vectors are evaluated at every SPARSER-th line of the grid; at each some of them resonate.
 SPARSER = 8
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A basis that may be the last.
+    """A rich basis and its compression, which becomes the result if its errors hold.
 
     Attributes
     ----------
     rich, sweep : Sweep
-        Of the rich basis, and of the one compressed from it.
+        Of the rich and of the compressed basis; the same object without compression.
     full : ReducedModel
-        The rich model.
+        The reduced model on the rich basis.
     basis : Projected
-        Of the rich basis.
+        Projections of the rich basis.
     """
 
     rich: Sweep
@@ -53,24 +53,25 @@ class Candidate:
 
     @property
     def compressed(self) -> bool:
-        """Whether it was."""
+        """Whether the basis was compressed."""
         return self.sweep is not self.rich
 
 
 def distance(
     ports: PortFrf, other: PortFrf, vectors: Sequence[Complexes], groups: Sequence[Integers], local: Floats | None = None
 ) -> Floats:
-    """(F,) relative difference of y between two sets of port FRFs, worst over vectors and physical quantities.
+    """(F,) relative difference of y between two sets of port FRFs, the largest over parameter vectors and physical quantities.
 
     Parameters
     ----------
     ports, other : PortFrf
         The first one counts as exact.
     vectors : sequence of (F, nt) complex arrays
+        Dynamic values of the terms.
     groups : sequence of int arrays
-        Responses that share a quantity.
+        Indices of the responses that share a quantity.
     local : (R,) float array or None
-        From ``local_responses``; silence counts as in the certificate.
+        From ``local_responses``; limits the norm from below as in ``relative_error``.
     """
     worst = np.zeros(ports.lines)
     tiny = np.finfo(float).tiny
@@ -85,9 +86,9 @@ def distance(
 
 
 def tolerance_factor(count: int, share: float = SHARE, confidence: float = CONFIDENCE) -> float:
-    """Standard deviations above the mean of ``count`` normal samples below which a share of all lies, one-sided, with confidence.
+    """One-sided tolerance factor k: mean plus k standard deviations of ``count`` normal samples exceeds ``share`` of the population.
 
-    The noncentral t distribution of Owen (1968), as tabled in ISO 16269-6.
+    With the given confidence; from the noncentral t distribution (Owen 1968), as tabulated in ISO 16269-6.
     """
     root = np.sqrt(count)
     return float(nctdtrit(count - 1, ndtri(share) * root, confidence) / root)
@@ -103,32 +104,32 @@ def unseen_bound(
     lost: Floats | float = 0.0,
     tolerance: float = 0.0,
 ) -> float:
-    """Bound of the relative error of y over a band of which a few lines were solved in full.
+    """Statistical bound of the relative error of y over a band in which a few lines were solved with the full model.
 
-    The final model differs from the rich one that it was compressed from by ``lost``, which is computed at every line. What the rich
-    one misses is estimated at every line and measured at some; the logarithms of measured over estimated are taken as normal, and
-    their tolerance limit raises the estimate. Lines where rounding may be all that was measured do not tell.
+    The final model differs by ``lost``, computed at every line, from the rich model that it was compressed from. The error of the rich
+    model is estimated at every line and measured at some. The logarithms of measured over estimated errors are taken as normal, and
+    their tolerance limit multiplies the estimate. Lines where the measured error may be rounding only are left out of this.
 
     Parameters
     ----------
     measured, expected, rounding : (m,) float arrays
-        Measured errors of the rich model, and at the same lines what is estimated and what rounding may come to.
+        At the solved lines: measured and estimated errors of the rich model, and possible rounding errors.
     estimate, rounded : (F,) float arrays
-        Both over the band.
+        Estimated errors of the rich model and possible rounding errors over the band.
     lost : (F,) float array or float
-        Relative difference of the final model to it.
+        Relative difference of the final to the rich model.
     tolerance : float
-        Of the error.
+        Tolerance of the reduction.
 
     Returns
     -------
     float
-        NaN for fewer than two measured lines.
+        NaN for fewer than two solved lines.
     """
     if measured.size < 2:
         return float("nan")
     tiny = np.finfo(float).tiny
-    # Errors hold what rounding there was.
+    # Measured errors include the actual rounding error, which limits the possible one.
     seen = min(1.0, float(np.max(measured / np.maximum(rounding, tiny))))
     level = np.maximum(rounding, max(NEGLIGIBLE * tolerance, tiny))
     telling = (expected > level) | (measured > np.maximum(ROUNDING_KNOWN * rounding, level))
@@ -142,7 +143,7 @@ def unseen_bound(
 def unseen_error(
     problem: Problem, estimator: Estimator, candidate: Candidate, final: ReducedModel, measured: Mapping[float, float]
 ) -> float:
-    """Bound of the relative error of y at lines that were not solved in full, from estimates for all vectors of the certificate.
+    """``unseen_bound`` of a reduced model, from estimates for all certificate vectors at a part of the grid and the held-out lines.
 
     Parameters
     ----------
@@ -150,9 +151,9 @@ def unseen_error(
     estimator : Estimator
     candidate : Candidate
     final : ReducedModel
-        The compressed one, or the rich one itself.
+        The compressed model, or the rich one itself.
     measured : dict
-        Measured errors of the rich one by held-out line [Hz].
+        Measured errors of the rich model by held-out line [Hz].
     """
     lines, terms = np.array(list(measured)), problem.model.terms
     grid = np.union1d(estimator.grid.lines_hz[::SPARSER], lines)
