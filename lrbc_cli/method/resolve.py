@@ -225,6 +225,7 @@ def _comparison(mixture: bool, relative: bool) -> dict[str, str]:
 
 
 def _approach(update: UpdateConfig, facts: Facts) -> tuple[Approach, str]:
+    """The approach and the reason for it."""
     if update.approach is not None:
         return update.approach, "as given"
     if not facts.reference:

@@ -12,7 +12,7 @@ from lrbc_cli.model.fem import FeModel
 #: Errors are relative to no less than this share (-100 dB) of the norm of the line in the reference state.
 SILENT = 1e-5
 
-#: ... and to no less than this share (-260 dB) of the response at the loaded point: below it, the full solution too is rounding only.
+#: Also to no less than this share (-260 dB) of the response at the loaded point, below which the full solution too is only rounding.
 ROUNDING = 1e-13
 
 

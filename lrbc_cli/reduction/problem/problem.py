@@ -43,9 +43,9 @@ class Problem:
     reference : (nt, 3) float array
         Coefficients of D_ref(s) = k + s c + s² m.
     inputs : (n, n_in + nt) csc_array
-        B_ext of the paper's extended system, eq. (14).
+        B_ext of the paper's extended system, eq. (11).
     outputs : (n_out + nt, n) csc_array
-        L_ext of the extended system.
+        L_ext of the extended system, eq. (15).
     dual : (n, d) csc_array
         Right-hand sides of the dual (transposed) problem: distinct responses, and the outputs of the terms unless, by symmetry, their dual
         solutions equal those of the term inputs.

@@ -1,6 +1,7 @@
 """Port FRFs: H(s) between loads, responses and terms, which depends on no parameter, and y for any values of the terms, eqs. (14)-(18).
 
-This is the core of the method: an evaluation of all FRFs needs solves only as large as the number of terms (guide page *method*).
+This is the core of the method: an evaluation of all FRFs needs solves only as large as the number of terms. See ``lrbc guide method``,
+where they are called interface FRFs.
 """
 
 from __future__ import annotations
@@ -242,6 +243,7 @@ class PortFrf:
         return np.asarray(found)
 
     def _respond(self, F: Complexes, w: Complexes, part: slice = slice(None)) -> Complexes:
+        """(..., F, R) FRFs from the solution ``w = (E + Hpp F)⁻¹ Hp0``."""
         y = (self.H0p[part] * F[..., None, :]) @ w
         rows = np.arange(self.input_of.size)
         return np.asarray(self.H00[part] - y[..., rows, self.input_of])

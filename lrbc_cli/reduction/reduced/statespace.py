@@ -267,6 +267,7 @@ def _singular(M: Floats, structure: int) -> bool:
 
 
 def _explicit(model: ReducedModel) -> tuple[Floats, Floats, Floats, Floats, None]:
+    """A, B, C, D and None for E, with the inverse of the mass matrix."""
     r, q = model.size, model.output_power[:, None]
     # Rows of structure and air differ by many orders of magnitude.
     scale = 1.0 / np.abs(model.M).max(axis=1, keepdims=True)
@@ -283,6 +284,7 @@ def _explicit(model: ReducedModel) -> tuple[Floats, Floats, Floats, Floats, None
 
 
 def _descriptor(model: ReducedModel) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """A, B, C, D and E without an inverse, for a singular or badly conditioned mass matrix."""
     r, n_in = model.size, model.B.shape[1]
     at = np.flatnonzero(model.output_power == 2)
     n, a = 2 * r + at.size, at.size

@@ -229,7 +229,7 @@ def _times(A: Any, X: Complexes) -> Complexes:
     return np.asarray(out.reshape(A.shape[0], F, k).transpose(1, 0, 2))
 
 
-#: Smallest ratio of measured over estimated error that is believed.
+#: Smallest ``Effectivity`` with very many inputs.
 LEAST_EFFECTIVITY = 0.1
 
 
