@@ -1,1 +1,1 @@
-"""Global factors of the reference model from one measurement, and which of them it cannot distinguish."""
+"""Calibration: global factors of the reference model from one measurement, and which of them it does not identify separately."""

@@ -1,4 +1,4 @@
-"""Which factors a measurement cannot tell apart."""
+"""Identifiability of calibration factors: groups of which a measurement determines only a combination, and notes on them."""
 
 from __future__ import annotations
 
@@ -15,28 +15,29 @@ from lrbc_cli.updating.statistics.priors import CALIBRATION_PRIOR, CalibrationPr
 def indistinguishable(
     names: Sequence[str], data: Floats, prior_std: Floats, others: Floats, prior: CalibrationPrior = CALIBRATION_PRIOR
 ) -> list[tuple[tuple[str, ...], bool]]:
-    """Groups of factors of which the data determine but a combination.
+    """Groups of factors of which the data determine only a combination.
 
-    The information of the data on the factors is what is left of JᵀJ once all other unknowns are fitted. Scaled to a unit diagonal it is
-    the negative correlation of two estimates, and its small eigenvalues are directions that the factors can be moved along together.
+    The information of the data on the factors is the Schur complement of JᵀJ after all other unknowns are fitted. Scaled to a unit
+    diagonal, its off-diagonal entries are negative correlations for two factors, and its small eigenvalues belong to weak directions,
+    along which the factors can be moved together.
 
     Parameters
     ----------
     names : sequence of str
-        Of the factors: the first columns.
+        Names of the k factors, the first columns of ``data``.
     data : (n, k + m) float array
         Jacobian of the data residuals over their standard deviation.
     prior_std : (k,) float array
         Standard deviations of the factors in the prior.
     others : (m, m) float array
-        Precision of the prior of the other unknowns.
+        Prior precision of the m other unknowns.
     prior : CalibrationPrior
-        Its ``same``, ``belongs`` and ``left``.
+        Gives ``same``, ``belongs`` and ``left``.
 
     Returns
     -------
     list of (names, bool)
-        The factors of each weak direction, and whether it is left to the prior.
+        The factors of each weak direction, and whether the prior determines it.
     """
     k = len(names)
     if k < 2:
@@ -45,7 +46,7 @@ def indistinguishable(
     left = information[:k, :k]
     if information.shape[0] > k:
         left = left - information[:k, k:] @ np.linalg.solve(information[k:, k:] + others, information[k:, :k])
-    # A factor that nothing depends on is a case of its own.
+    # Factors without influence on the data are left out: they would make a direction of their own.
     felt = np.flatnonzero(np.diag(left) * prior_std**2 > 1e-6)
     if felt.size < 2:
         return []
@@ -61,7 +62,7 @@ def indistinguishable(
         members = np.flatnonzero(share >= prior.belongs * share.max())
         group = tuple(names[felt[i]] for i in members)
         direction = vector / scale
-        # How far the prior would let them go along it, and how far they still can.
+        # Posterior variance along the direction over the prior variance.
         normal = np.diag(prior_std[felt] ** -2.0) @ direction
         kept = float(normal @ posterior @ normal / (normal @ direction))
         if members.size > 1 and group not in [known for known, _ in found]:
@@ -71,17 +72,18 @@ def indistinguishable(
 
 @dataclass(frozen=True)
 class Losses:
-    """What damps a field, as loss factors: alpha / omega, beta omega, and a loss factor.
+    """Damping of a field as a sum of loss factors: alpha / omega, beta omega, and a constant loss factor.
 
     Attributes
     ----------
     names : tuple of str
-        ``alpha.FIELD``, ``beta.FIELD``, ``loss_factor.FIELD``, those that there are.
+        ``alpha.FIELD``, ``beta.FIELD``, ``loss_factor.FIELD``, as far as the model has them.
     values : (k,) float array
-        alpha [1/s], beta [s], the loss factor.
+        alpha [1/s], beta [s], loss factor.
     covariance : (k, k) float array
-        Of their logarithms.
+        Of the natural logarithms of the values.
     frequency_hz : (F,) float array
+        Lines of the fit.
     """
 
     names: tuple[str, ...]
@@ -91,17 +93,17 @@ class Losses:
 
     @property
     def field(self) -> str:
-        """The field that they damp."""
+        """Name of the field."""
         return self.names[0].partition(".")[2]
 
     @property
     def terms(self) -> list[str]:
-        """What each adds to the loss factor, in words."""
+        """Contribution of each value to the loss factor, in words."""
         kinds = [name.partition(".")[0] for name in self.names]
         return [{"alpha": "alpha / omega", "beta": "beta omega"}.get(kind, kind) for kind in kinds]
 
     def best_known(self) -> tuple[float, float, float]:
-        """Their sum where it is known best, the standard deviation of its logarithm, and the frequency [Hz]."""
+        """Total loss factor at the line where it is known best, the standard deviation of its logarithm, and the frequency [Hz]."""
         omega = 2 * np.pi * self.frequency_hz
         shape = {"alpha": 1 / omega, "beta": omega, "loss_factor": np.ones_like(omega)}
         parts = np.stack([value * shape[name.partition(".")[0]] for name, value in zip(self.names, self.values, strict=True)])
@@ -112,13 +114,13 @@ class Losses:
 
 
 def apart_notes(groups: Sequence[tuple[tuple[str, ...], bool]], damping: Sequence[Losses] = ()) -> list[str]:
-    """What to say of them; of factors that damp one field, what they come to together."""
+    """Messages on groups that are not identifiable separately; for damping factors of one field with their total loss factor."""
     notes = []
     for names, left in groups:
         words = f"{', '.join(names[:-1])} and {names[-1]}"
-        text = f"{words} cannot be told apart by these FRFs: only their combination is determined, "
-        # Data without errors of the model would still tell a little.
-        text += "the prior shares it between them" if left else "what each has of it rests on the last few per cent of the fit"
+        text = f"{words} cannot be distinguished by these FRFs: only their combination is determined, "
+        # Otherwise the data determine the shares weakly, and errors of the model distort them.
+        text += "the prior divides it between them" if left else "the share of each rests on the last few per cent of the fit"
         for losses in damping:
             if len(set(names) & set(losses.names)) > 1:
                 total, spread, hz = losses.best_known()

@@ -1,7 +1,7 @@
-"""Global factors of the reference model from one measurement, with the boundary identified beside them or held.
+"""Calibration: global factors of the reference model from one measurement, with the boundary identified too or held at its start values.
 
-Peaks that lie many line widths apart leave the cost (29) full of local minima. It is followed over smoothed spectra, see ``smooth``, whose
-width decreases to nought.
+Peaks that are many line widths apart give the cost (29) many local minima. Descents therefore begin over smoothed spectra, whose width
+decreases to zero, see ``search.smooth``.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def moves_resonances(recipe: Recipe, name: str) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class FactorProblem:
-    """What is to be fitted, on one reduced model.
+    """The fit of factors on one reduced model; its unknowns theta are boundary values, logarithms of factors, nuisance parameters.
 
     Attributes
     ----------
@@ -44,24 +44,24 @@ class FactorProblem:
     base : mapping of str to float
         Factors that ``model`` already contains.
     names : tuple of str
-        Factors that are sought.
+        Factors to be identified.
     parameters : Parameterisation
     hold : bool
-        Keep the boundary at its start values.
+        Whether the boundary is held at its start values.
     frequency_hz : (F,) float array
     measured : (F, U) complex array
     responses : (U,) int array
         Rows of the model to compare with.
     selected : int array
-        Lines of the last stage.
+        Indices of the lines that are compared unsmoothed.
     options : ResidualOptions or None
     sigma : (selected, U) float array or None
         Standard deviation of the measured magnitudes [dB].
     nuisances : tuple of Nuisance
-        Of the job, such as where the hammer hit.
+        Of the job, such as the offset of the hammer point.
     statistics : StatisticalModel
     gains : (U, K) float array or None
-        Gains of the responses that may be wrong at all lines alike, see ``DataResidual``: marginalised at the measured lines.
+        Unknown gains of the responses, see ``DataResidual``: marginalised on the measured lines.
     """
 
     model: AffineModel
@@ -81,10 +81,10 @@ class FactorProblem:
 
     @property
     def scalars(self) -> tuple[Nuisance, ...]:
-        """The unknown factors, as logarithms relative to what the model contains; then the nuisance parameters."""
+        """The unknown factors, as natural logarithms relative to those that the model contains; then the nuisance parameters."""
         out, prior = [], self.statistics.calibration
         stiff, damps = (prior.stiff_std, prior.stiff_bound), (prior.damping_factor_std, prior.damping_bound)
-        # All resonances tell a factor, however many of their residuals count as one: it keeps the weight of its prior.
+        # Coarsening reduces the weight of the data for joints. Factors affect all resonances, so their prior is reduced alike.
         wide = float(np.sqrt(self.statistics.errors.coarsening)) if self.parameters.of_joints else 1.0
         for name in self.names:
             shift = float(np.log(self.base.get(name, 1.0)))
@@ -94,19 +94,19 @@ class FactorProblem:
 
     @property
     def start(self) -> Floats:
-        """Boundary at its start values, all factors one."""
+        """(size,) boundary at its start values, factors of the exported model 1, nuisance parameters at their prior means."""
         return np.concatenate([self.parameters.initial, [scalar.mean for scalar in self.scalars]])
 
     @property
     def bounds(self) -> Floats:
-        """(size, 2) float array; closed about a boundary that is held."""
+        """(size, 2) lower and upper bounds; equal for a boundary that is held."""
         boundary = self.parameters.bounds
         if self.hold:
             boundary = np.repeat(self.parameters.initial[:, None], 2, axis=1)
         return np.vstack([boundary, np.array([scalar.bounds for scalar in self.scalars]).reshape(-1, 2)])
 
     def losses(self, theta: Floats, covariance: Floats) -> list[Losses]:
-        """What damps each field, with the covariance of theta."""
+        """Damping of each field at theta, with its part of the covariance of theta."""
         size, found = self.parameters.size, []
         coefficients = self.model.damping_coefficients()
         for part in FIELDS:
@@ -120,10 +120,10 @@ class FactorProblem:
         return found
 
     def rows(self) -> Floats:
-        """Rows of the penalty in standard deviations of the prior.
+        """(q, size) rows of the penalty, in standard deviations of the prior.
 
-        The boundary is that of a state which is compared with nothing: its level is unknown, and neighbours or joints are alike. Where each
-        value was free for itself, those that the FRFs hardly feel took up the model discrepancy elsewhere, and the factors followed.
+        The boundary has the prior of a reference job: unknown level, neighbours (or joints of a group) alike. With independent values those
+        that hardly affect the FRFs absorbed model discrepancy, and the factors were biased.
         """
         P, values = self.parameters, self.statistics.values
         alike = penalty_rows(P, values.level_std**-2, values.std**-2)
@@ -131,11 +131,11 @@ class FactorProblem:
         return np.asarray(sl.block_diag(own, np.diag([1.0 / scalar.std for scalar in self.scalars])))
 
     def frf(self, s: Complexes, responses: Integers | None = None) -> ExtendedFrf:
-        """FRFs on other lines, of other responses."""
+        """FRFs at lines ``s``, of the compared or of other responses."""
         return ExtendedFrf(self.model, s, self.parameters, self.scalars, self.responses if responses is None else responses)
 
     def misfit(self, variance: float, soft: bool = False) -> Misfit:
-        """Cost at the selected lines; ``soft`` bounds what single lines do, unless the options say so already."""
+        """Cost at the selected lines with eta = ``variance``; ``soft`` applies the soft loss unless the options have one."""
         model = self.frf(2j * np.pi * self.frequency_hz[self.selected])
         options = ResidualOptions() if self.options is None else self.options
         if soft and options.loss_scale is None:
@@ -153,7 +153,7 @@ class FactorProblem:
         )
 
     def smoothed_misfit(self, width_hz: float, variance: float) -> Misfit | None:
-        """Cost between smoothed spectra; None where the lines lie too far apart for that."""
+        """Cost over smoothed spectra; None if the measured lines are too far apart for them."""
         found = smoothed_lines(self.frequency_hz, self.measured, width_hz, self.statistics.calibration.covered)
         if found is None:
             return None
@@ -163,7 +163,7 @@ class FactorProblem:
 
 @dataclass(frozen=True)
 class Stage:
-    """One descent: width of the smoothing (nought: the measured lines) [Hz], misfit before and after [dB], evaluations."""
+    """One descent: width of the smoothing [Hz] (0 for the measured lines), misfit before and after [dB], number of evaluations."""
 
     width_hz: float
     before_db: float
@@ -173,7 +173,7 @@ class Stage:
 
 @dataclass(frozen=True, kw_only=True)
 class FactorFit:
-    """Factors at an optimum.
+    """The identified factors, with their covariance.
 
     Attributes
     ----------
@@ -195,7 +195,7 @@ class FactorFit:
 
     @property
     def logarithms(self) -> dict[str, float]:
-        """Natural logarithm of each factor, of the exported model."""
+        """Natural logarithm of each factor, relative to the exported model."""
         size, problem = self.problem.parameters.size, self.problem
         return {
             name: float(value + np.log(problem.base.get(name, 1.0)))
@@ -204,12 +204,12 @@ class FactorFit:
 
     @property
     def factors(self) -> dict[str, float]:
-        """Each factor, of the exported model."""
+        """Each factor, relative to the exported model."""
         return {name: float(np.exp(value)) for name, value in self.logarithms.items()}
 
     @property
     def spread(self) -> dict[str, float]:
-        """Standard deviation of ln of each factor."""
+        """Standard deviation of the natural logarithm of each factor."""
         std = np.sqrt(np.maximum(np.diag(self.covariance)[self.problem.parameters.size :], 0.0))
         return dict(zip(self.problem.names, std[: len(self.problem.names)].tolist(), strict=True))
 
@@ -222,25 +222,25 @@ class FactorFit:
         return {name: (float(value), float(s)) for name, value, s in zip(names, self.solution.theta[at:], std, strict=True)}
 
     def interval(self, name: str) -> tuple[float, float]:
-        """95 % interval of a factor, log-normal."""
+        """95 % interval of a factor, of a log-normal posterior."""
         value, reach = self.logarithms[name], NORMAL_95 * self.spread[name]
         return float(np.exp(value - reach)), float(np.exp(value + reach))
 
     def gains(self) -> tuple[Misfit, Floats, Floats, Floats, float]:
-        """Cost, theta, Jacobian of the data residuals, covariance and variance at the optimum: what tells gains, see ``Misfit.gains``."""
+        """Cost, theta, Jacobian of the data residuals, covariance and variance at the optimum: the input of ``Misfit.gains``."""
         problem, J, theta = self.problem, self.solution.evaluation.jacobian, self.solution.theta
         misfit = problem.misfit(self.noise.variance, soft=True).gained_about(theta)
         return misfit, theta, J[: J.shape[0] - problem.rows().shape[0]], self.covariance, self.noise.variance
 
     def wider(self, ratio: float) -> FactorFit:
-        """The same where the data err by so many times as much as their residuals, see ``noise.validation_ratio``."""
+        """The same with errors of the data ``ratio`` times as large as their residuals, see ``noise.validation_ratio``."""
         J = self.solution.evaluation.jacobian
         by_data = J[: J.shape[0] - self.problem.rows().shape[0]] @ self.covariance
         covariance = widened(self.covariance, by_data.T @ by_data / self.noise.variance, ratio)
         return replace(self, covariance=covariance, noise=replace(self.noise, ratio=ratio))
 
     def moved(self, problem: FactorProblem) -> Floats:
-        """Theta for the same state on a model that contains other factors."""
+        """(size,) theta of the same state in a problem whose model contains other factors."""
         size = problem.parameters.size
         shift = [np.log(self.problem.base.get(name, 1.0) / problem.base.get(name, 1.0)) for name in problem.names]
         shift += [0.0] * len(problem.nuisances)
@@ -280,28 +280,28 @@ def fit_factors(
     same: float = 0.02,
     explained_db: float = 2.1,
 ) -> FactorFit:
-    """Identify the factors.
+    """Identify the factors, and the boundary unless it is held.
 
     Parameters
     ----------
     problem : FactorProblem
     start : (size,) float array or None
-        Where to begin; None: far away, over smoothed spectra from the start values.
+        Start on the measured lines; None for the start values, which may be far away: several starts, over smoothed spectra first.
     tolerance : float
-        Stop rule of the last descent.
+        Stop rule of the last descents.
     max_iterations : int
-        Of each descent at the measured lines.
+        Of each descent on the measured lines.
     change, rounds : float, int
-        The weight of the priors follows the noise until it changes by a smaller share, or so many times.
+        The weight of the priors follows the noise until its variance changes by a smaller share, or for so many rounds.
     same : float
-        Ends of two starts whose costs differ by more than this share are told apart.
+        A note is made if the costs of the ends of two starts differ by more than this share.
     explained_db : float
-        Mean misfit above which joints are moved one by one: nothing would be an all-clear beside such a state.
+        Mean misfit above which joints are moved one by one: beside a state explained so badly no job would be an all-clear.
 
     Returns
     -------
     FactorFit
-        Its solution has the status ``failed`` where the cost is not finite at the start.
+        Its solution has the status ``failed`` if the cost is not finite at the start.
     """
     notes: list[str] = []
     places = [problem.start if start is None else start]
@@ -332,7 +332,7 @@ def _weighed(
     change: float,
     rounds: int,
 ) -> tuple[Solution, Noise]:
-    """Descents in which the weight of the priors follows the noise."""
+    """Alternate descents and updates of the weight of the priors by the noise; the last solution and its noise."""
     first, least = problem.statistics.calibration.first_sigma_db, problem.statistics.calibration.least_sigma_db
     tolerance, limit = descent
     misfit = problem.misfit(first**2, soft=True)
@@ -359,7 +359,7 @@ def _weighed(
 
 
 def _others(problem: FactorProblem, first: Solution, stages: list[Stage], limit: int) -> dict[str, Solution]:
-    """Ends of other starts, by what they begin at: the start values, and the level of each group where there are several."""
+    """Ends of other starts, by description: the start values on the measured lines, and best levels of the groups if there are several."""
     variance = problem.statistics.calibration.first_sigma_db**2
     width = problem.statistics.calibration.widths[0] * float(problem.frequency_hz[-1])
     far = problem.smoothed_misfit(width, variance)
@@ -368,7 +368,7 @@ def _others(problem: FactorProblem, first: Solution, stages: list[Stage], limit:
     if apart and not np.array_equal(apart[0], problem.start):
         found["from the levels of the groups"], more = _fit(problem, apart[0], True, limit)
         stages += more
-    # Roughly first: an end far above the other is not worth more.
+    # A rough descent first: it continues only if its cost is below twice that of the others.
     other, stage = _descend(problem, problem.misfit(variance), problem.start, 0.0, 1e-2, limit)
     stages.append(stage)
     if other.evaluation.total < 2.0 * min(end.evaluation.total for end in (first, *found.values())):
@@ -378,9 +378,9 @@ def _others(problem: FactorProblem, first: Solution, stages: list[Stage], limit:
 
 
 def _joint_by_joint(problem: FactorProblem, best: Solution, stages: list[Stage], limit: int) -> Solution:
-    """Descents with one joint moved at a time, as long as one of them ends lower: the state may hold loose joints.
+    """Descents with one joint moved at a time, as long as one of them ends lower, because the reference job may have loose joints.
 
-    All of them near their start values, the factors take up what one that is loose does, and no descent leads back.
+    If all joints start alike, the factors absorb the effect of a loose joint, and no descent finds it.
     """
     misfit = problem.misfit(problem.statistics.calibration.first_sigma_db**2)
     while True:
@@ -396,7 +396,7 @@ def _joint_by_joint(problem: FactorProblem, best: Solution, stages: list[Stage],
 
 
 def _lowest(ends: Mapping[str, Solution], notes: list[str], same: float) -> Solution:
-    """The lowest of the ends, the first of those that are alike; and a note where they lie apart."""
+    """The lowest of the ends, or the first of nearly equal ones; adds a note if costs differ by more than ``same``."""
     kept, best = next(iter(ends.items()))
     for name, end in ends.items():
         lower = end.status != "failed" and end.evaluation.total < (1 - 1e-3) * best.evaluation.total
@@ -409,7 +409,7 @@ def _lowest(ends: Mapping[str, Solution], notes: list[str], same: float) -> Solu
 
 
 def _covariance(problem: FactorProblem, J: Floats, noise: Noise) -> Floats:
-    """Of theta; what is held does not vary."""
+    """(size, size) covariance of theta; zero for values that are held."""
     low, high = problem.bounds.T
     free = high > low
     covariance = np.zeros((low.size, low.size))
@@ -418,7 +418,7 @@ def _covariance(problem: FactorProblem, J: Floats, noise: Noise) -> Floats:
 
 
 def _apart(problem: FactorProblem, jacobian: Floats, noise: Noise, damping: Sequence[Losses]) -> list[str]:
-    """Notes on factors that are not told apart; ``jacobian`` has the rows of the penalty last."""
+    """Notes on factors that are not identifiable separately; ``jacobian`` has the rows of the penalty last."""
     size, count = problem.parameters.size, len(problem.names)
     rows = problem.rows()
     low, high = problem.bounds.T
@@ -435,10 +435,10 @@ def _remarks(problem: FactorProblem, theta: Floats) -> Sequence[str]:
     for scalar, value in zip(scalars, theta[P.size :], strict=True):
         if not scalar.bounds[0] < value < scalar.bounds[1]:
             shown = np.exp(value - scalar.mean) if scalar.kind == "factor" else value
-            found.append(f"{scalar.name}: at its bound, {shown:.4g}: the measurement does not determine it")
+            found.append(f"{scalar.name}: at its bound {shown:.4g}, the measurement does not determine it")
     for group, _, at in P.placed:
         if at is not None and group.damping is not None and not problem.hold:
             low, high = group.damping.bounds
             if not low < theta[at] < high:
-                found.append(f"{group.name}: the damping exponent lies at its bound {theta[at]:g}: the FRFs do not determine it")
+                found.append(f"{group.name}: the damping exponent is at its bound {theta[at]:g}, the FRFs do not determine it")
     return found

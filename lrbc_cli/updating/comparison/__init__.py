@@ -1,1 +1,1 @@
-"""Compares measured with computed FRFs: correlation figures, and constant factors between them."""
+"""Comparison of measured and computed FRFs: correlation figures, and constant factors between them (units, signs, delays)."""

@@ -1,4 +1,7 @@
-"""How well two sets of FRFs agree, in the figures of experimental modal analysis: FRAC, FDAC and shifts of matched peaks."""
+"""Correlation of measured and computed FRFs by the figures of experimental modal analysis: FRAC, FDAC and shifts of matched peaks.
+
+For reports only; no verdict rests on them.
+"""
 
 from __future__ import annotations
 
@@ -9,18 +12,18 @@ import numpy as np
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
 from lrbc_cli.updating.peaks import peaks_of
 
-#: A peak stands out of its spectrum by at least this [dB]; less is noise as often as a resonance.
+#: Least prominence of a peak [dB]; below it peaks are noise as often as resonances.
 PROMINENCE_DB = 3.0
 
-#: Two peaks may be one resonance when their frequencies differ by no more than this fraction.
+#: Largest relative distance of two peaks that may be the same resonance.
 TOLERANCE = 0.05
 
-#: ... and, where several responses tell, when the vectors of their values at the two peaks agree at least so much (|FDAC|).
+#: Least |FDAC| of the values at two peaks that may be the same resonance, if there are several responses.
 SIMILARITY = 0.5
 
 
 def measured_values(H: Complexes) -> Bools:
-    """Where a value was measured: finite and not zero."""
+    """Mask of measured values: finite and not zero."""
     return np.isfinite(H) & (np.abs(H) > 0)
 
 
@@ -28,8 +31,8 @@ def frac(measured: Complexes, model: Complexes) -> Floats:
     """(R,) frequency response assurance criterion of each response.
 
     ``|sum conj(Hm) Ha|² / (sum |Hm|² sum |Ha|²)`` over the lines where both have values (Heylen and Lammens, *FRAC: a consistent way of
-    comparing frequency response functions*, Swansea, 1996): 1 where the two differ by a complex factor only, else less. It weighs lines
-    by their magnitude, so that it speaks of the highest peaks; a shift by a line width is enough to make it small.
+    comparing frequency response functions*, Swansea, 1996): 1 if the two differ by a complex factor only, else less. Lines count by their
+    magnitude, so the highest peaks dominate, and a shift by one peak width makes it small.
 
     Parameters
     ----------
@@ -39,7 +42,7 @@ def frac(measured: Complexes, model: Complexes) -> Floats:
     Returns
     -------
     (R,) float array
-        In [0, 1]; NaN where no line is left.
+        In [0, 1]; NaN without a common line.
     """
     both = measured_values(measured) & np.isfinite(model)
     a, b = _normalised(np.where(both, measured, 0.0), 0), _normalised(np.where(both, model, 0.0), 0)
@@ -49,7 +52,7 @@ def frac(measured: Complexes, model: Complexes) -> Floats:
 
 
 def _normalised(H: Complexes, axis: int) -> Complexes:
-    """Columns or rows of norm 1; zeros stay, and so do values whose squares would leave the range of numbers."""
+    """Columns or rows scaled to norm 1 without overflow or underflow of their squares; zeros stay."""
     largest = np.max(np.abs(H), axis=axis, keepdims=True)
     scaled = H / np.where(largest > 0.0, largest, 1.0)
     norm = np.linalg.norm(scaled, axis=axis, keepdims=True)
@@ -57,12 +60,12 @@ def _normalised(H: Complexes, axis: int) -> Complexes:
 
 
 def fdac(measured: Complexes, model: Complexes, weights: Floats | None = None) -> Floats:
-    """(F, G) frequency domain assurance criterion: every measured line against every line of the model.
+    """(F, G) frequency domain assurance criterion of every measured line with every line of the model.
 
-    ``Re(Hm(f)ᴴ Ha(g)) / (|Hm(f)| |Ha(g)|)`` with the vectors of all responses: the cosine between two operating shapes, as the modal
-    assurance criterion has it for mode shapes (Pascual, Golinval and Razeto, *A frequency domain correlation technique for model
-    correlation and updating*, IMAC XV, 1997). The real part keeps the sign, so that a shape in opposite phase gives -1, which the square
-    would hide. Where model and measurement agree, the diagonal is 1; a ridge beside the diagonal is a shift in frequency.
+    ``Re(Hm(f)ᴴ Ha(g)) / (|Hm(f)| |Ha(g)|)`` with the vectors of all responses: the cosine between two operating shapes, like the modal
+    assurance criterion for mode shapes (Pascual, Golinval and Razeto, *A frequency domain correlation technique for model correlation and
+    updating*, IMAC XV, 1997). The real part keeps the sign, so that a shape in opposite phase gives -1, which the square would hide. If
+    model and measurement agree, the diagonal is 1; a ridge beside the diagonal is a shift in frequency.
 
     Parameters
     ----------
@@ -70,7 +73,7 @@ def fdac(measured: Complexes, model: Complexes, weights: Floats | None = None) -
         NaN where a response was not measured.
     model : (G, R) complex array
     weights : (R,) float array or None
-        Factors that bring responses of different quantities to one scale.
+        Factors that bring responses of different quantities to the same scale.
 
     Returns
     -------
@@ -82,7 +85,7 @@ def fdac(measured: Complexes, model: Complexes, weights: Floats | None = None) -
     whole = np.asarray(np.isfinite(model).all(axis=1))
     a = _normalised(np.where(valid, measured * scale, 0.0), 1)
     b = _normalised(np.where(whole[:, None], model * scale, 0.0), 1)
-    # Responses that a line lacks leave the model's vector too.
+    # Responses missing at a line are left out of the model's vector, too.
     size = np.sqrt(valid.astype(float) @ (np.abs(b) ** 2).T)
     with np.errstate(divide="ignore", invalid="ignore"):
         cosine = (a.conj() @ b.T).real / size
@@ -91,7 +94,7 @@ def fdac(measured: Complexes, model: Complexes, weights: Floats | None = None) -
 
 
 def quantity_weights(measured: Complexes, quantities: tuple[str, ...]) -> Floats:
-    """(R,) one factor a quantity, so that pressures and accelerations count alike: 1 over its RMS; all 1 where there is one quantity."""
+    """(R,) factors 1 / RMS of each physical quantity, so that pressures and accelerations count alike; all 1 for a single quantity."""
     weights = np.ones(len(quantities))
     if len(set(quantities)) > 1:
         size = np.abs(np.where(measured_values(measured), measured, np.nan))
@@ -109,9 +112,9 @@ class Peaks:
     Attributes
     ----------
     frequency_hz : (k,) float array
-        Between the lines, from a parabola through the three highest values.
+        Interpolated between lines by a parabola through the highest line and its neighbours.
     line : (k,) int array
-        The highest line of each.
+        Index of the highest line of each peak.
     """
 
     frequency_hz: Floats
@@ -119,7 +122,7 @@ class Peaks:
 
 
 def spectrum_peaks(frequency_hz: Floats, level_db: Floats, prominence_db: float = PROMINENCE_DB) -> Peaks:
-    """Peaks of one spectrum in dB; lines without a value are left out, so a peak at the edge of a gap is none.
+    """Peaks of one spectrum in dB; a peak beside a line without a value does not count.
 
     Parameters
     ----------
@@ -135,14 +138,14 @@ def spectrum_peaks(frequency_hz: Floats, level_db: Floats, prominence_db: float 
     known = np.flatnonzero(np.isfinite(level_db))
     level, f = level_db[known], frequency_hz[known]
     at = peaks_of(level, prominence=prominence_db)
-    # The neighbours on both sides must be neighbours in the measurement as well.
+    # Both neighbouring lines must have values.
     at = at[(known[at + 1] - known[at - 1]) == 2]
     refined = np.array([_vertex(f[i - 1 : i + 2], level[i - 1 : i + 2]) for i in at])
     return Peaks(refined.reshape(-1), known[at].astype(np.int64))
 
 
 def _vertex(x: Floats, y: Floats) -> float:
-    """Place of the maximum of the parabola through three points, the middle one the highest."""
+    """Abscissa of the maximum of the parabola through three points, of which the middle one is the highest."""
     left, right = x[0] - x[1], x[2] - x[1]
     below, above = (y[0] - y[1]) / left, (y[2] - y[1]) / right
     curvature = (above - below) / (right - left)
@@ -155,7 +158,7 @@ def _vertex(x: Floats, y: Floats) -> float:
 def mean_spectrum(H: Complexes, valid: Bools) -> Floats:
     """(F,) level of the mean power over the responses, each scaled to the same power [dB]; NaN at lines where one of them is missing.
 
-    A response without any value takes no part.
+    Responses without any value are left out.
     """
     some = valid.any(axis=0)
     if not some.any():
@@ -168,24 +171,24 @@ def mean_spectrum(H: Complexes, valid: Bools) -> Floats:
 
 
 def match_peaks(measured_hz: Floats, model_hz: Floats, similarity: Floats | None = None, tolerance: float = TOLERANCE) -> Integers:
-    """For each measured peak the peak of the model that is the same resonance.
+    """For each measured peak the peak of the model that is probably the same resonance, by an optimal assignment.
 
-    One to one; as many pairs as the limits allow, and among these the ones with the smallest sum of relative distance over tolerance and
-    1 - similarity.
+    It has as many pairs as the limits allow, and among such assignments the least sum of relative distance over tolerance and 1 -
+    similarity.
 
     Parameters
     ----------
     measured_hz : (k,) float array
     model_hz : (m,) float array
     similarity : (k, m) float array or None
-        In [0, 1], of the shapes at the peaks; pairs below ``SIMILARITY`` are refused, NaN counts as equal.
+        In [0, 1], of the shapes at the peaks; pairs below ``SIMILARITY`` are excluded, NaN counts as 1.
     tolerance : float
         Largest distance, as a fraction of the measured frequency.
 
     Returns
     -------
     (k,) int array
-        Index into ``model_hz``; -1 where there is none.
+        Index into ``model_hz``; -1 without a match.
     """
     found = np.full(measured_hz.size, -1, dtype=np.int64)
     if not measured_hz.size or not model_hz.size:
@@ -193,9 +196,9 @@ def match_peaks(measured_hz: Floats, model_hz: Floats, similarity: Floats | None
     distance = np.abs(model_hz[None, :] - measured_hz[:, None]) / (tolerance * measured_hz[:, None])
     alike = np.ones_like(distance) if similarity is None else np.where(np.isnan(similarity), 1.0, similarity)
     allowed = (distance <= 1.0) & (alike >= SIMILARITY)
-    # An allowed pair costs at most 1.5; a refused one more than all allowed pairs together.
+    # An allowed pair costs at most 1.5; an excluded one more than all allowed pairs together.
     cost = np.where(allowed, distance + 1.0 - alike, 2.0 * (min(distance.shape) + 1))
-    # Loaded here: most commands do without.
+    # Imported here: most commands do not need it.
     from scipy.optimize import linear_sum_assignment
 
     rows, columns = linear_sum_assignment(cost)
@@ -206,12 +209,12 @@ def match_peaks(measured_hz: Floats, model_hz: Floats, similarity: Floats | None
 
 @dataclass(frozen=True)
 class PeakTable:
-    """Measured peaks and the same resonances of the model before and after.
+    """Measured peaks and the matching peaks of the model before (initial) and after (final) the updating.
 
     Attributes
     ----------
     measured_hz, initial_hz, final_hz : (k,) float arrays
-        NaN where the model has no such peak.
+        NaN where the model has no matching peak.
     """
 
     measured_hz: Floats
@@ -219,7 +222,7 @@ class PeakTable:
     final_hz: Floats
 
     def shifts_percent(self) -> tuple[float, float]:
-        """Mean absolute shift of the peaks that are matched both before and after [%]; NaN where there is none."""
+        """Mean absolute shift before and after, of the peaks that are matched in both cases [%]; NaN if there are none."""
         both = np.isfinite(self.initial_hz) & np.isfinite(self.final_hz)
         if not both.any():
             return float("nan"), float("nan")
@@ -235,12 +238,13 @@ class Correlation:
     Attributes
     ----------
     frac_initial, frac_final : (R,) float arrays
+        See ``frac``.
     peaks : tuple of R PeakTable
-        Of each response.
+        Peaks of each response.
     mean_peaks : PeakTable
-        Of the mean spectrum.
+        Peaks of the mean spectrum.
     lines : (g,) int array
-        Lines of the FDAC maps.
+        Indices of the lines of the FDAC maps.
     fdac_initial, fdac_final : (g, g) float arrays
         Rows are measured lines, columns lines of the model.
     """
@@ -264,7 +268,7 @@ def correlate(
 ) -> Correlation:
     """Compare measured with initial and updated FRFs.
 
-    Peaks are matched by frequency and, where a line has two responses or more, by the shape there.
+    Peaks are matched by frequency and, at lines with two responses or more, by the shape.
 
     Parameters
     ----------
@@ -272,9 +276,9 @@ def correlate(
     measured, initial, updated : (F, R) complex arrays
         The measured ones are NaN where there is no value.
     quantities : tuple of R str or None
-        What each response is; one quantity where None.
+        Physical quantity of each response; None if all have the same.
     grid : int
-        Lines of the FDAC maps, at the most, evenly among all lines.
+        Largest number of lines of the FDAC maps, evenly spaced.
 
     Returns
     -------
@@ -295,7 +299,7 @@ def correlate(
         return PeakTable(own.frequency_hz, columns[0], columns[1])
 
     def decibels(H: Complexes, r: int) -> Floats:
-        # The model counts on the lines that were measured, so that both have the same peaks to show.
+        # The model is used on the measured lines only, so that both can show the same peaks.
         with np.errstate(divide="ignore"):
             level = 20.0 * np.log10(np.abs(np.where(valid[:, r], H[:, r], 1.0)))
         return np.where(valid[:, r] & np.isfinite(level), level, np.nan)

@@ -1,7 +1,7 @@
-"""Constant factors between measured and computed FRFs: units, derivatives, signs. Named only where they explain the misfit.
+"""Constant factors between measured and computed FRFs: wrong units, derivatives, signs or delays, as hints for the user.
 
-A model in error has its resonances elsewhere: its differences change along the band. A wrong unit is the same at every line. So a factor
-counts where the medians of parts of the band agree on it, and where little is left once it is taken out.
+A wrong unit changes all lines by the same factor, whereas the differences of a wrong model vary along the band. A factor is reported only
+if the medians of parts of the band agree on it and most of the misfit vanishes when it is taken out.
 """
 
 from __future__ import annotations
@@ -16,40 +16,40 @@ import numpy as np
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.updating.robust import scatter
 
-#: Parts of the band whose medians are compared, the lines each needs, and Student's t of that many medians, two-sided 95 %.
+#: Number of parts of the band whose medians are compared, least number of lines of each, Student's t for so many medians (two-sided 95 %).
 PARTS, LEAST_LINES, STUDENT = 8, 5, 2.365
 
-#: Spread of a median of Gaussian values over that of their mean.
+#: Standard deviation of the median of Gaussian values over that of their mean.
 MEDIAN_SPREAD = 1.2533
 
-#: Less is what the gains of sensors are known to, model and mounting included; the smallest factor of the table is 3 dB [dB].
+#: Least factor that counts [dB]: below it are gains of sensors, with model and mounting; the smallest factor of the table is 3 dB.
 LEAST_OFFSET = 2.0
 
-#: What may be left of the misfit once a factor is taken out: with more of it, something else is the greater part.
+#: Largest share of the misfit that may be left when a factor is taken out: otherwise it has mostly other causes.
 LEFT = 0.5
 
-#: A known factor is recognised within the interval, at least within a sensor's calibration (6 %), at most within half the distance of
-#: two factors of the table [dB].
+#: A known factor is recognised within half of the interval, limited to these: the error of a sensor's calibration (6 %), and half the
+#: distance of two factors of the table [dB].
 LEAST_REACH, MOST_REACH = 0.5, 1.5
 
-#: A power of the frequency has to leave this much less than a constant: in a narrow band they are the same.
+#: A power of the frequency must leave less than this share of what a constant leaves, because in a narrow band both are alike.
 BETTER = 0.95
 
-#: Powers of the frequency: what one or two derivatives or integrals too many leave.
+#: Powers of the frequency that one or two derivatives or integrals too many leave.
 POWERS = (-2, -1, 1, 2)
 
-#: Mean cosine between measured and computed phase from which they count as equal, and by how much that must exceed the cosine as it is:
-#: 0.6 is 53 degrees, while phases that have nothing to do with each other give 0.
+#: Least mean cosine between measured and computed phases that agree when turned or mirrored, and least excess of it over the cosine of
+#: the unchanged phases: 0.6 is 53 degrees, while unrelated phases give 0.
 ALIKE, TURNED = 0.6, 0.6
 
-#: The same of the mean over all responses, where they are taken to be mirrored.
+#: The same for the mean over all responses, to decide that all are mirrored.
 LEAST_ALIKE = 0.35
 
-#: Mean cosine between measured and computed phase, a delay taken off, from which it is one, and by how much that must exceed the cosine as
-#: it is: phases that fall by 180 degrees at each resonance, beside a model's that do not, come to 2 / pi = 0.64.
+#: Least mean cosine between measured and computed phases with a delay taken out, and its least excess over the cosine without: phases that
+#: fall by 180 degrees at each resonance, compared with those of a model that do not, reach 2 / pi = 0.64.
 LATE, LATER = 0.8, 0.3
 
-#: Lines at most by which a delay is sought.
+#: Largest number of lines from which a delay is estimated.
 DELAY_LINES = 200
 
 GRAVITY, POUND_FORCE, INCH, FOOT, PSI = 9.80665, 4.4482216, 0.0254, 0.3048, 6894.757
@@ -57,19 +57,19 @@ GRAVITY, POUND_FORCE, INCH, FOOT, PSI = 9.80665, 4.4482216, 0.0254, 0.3048, 6894
 
 @dataclass(frozen=True)
 class Known:
-    """A factor that a mistake leaves.
+    """A factor that a common mistake leaves.
 
     Attributes
     ----------
     db : float
-        Measured over computed.
+        Measured over computed FRFs [dB].
     cause : str
     unit : str or None
-        What the FRFs then are in, in place of SI; None where it is no unit.
+        Unit of the FRFs with this mistake, instead of SI; None if the mistake is not a unit.
     of_model : bool
-        Whether the mistake is the model's.
+        Whether the mistake is in the model.
     of_all : bool
-        Whether all responses of a quantity to one excitation share it: a unit of the force, a convention of the analyser, the model's.
+        Whether it affects all responses of a quantity to one excitation: unit of the force, convention of the analyser, the model.
     """
 
     db: float
@@ -81,29 +81,29 @@ class Known:
 
 @dataclass(frozen=True, kw_only=True)
 class Offset:
-    """What is the same at all lines between the measurement of a response and the model.
+    """The factor ``10^(db/20) (i 2 pi f)^power`` between the measured and the computed FRFs of a response.
 
     Attributes
     ----------
     response : int
     db : float
-        Measured over computed, after the power of the frequency [dB].
+        Measured over computed, power of the frequency taken out [dB].
     half : float
-        Half of the 95 % interval of it, from the scatter of its medians over parts of the band [dB].
+        Half of its 95 % interval, from the scatter of medians over parts of the band [dB].
     power : int
-        Of ``i 2 pi f`` in measured over computed.
+        Power of ``i 2 pi f``.
     known : tuple of Known
-        Mistakes that leave this factor, likeliest first.
+        Common mistakes that leave this factor, likeliest first.
     before, after : float
-        Mean absolute difference, as it is and with the factor taken out [dB].
+        Mean absolute difference without and with the factor taken out [dB].
     named : bool
-        Whether the factor explains the misfit.
+        Whether the factor explains the misfit and may be reported.
     reversed, conjugate : bool
-        Whether the phase is turned by 180 degrees, and whether it runs the other way.
+        Whether the phase is turned by 180 degrees, and whether its sign is reversed.
     phases : mapping
-        How alike the phases are if turned, and if mirrored: mean cosines.
+        Mean cosine between the phases, by (turned, mirrored).
     delay : float
-        By which measured lags computed, negative where it leads [s]; 0 where none is clear.
+        Delay of the measured relative to the computed FRFs [s], negative if they lead; 0 if none is clear.
     """
 
     response: int
@@ -121,7 +121,7 @@ class Offset:
 
     @property
     def unit(self) -> Known | None:
-        """The unit, or the derivative with respect to time, that explains it; None where there is none such."""
+        """The unit (or time derivative) that explains the factor; None if none does."""
         if not self.named:
             return None
         return next((known for known in self.known if known.unit is not None), None)
@@ -133,7 +133,7 @@ def _db(value: float) -> float:
 
 @cache
 def known_factors(quantity: str) -> tuple[Known, ...]:
-    """What may be mistaken in FRFs of a quantity over a force."""
+    """Common mistakes in FRFs of a physical quantity over a force."""
     found = [Known(0.0, "", "")]
     if quantity == "pressure":
         responses = [("hPa", 1e2), ("kPa", 1e3), ("MPa", 1e6), ("mPa", 1e-3), ("uPa", 1e-6), ("psi", PSI)]
@@ -143,7 +143,7 @@ def known_factors(quantity: str) -> tuple[Known, ...]:
         if quantity == "acceleration":
             responses = [("g", GRAVITY), ("mg", 1e-3 * GRAVITY), *responses]
     forces = [("N", 1.0), ("lbf", POUND_FORCE), ("kN", 1e3), ("mN", 1e-3), ("kgf", GRAVITY)]
-    # Metric forces with imperial lengths and the like are nobody's.
+    # Mixtures such as metric forces with imperial lengths are not used.
     for (name, size), (force, per) in product(responses, forces[:2]):
         found.append(Known(_db(per / size), f"FRFs in {name}/{force}", f"{name}/{force}"))
     own = {"pressure": "Pa", "displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}[quantity]
@@ -167,12 +167,12 @@ def _recognised(value: float, half: float, table: Sequence[Known]) -> tuple[Know
     if not near:
         return ()
     nearest = min(abs(known.db - value) for known in near)
-    # Those that are the same number are told together.
+    # Mistakes with the same factor are reported together.
     return tuple(known for known in near if abs(known.db - value) <= nearest + 0.05)
 
 
 def _parts(values: Floats) -> tuple[Floats, Floats]:
-    """Medians of each row, (B, F), and halves of their 95 % intervals by medians of parts of the band, which model errors move apart."""
+    """Median of each row (B, F), and half of its 95 % interval from the scatter of medians over parts of the band."""
     count = min(PARTS, values.shape[1] // LEAST_LINES)
     centres = np.median(values, axis=1)
     if count < 2:
@@ -182,16 +182,17 @@ def _parts(values: Floats) -> tuple[Floats, Floats]:
 
 
 def _scores(measured: Complexes, model: Complexes, power: int) -> dict[tuple[bool, bool], float]:
-    """How alike the phases are: as they are, turned, mirrored, or both, by whether turned and whether mirrored.
+    """Mean cosine between the phases as they are, turned by 180 degrees, mirrored (conjugated), or both; by (turned, mirrored).
 
     Parameters
     ----------
     measured, model : (F,) complex arrays
+        No zeros.
     power : int
-        Of i omega that is taken off the measured ones.
+        Power of i omega by which ``measured`` was divided before.
     """
     x, y = measured / np.abs(measured), model / np.abs(model)
-    # Near the real axis a mirror changes nothing, near the imaginary one it cannot be told from a turn: each has half the say.
+    # Mirroring changes nothing near the real axis and equals a turn near the imaginary one: both kinds of lines get half the weight.
     sideways = np.abs(y.imag) > np.abs(y.real)
     tells = min(sideways.sum(), (~sideways).sum()) >= LEAST_LINES
 
@@ -199,7 +200,7 @@ def _scores(measured: Complexes, model: Complexes, power: int) -> dict[tuple[boo
         cosine = sign * np.real(x * np.conj(other))
         return float(0.5 * (cosine[sideways].mean() + cosine[~sideways].mean())) if tells else float(cosine.mean())
 
-    # The conjugate of i omega is its opposite.
+    # The conjugate of i omega is -i omega.
     return {
         (turned, mirrored): (-1.0 if turned else 1.0) * (alike(np.conj(y), (-1.0) ** power) if mirrored else alike(y))
         for turned in (False, True)
@@ -208,7 +209,7 @@ def _scores(measured: Complexes, model: Complexes, power: int) -> dict[tuple[boo
 
 
 def _turns(scores: dict[tuple[bool, bool], float]) -> tuple[bool, bool]:
-    """The likeliest, where it is clear."""
+    """The (turned, mirrored) with the largest cosine if it is clear, else (False, False)."""
     best = max(scores, key=lambda key: scores[key])
     if scores[best] >= ALIKE and scores[best] - scores[False, False] >= TURNED:
         return best
@@ -216,7 +217,7 @@ def _turns(scores: dict[tuple[bool, bool], float]) -> tuple[bool, bool]:
 
 
 def _one_convention(offsets: Sequence[Offset]) -> list[Offset]:
-    """One file has one convention of the sign: all responses are mirrored, or none. Of all together less is enough than of one."""
+    """Decide whether the responses are mirrored: all or none, since a file has one sign convention; then whether each is reversed."""
     telling = [offset.phases for offset in offsets if (False, True) in offset.phases]
 
     def best(turned: bool) -> float:
@@ -242,7 +243,7 @@ def offset_of(
     quantity: str,
     powers: Sequence[int] = (0, *POWERS),
 ) -> Offset | None:
-    """Estimate the factor of one response.
+    """The constant factor between measured and computed FRFs of one response.
 
     Parameters
     ----------
@@ -251,17 +252,17 @@ def offset_of(
     measured : (F,) complex array
         NaN or zero where not measured.
     states : sequence of (F,) complex arrays
-        FRFs of the model at the states that are known: the one that leaves least with its factor taken out counts, as a fit moves
-        resonances to where they make up for a factor.
+        FRFs of the model in all known states. The state with the least difference after its factor is taken out is used, because a fit
+        may have moved resonances to compensate for the factor.
     quantity : str
-        Of the model's FRFs.
+        Physical quantity of the model's FRFs.
     powers : sequence of int
-        Of the frequency, that may be part of it.
+        Powers of the frequency that are tried.
 
     Returns
     -------
     Offset or None
-        None where too few lines can be compared, or no factor with one of these powers is known.
+        None if too few lines can be compared, or no known factor has one of these powers.
     """
     least = np.inf
     found: list[tuple[float, Offset, Complexes, Complexes, Floats]] = []
@@ -280,7 +281,7 @@ def offset_of(
             known = _recognised(centre, half, known_factors(moved(quantity, b) or quantity))
             if b:
                 known = tuple(k for k in known if k.unit is not None)
-                # A constant that no unit explains may be a gain; a power of the frequency with such a constant is nothing.
+                # A constant that no unit explains may be a gain; with a power of the frequency it has no meaning.
                 if not known:
                     continue
             offset = Offset(response=response, db=centre, half=half, power=b, known=known, before=before, after=left)
@@ -295,7 +296,7 @@ def offset_of(
 
 
 def delay_of(frequency_hz: Floats, measured: Complexes, model: Complexes) -> float:
-    """By which measured lags computed [s]; 0 where no delay makes their phases alike, or they are alike without.
+    """Delay of the measured relative to the computed FRFs [s]; 0 if no delay makes their phases agree, or they agree without.
 
     Parameters
     ----------
@@ -308,7 +309,7 @@ def delay_of(frequency_hz: Floats, measured: Complexes, model: Complexes) -> flo
     width = float(np.ptp(f))
 
     def alike(turns: Complexes) -> Floats:
-        # Of either sign: a sensor may be reversed, too.
+        # Absolute value, because a sensor may be reversed, too.
         return np.asarray(np.abs(np.real(turns @ z)) / f.size)
 
     coarse, turns = _delays(f.tobytes())
@@ -321,24 +322,24 @@ def delay_of(frequency_hz: Floats, measured: Complexes, model: Complexes) -> flo
 
 @lru_cache(maxsize=4)
 def _delays(lines: bytes) -> tuple[Floats, Complexes]:
-    """Delays that are tried on some lines, and the phases that each takes back; most responses of a campaign have the same lines."""
+    """Delays to try for given lines, and the factors that undo each; cached, since most responses of a campaign have the same lines."""
     f = np.frombuffer(lines)
     width, step = float(np.ptp(f)), float(np.median(np.diff(f)))
-    # A whole turn from line to line is none; four steps over the width of the maximum.
+    # Up to a quarter turn from line to line, in four steps over the width of the maximum.
     count = int(np.ceil(width / step))
     delays = np.arange(-count, count + 1) / (4.0 * width)
     return delays, np.exp(2j * np.pi * np.outer(delays, f))
 
 
 def moved(quantity: str, power: int) -> str | None:
-    """The quantity that a motion is after derivatives or integrals with respect to time; None where it is none of them."""
+    """The motion after ``power`` time derivatives (integrals if negative) of a motion; None if there is none."""
     motions = ("displacement", "velocity", "acceleration")
     at = motions.index(quantity) + power if quantity in motions else -1
     return motions[at] if 0 <= at < len(motions) else None
 
 
 def offsets_of(frequency_hz: Floats, measured: Complexes, states: Sequence[Complexes], quantities: Sequence[str]) -> tuple[Offset, ...]:
-    """Estimate the factors of all responses that can be compared.
+    """The constant factors of all responses that can be compared, with a common sign convention.
 
     Parameters
     ----------
@@ -356,7 +357,7 @@ def offsets_of(frequency_hz: Floats, measured: Complexes, states: Sequence[Compl
         return offset_of(r, frequency_hz, measured[:, r], [y[:, r] for y in states], quantities[r], powers)
 
     found = [offset for offset in (of(r) for r in range(measured.shape[1])) if offset is not None]
-    # Far from its peaks one response alone may not tell a power from a constant: most of the others do.
+    # Far from its peaks a single response may not distinguish a power from a constant: the majority decides.
     powers = [offset.power for offset in found if offset.named]
     usual = max(POWERS, key=powers.count)
     if 2 * powers.count(usual) > len(powers):
@@ -369,13 +370,13 @@ def offsets_of(frequency_hz: Floats, measured: Complexes, states: Sequence[Compl
 
 @dataclass(frozen=True)
 class Common:
-    """Responses that share one factor.
+    """Responses with the same factor.
 
     Attributes
     ----------
     responses : tuple of int
     offset : Offset
-        Of the one with the narrowest interval, with the median of their factors.
+        That of the response with the narrowest interval, with the median of their factors.
     """
 
     responses: tuple[int, ...]
@@ -383,16 +384,16 @@ class Common:
 
 
 def grouped(offsets: Sequence[Offset], quantities: Sequence[str]) -> tuple[Common, ...]:
-    """The named factors, those together that agree within their intervals; what they are by their median.
+    """The named factors in groups that agree within their intervals; the mistake of a group is recognised by its median.
 
     Parameters
     ----------
     offsets : sequence of Offset
     quantities : sequence of str
-        Of all responses.
+        Physical quantity of all responses.
     """
     named = [o for o in offsets if o.named]
-    # One front end, one file: what is clear of some is meant of all, where it is nearer to the others than no factor is.
+    # One file, one front end: a factor that is clear for some responses holds for all, if it is nearer to theirs than no factor.
     middle = float(np.median([o.db for o in offsets])) if offsets else 0.0
     reach = MOST_REACH + LEAST_REACH
     limits = [max(reach, o.half) if o.named else max(reach, o.half, abs(o.db)) for o in offsets]
@@ -411,14 +412,14 @@ def grouped(offsets: Sequence[Offset], quantities: Sequence[str]) -> tuple[Commo
             for k in _recognised(middle, max(o.half for o in group), table)
             if (k.db != 0.0 or first.power) and (k.unit is not None or not first.power)
         )
-        # A clear one alone says what the others are.
+        # If the median is not recognised, the clearest response decides.
         known = known or first.known
         found.append(Common(tuple(sorted(o.response for o in group)), replace(first, db=middle, known=known)))
     return tuple(found)
 
 
 def misses_unit(offsets: Sequence[Offset]) -> bool:
-    """Whether every response is off by a factor that a unit or a derivative explains, within the factor's own interval."""
+    """Whether every response differs by a factor that a unit or a derivative explains, within the interval of the factor."""
     return bool(offsets) and all(
         o.unit is not None and o.half <= MOST_REACH and abs(o.db - o.unit.db) <= max(o.half, LEAST_REACH) for o in offsets
     )

@@ -1,4 +1,4 @@
-"""Descents on all values or on some directions of them, and over spectra that are smoothed less and less."""
+"""Descents by Gauss-Newton on all values of theta or on unknowns z of a subspace, on measured lines or over smoothed spectra."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.misfit.cost import Evaluation, Misfit
 from lrbc_cli.updating.search.optimise import Objective, Solution, gauss_newton
 
-#: Totals, bounds and spans are told apart down to this share: round-off of their sums.
+#: Rounding error of sums: smaller differences of totals (relative) and of theta count as zero.
 ROUND_OFF = 1e-9
 
 
 def hats(positions: Floats, knots: int) -> Floats:
-    """(k, m) piecewise linear interpolation from evenly spaced knots to positions along an edge; knots that no term feels are left out."""
+    """(k, m) weights of the piecewise linear interpolation from evenly spaced knots to k positions, without knots that reach none."""
     if knots == 1 or np.ptp(positions) == 0.0:
         return np.ones((positions.size, 1))
     at = np.linspace(positions[0], positions[-1], knots)
@@ -26,7 +26,7 @@ def hats(positions: Floats, knots: int) -> Floats:
 
 
 def level_matrix(parameters: Parameterisation, knots: int, damping: bool) -> Floats:
-    """(size, m) map from the values of a level to theta; p_damp is one of them where ``damping``."""
+    """(size, m) map T from the values at the knots of each group to theta; p_damp has a column of its own if ``damping``."""
     columns: list[Floats] = []
     for group, values, at in parameters.placed:
         positions = group.arc_length if group.arc_length is not None else np.arange(group.count, dtype=float)
@@ -40,30 +40,30 @@ def level_matrix(parameters: Parameterisation, knots: int, damping: bool) -> Flo
 
 
 class Level:
-    """The cost as a function of the values of one level, about a fixed theta.
+    """The cost as a function of z in ``theta + T z``, about a fixed theta.
 
     Parameters
     ----------
     misfit : callable
     theta : (size,) float array
     T : (size, m) float array
-        ``theta + T z``.
+        Hats of a coarse profile, or the span of the unknowns.
     """
 
     def __init__(self, misfit: Objective, theta: Floats, T: Floats) -> None:
         self._misfit, self._theta, self._T = misfit, theta, T
 
     def __call__(self, z: Floats) -> Evaluation:
-        """Cost and derivatives to z."""
+        """Cost, with the Jacobian to z."""
         value = self._misfit(self.theta(z))
         return replace(value, jacobian=value.jacobian @ self._T)
 
     def theta(self, z: Floats) -> Floats:
-        """The full theta."""
+        """(size,) ``theta + T z``."""
         return self._theta + self._T @ z
 
     def bounds(self, bounds: Floats) -> Floats:
-        """(m, 2) bounds of z that keep theta inside its own: hats have weights from 0 to 1."""
+        """(m, 2) bounds of z from the bounds (size, 2) of theta, each from the entries that have more than half of its largest weight."""
         low, high = bounds[:, 0] - self._theta, bounds[:, 1] - self._theta
         half = 0.5 * self._T.max(axis=0)
         inside = half < self._T
@@ -71,7 +71,7 @@ class Level:
 
 
 def admissible(misfit: Misfit, bounds: Floats, span: Floats | None) -> Callable[[Floats], bool]:
-    """Whether a theta could be a solution: inside its bounds, and ``prior + span z`` with z inside its own where there is a span."""
+    """Test whether a theta can be a solution: inside its bounds and, with a span, equal to ``prior + span z`` with z inside its bounds."""
 
     def inside(values: Floats, box: Floats) -> bool:
         return bool(np.all((values >= box[:, 0] - ROUND_OFF) & (values <= box[:, 1] + ROUND_OFF)))
@@ -97,10 +97,11 @@ def descend(
     max_iterations: int = 100,
     most_led: int = 50,
 ) -> Solution:
-    """Gauss-Newton on all values, or on the unknowns z of ``prior + span z``; the Jacobian of its evaluation is to those.
+    """Gauss-Newton on all values, or on the unknowns z of ``prior + span z``; the Jacobian of the solution is to these.
 
-    Where lines do not resolve the peaks, the lower one of this end and of that from where differences on Riemann's sphere lead, in
-    ``most_led`` iterations at the most whatever the limit: it is there that poles have to pass many lines.
+    If the lines do not resolve the peaks (``misfit.sharp``), a second descent starts at the end of one with differences on Riemann's
+    sphere, and the lower end is the solution. The descent on the sphere, in which poles may have to pass many lines, has ``most_led``
+    iterations at most.
     """
     if not misfit.sharp:
         return _one_descent(misfit, start, bounds, span, tolerance, max_iterations)
@@ -124,7 +125,7 @@ def _one_descent(misfit: Misfit, start: Floats, bounds: Floats, span: Floats | N
 def over_smoothed(
     wide: Sequence[Misfit], theta: Floats, bounds: Floats, span: Floats | None, *, tolerance: float = 1e-3, max_iterations: int = 20
 ) -> Solution:
-    """Where descents lead over spectra that are smoothed less and less: the last of them, with the evaluations of all."""
+    """Successive descents over smoothed spectra, widest first; the last one, with the evaluations of all."""
     evaluations = 0
     for misfit in wide:
         end = descend(misfit, theta, bounds, span, tolerance=tolerance, max_iterations=max_iterations)

@@ -1,4 +1,4 @@
-"""Ends of a search that are about as good as the best one: alternatives, or ties."""
+"""Ends of a search that are nearly as good as the best one: alternatives for the posterior, and ties to warn about."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from lrbc_cli.updating.search.optimise import Start
 def other_ends(
     parameters: Parameterisation, starts: Sequence[Start], *, tie: float = 0.05, distance: float = 0.25, kept: int = 3
 ) -> list[Floats]:
-    """Theta at the ends that are about as good as the best one and clearly different from it and from each other, the best of them first.
+    """Theta at up to ``kept`` ends nearly as good as the best one and clearly different from it and from each other, best first.
 
-    As good are ends within ``tie`` in cost (log10), different ones where some value lies at least ``distance`` decades apart.
+    Nearly as good: within ``tie`` in cost (log10). Different: some value differs by at least ``distance`` decades, p_damp ignored.
     """
     found: list[Start] = []
     for start in sorted(starts, key=lambda start: start.total):
@@ -31,10 +31,9 @@ def other_ends(
 def near_tie(
     parameters: Parameterisation, starts: Sequence[Start], *, tie: float = 0.05, distance: float = 0.25
 ) -> tuple[Start, Start, float] | None:
-    """The two best ends where they are as good as each other and clearly different; and how different, in decades.
+    """The two best ends and their distance [decades], if within ``tie`` in cost (log10) and at least ``distance`` apart; else None.
 
-    The difference is the rms over the terms of log10(W 10^p): what the smoothing hides does not count. As good are ends within ``tie`` in
-    cost (log10), different ones at least ``distance`` decades apart.
+    The distance is the rms over the terms of the difference of log10(W 10^p), so that differences which the smoothing W hides do not count.
     """
     if len(starts) < 2:
         return None

@@ -1,4 +1,4 @@
-"""Choice of the weight of the penalty at the corner of the L-curve (Hansen, *SIAM Review* 34 (1992) 561; the paper found its own so)."""
+"""Weight of the penalty at the corner of the L-curve (Hansen, *SIAM Review* 34 (1992) 561), as in the paper."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lrbc_cli.updating.search.optimise import Solution
 
 @dataclass(frozen=True)
 class Corner:
-    """Where an L-curve bends: the weight, the sums of squares there, and the index of the nearest weight tried."""
+    """Corner of an L-curve: index of the nearest weight tried, the weight, and the sums of squares of data and departures there."""
 
     index: int
     eta: float
@@ -26,23 +26,23 @@ class Corner:
 
 @dataclass(frozen=True, kw_only=True)
 class LCurve:
-    """What the weights cost.
+    """Data and penalty of the minima at n weights.
 
     Attributes
     ----------
     eta : (n,) float array
-        Ascending.
+        Weights, ascending [dB² per decade²].
     data : (n,) float array
-        Sum of squares of the data residuals.
+        Sum of squares of the data residuals [dB²].
     penalty : (n,) float array
-        Sum of squares of the penalised departures, not weighted by eta.
+        Sum of squares of the penalised departures, without eta.
     corner : Corner or None
-        None where there is none.
+        None if the curve has none.
     chosen : float
         The weight at the corner, or the fallback.
     evaluations : int
     theta : (n, size) float array
-        Where the optimiser stood.
+        The minimum found at each weight.
     """
 
     eta: Floats
@@ -55,18 +55,18 @@ class LCurve:
 
     @property
     def nearest(self) -> Floats:
-        """(size,) where the optimiser stood at the weight nearest to the chosen one."""
+        """(size,) theta of the minimum at the weight nearest to the chosen one."""
         return np.asarray(self.theta[int(np.abs(np.log10(self.eta) - np.log10(max(self.chosen, np.finfo(float).tiny))).argmin())])
 
 
 def natural_weight(misfit: Misfit, theta: Floats) -> float:
-    """Weight at which a departure of one decade of every parameter costs as much as a difference of 1 dB in every residual.
+    """Weight at which a departure of every parameter by one decade costs as much as 1 dB in every residual.
 
     Parameters
     ----------
     misfit : Misfit
     theta : (size,) float array
-        Anywhere; only sizes are counted.
+        Any; only the number of residuals is used.
     """
     rows = misfit.rows
     residuals = misfit(theta).residual.size - rows.shape[0]
@@ -85,26 +85,26 @@ def l_curve(
     iterations: int = 8,
     cheaper: float = 1e-9,
 ) -> LCurve:
-    """Try weights from the largest to the smallest and back, each from several starts, and look for the corner.
+    """L-curve of minima at weights from the largest to the smallest and back, each from several starts, and its corner.
 
-    A curve of minima falls: with the weight the misfit falls and the departures rise. Ends in different basins need not, so every weight
-    is tried from the start and from the end of the one before, the smallest by levels too (a strong penalty holds the others in the
-    basin of the prior), and at last from the end of any other weight that costs less at it.
+    Along a curve of global minima the data misfit falls with the weight, and the departures rise. Ends in different basins need not do so.
+    Therefore every weight is tried from the start and from the end of the weight before, the smallest also by levels (a strong penalty
+    keeps the others in the basin of the prior), and finally from the end of any other weight whose cost is lower at this one.
 
     Parameters
     ----------
     misfit : Misfit
-        Its own weight does not matter; its penalty must have rows.
+        Its own weight is not used; its penalty must have rows.
     start : (size,) float array
     bounds : (size, 2) float array
     fallback : float or None
-        Weight where the curve has no corner; the natural one where None.
+        Weight if the curve has no corner; None for the natural one, see ``natural_weight``.
     decades, weights : float, int
-        Weights tried, and how far they reach to both sides of the natural one of ``natural_weight``.
+        Range of the weights to either side of the natural one, and their number.
     tolerance, iterations : float, int
         Stop rule of a descent at a weight.
     cheaper : float
-        Another weight's end serves as a start where it costs less by this share.
+        The end at another weight is a start if its cost is lower by this share.
 
     Returns
     -------
@@ -119,7 +119,7 @@ def l_curve(
             ends.attempt(i, ends.found[i + 1].theta)
     least = misfit.with_eta(float(etas[0]))
     ends.keep(0, gauss_newton_by_levels(least, start, bounds, tolerance=tolerance, max_iterations=4 * iterations))
-    # Back upwards a valley is kept as long as it is one.
+    # Back to larger weights: a valley found at small ones is followed as long as it exists.
     for i in range(1, weights):
         ends.attempt(i, ends.found[i - 1].theta)
     data, penalty = ends.level_out(cheaper)
@@ -136,7 +136,7 @@ def l_curve(
 
 
 class _Ends:
-    """The lowest end found at each weight."""
+    """Collects the lowest end found at each weight."""
 
     def __init__(self, misfit: Misfit, etas: Floats, bounds: Floats, tolerance: float, iterations: int) -> None:
         self._misfit, self._etas, self._bounds, self._tolerance, self._iterations = misfit, etas, bounds, tolerance, iterations
@@ -144,18 +144,18 @@ class _Ends:
         self.evaluations = 1
 
     def keep(self, i: int, solution: Solution) -> None:
-        """At the i-th weight, where it is the lowest so far."""
+        """Keep a solution at the i-th weight if it is the lowest so far."""
         self.evaluations += solution.evaluations
         if i not in self.found or solution.evaluation.total < self.found[i].evaluation.total:
             self.found[i] = solution
 
     def attempt(self, i: int, theta: Floats) -> None:
-        """Descend at the i-th weight."""
+        """Descend at the i-th weight from theta."""
         misfit = self._misfit.with_eta(float(self._etas[i]))
         self.keep(i, descend(misfit, theta, self._bounds, tolerance=self._tolerance, max_iterations=self._iterations))
 
     def level_out(self, cheaper: float) -> tuple[Floats, Floats]:
-        """Descend at each weight from the end of another one that costs less there; the curve then."""
+        """Descend at each weight from the end of another one if its cost is lower there, until none is; gives ``curve`` then."""
         for _ in range(self._etas.size):
             data, penalty = self.curve()
             totals = data + self._etas[:, None] * penalty
@@ -168,7 +168,7 @@ class _Ends:
         return data, penalty
 
     def curve(self) -> tuple[Floats, Floats]:
-        """Sums of squares of data residuals and of departures at each weight."""
+        """(n,) sums of squares of the data residuals and (n,) of the departures at each weight."""
         ends = [self.found[i] for i in range(self._etas.size)]
         return np.array([end.evaluation.data for end in ends]), np.array([self._misfit.departures(end.theta) for end in ends])
 
@@ -176,28 +176,28 @@ class _Ends:
 def curvature(eta: Floats, data: Floats, penalty: Floats, *, width: float = 0.2, between: int = 60) -> tuple[Floats, Floats]:
     """Curvature along the L-curve; positive at a corner.
 
-    The curve goes through the points without overshoot (monotone cubics of log10 data and log10 penalty over log10 eta) and is then
-    smoothed over ``width``: at its steep ends many weights lie in one place, and the curvature of an unsmoothed curve is that of the
-    optimiser's stop rule.
+    The curve passes through the points without overshoot (monotone cubics of log10 data and log10 penalty over log10 eta) and is then
+    smoothed over ``width``: at its steep ends many points nearly coincide, and the curvature of an unsmoothed curve would be that of
+    errors of the optimiser's stop rule.
 
     Parameters
     ----------
     eta, data, penalty : (n,) float arrays
         Positive, eta ascending.
     width : float
-        Bends shorter than this are smoothed away [decades along the curve].
+        Standard deviation of the smoothing [decades along the curve].
     between : int
-        Points of the curve between two weights.
+        Number of points of the curve between two weights.
 
     Returns
     -------
     points : (k, 3) float array
-        log10 of weight, data and penalty, evenly along the curve.
+        log10 of weight, data and penalty, evenly spaced along the curve.
     kappa : (k,) float array
         [1/decade].
     """
     t = np.linspace(np.log10(eta[0]), np.log10(eta[-1]), between * (eta.size - 1) + 1)
-    # Loaded here: few campaigns choose their weight so, and all would wait.
+    # Imported here: few campaigns choose their weight by an L-curve.
     from scipy.interpolate import PchipInterpolator
     from scipy.ndimage import gaussian_filter1d
 
@@ -205,7 +205,7 @@ def curvature(eta: Floats, data: Floats, penalty: Floats, *, width: float = 0.2,
     along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     if not along[-1] > 0.0:
         return np.column_stack([t, x, y]), np.zeros_like(t)
-    # Where the curve stands still no place along it belongs to a weight of its own.
+    # Weights at which the curve does not move have no arc length of their own: np.interp needs ascending values.
     moving = np.concatenate([[True], np.diff(along) > 1e-12 * along[-1]])
     s = np.linspace(0.0, along[-1], max(int(40 * along[-1] / width), 8))
     step = s[1]
@@ -216,18 +216,18 @@ def curvature(eta: Floats, data: Floats, penalty: Floats, *, width: float = 0.2,
 
 
 def find_corner(eta: Floats, data: Floats, penalty: Floats, *, sharpness: float = 1.0) -> Corner | None:
-    """Where the curvature is largest, between the ends, and at least ``sharpness``.
+    """Corner of an L-curve: the largest maximum of its curvature, without the first and last weight.
 
     Parameters
     ----------
     eta, data, penalty : (n,) float arrays
     sharpness : float
-        Least curvature of a corner [1/decade]: that of a circle of a radius of a decade, which is no corner any more.
+        Least curvature of a corner [1/decade]: that of a circle with a radius of one decade.
 
     Returns
     -------
     Corner or None
-        None where the curve has none.
+        None if the curve has none.
     """
     if not (np.all(data > 0) and np.all(penalty > 0)):
         return None
@@ -242,11 +242,11 @@ def find_corner(eta: Floats, data: Floats, penalty: Floats, *, sharpness: float 
 
 
 def curve_notes(curve: LCurve) -> tuple[str, ...]:
-    """A warning where an L-curve has no corner."""
+    """A warning if an L-curve has no corner, else nothing."""
     if curve.corner is not None:
         return ()
     return (
-        f"the L-curve has no corner between {curve.eta[0]:.3g} and {curve.eta[-1]:.3g} dB² per decade²; "
-        f"regularisation {curve.chosen:.3g} was used, at which a decade of every unknown costs as much as 1 dB in every residual: "
-        "choose one by hand, for all jobs",
+        f"the L-curve has no corner between {curve.eta[0]:.3g} and {curve.eta[-1]:.3g} dB² per decade². "
+        f"Regularisation {curve.chosen:.3g} was used, at which a change of every unknown by a decade costs as much as 1 dB in every "
+        "residual. Choose one by hand, for all jobs",
     )

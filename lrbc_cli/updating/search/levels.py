@@ -1,7 +1,7 @@
-"""Start values by levels: first one value for a whole edge, then a few along it, then all.
+"""The whole search of an identification: uniform values, coarse profiles along the edge, then all unknowns from several starts.
 
-With a start on the clamped plateau and every node free at once, the damping exponent can flatten the peaks that the stiffness has not
-moved yet, and the optimiser stays in that basin. A coarse profile moves the peaks first.
+From a start on the clamped plateau with all values free at once, the damping exponent can flatten peaks that the stiffness has not yet
+moved, and the optimiser stays in that basin. Coarse profiles move the peaks first.
 """
 
 from __future__ import annotations
@@ -50,46 +50,46 @@ def gauss_newton_by_levels(
     wide: Sequence[Misfit] = (),
     unexplained_db: float = 3.0,
 ) -> Solution:
-    """Bounded Gauss-Newton on a uniform value, on coarse profiles, then on all parameters.
+    """Minimise the cost by bounded Gauss-Newton from many starts: best uniform values, coarse profiles, tables, places beside the best end.
 
     Parameters
     ----------
     misfit : Misfit
-        Cost (29); its prior stays the same on all levels.
+        Cost (29); its prior is the same on all levels.
     start : (size,) float array
     bounds : (size, 2) float array
     tolerance, max_iterations
-        Of the last level, see ``gauss_newton``.
+        Stop rule of the last level, see ``gauss_newton``.
     further : mapping of str to (size,) float array
-        Described profiles from which the last level is tried too.
+        Further starts of the last level, by description.
     span : (size, m) float array or None
-        Unknowns of the last level, ``prior + span z``; every value where None. The scan then moves the prior as a whole.
+        Unknowns z of the last level, ``prior + span z``; the scan of uniform values then moves the prior as a whole. None: all values.
     knots : sequence of int
-        Values along an edge at each level before the full one.
+        Number of values along an edge at each level before the last.
     coarse_tolerance, coarse_iterations
         Stop rule of these levels.
     first_iterations : (int, int)
-        Where there is a span: of each descent, and of the better half of them; only the best goes on to its end (successive halving,
-        Jamieson and Talwalkar, AISTATS 2016).
+        With a span: iterations of each descent, and of the better half of them; only the best one continues to its end (successive
+        halving, Jamieson and Talwalkar, AISTATS 2016).
     left_out : sequence of float
-        Where there is a span: shares of the values without which the best end is followed further, see ``Race.look_beside``.
+        With a span: shares of the measured values that are left out to continue from the best end, see ``Race.look_beside``.
     rounds : int
-        How often, and once more for each joint.
+        Largest number of rounds beside the best end; each joint adds one.
     joints : sequence of int
-        Of the unknowns of a span, the changes of the joints where there is nothing else.
+        Indices in z of the changes of joints, if all bolts are joints.
     mirrors : callable
-        Which of them are exchanged with two of them, see ``Shapes.mirrored``.
+        Pairs of joints that are exchanged together with a pair, see ``Shapes.mirrored``.
     wide : sequence of Misfit
-        The cost between smoothed spectra, the widest first, see ``smooth.smoothed_costs``.
+        Costs over smoothed spectra, widest first, see ``smooth.smoothed_costs``.
     unexplained_db : float
-        Mean difference of the best end above which, without a span, single values are tried, see ``single_values``: where it would not be
-        called explained [dB].
+        Mean misfit of the best end above which, without a span, single values are moved, see ``single_values``: the limit up to which a
+        state counts as explained [dB].
 
     Returns
     -------
     Solution
-        With the evaluations of all levels in its history, and where each start led to; the Jacobian of its evaluation is to z where
-        there is a span. None of the places seen that could be a solution costs less.
+        The lowest end, with the evaluations of all levels in its history, and the end of each start. With a span its Jacobian is to z. No
+        admissible place that was evaluated has a lower cost.
     """
     race = Race(misfit, bounds, span, tolerance, max_iterations)
     few, more = (max_iterations, max_iterations) if span is None else first_iterations
@@ -106,12 +106,12 @@ def gauss_newton_by_levels(
         places = {"the uniform value found by smaller steps": nearest} | places
         places |= {f"levels of the groups, {k + 1}": place for k, place in enumerate(apart)}
     texts = [_describe(misfit.model.parameters, trials[at], at, None if span is None else misfit.prior) for at in begun]
-    # Coarse profiles are for values in a row.
+    # Coarse profiles need values in a row, which joints are not.
     coarse = race.coarse(
         [trials[at] for at in begun], () if misfit.model.parameters.of_joints else knots, coarse_tolerance, coarse_iterations
     )
     race.begin([*zip(texts, coarse, strict=True), *places.items()], few)
-    # A coarse level may pass a valley that its end has left.
+    # A coarse level may have passed a lower place than its end.
     passed, least = race.seen, race.ends[race.best][1].evaluation.total
     if passed.theta is not None and passed.evaluation is not None and not passed.evaluation.total >= (1 - ROUND_OFF) * least:
         race.begin([("the best place seen on the way", passed.theta)], few)
@@ -127,7 +127,7 @@ def gauss_newton_by_levels(
 
 
 def _nearest_uniform(race: Race, misfit: Misfit, theta: Floats, bounds: Floats, totals: list[float]) -> Floats:
-    """The place of ``zoom`` with the least mean difference."""
+    """The place with the least mean misfit that ``zoom`` tries along a uniform change of the stiffness groups."""
     tried = []
     for place, value in zoom(race.seen, theta, bounds, moved_values(misfit.model.parameters).astype(float)):
         race.tried(value, totals)

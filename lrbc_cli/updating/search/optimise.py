@@ -1,8 +1,8 @@
 """Two optimisers on the same evaluations: bounded Gauss-Newton/Levenberg-Marquardt, and the BFGS of the paper (Sec. 3).
 
-Why not ``scipy.optimize.least_squares``: on the costs of the frame sample (18 runs) it needs 71 (trf) and 74 (dogbox) evaluations against
-42 here (medians), and ends in the lowest basin 10 and 6 times against 14; it has no longest step in decades and does not tell which trials
-it accepted. See ``tests/benchmarks/optimisers.py``.
+``scipy.optimize.least_squares`` is not used: on the costs of the frame sample (18 runs) it needs 71 (trf) and 74 (dogbox) evaluations
+instead of 42 (medians) and finds the lowest basin 10 and 6 times instead of 14; it cannot limit a step in decades, and does not report
+which trials it accepted. See ``tests/benchmarks/optimisers.py``.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Objective = Callable[[Floats], Evaluation]
 
 @dataclass(frozen=True)
 class HistoryEntry:
-    """One evaluation of the cost."""
+    """One evaluation of the cost: its number, log10 cost, mean misfit [dB], and whether the step was accepted."""
 
     evaluation: int
     cost: float
@@ -32,11 +32,12 @@ class HistoryEntry:
 
 @dataclass(frozen=True)
 class Start:
-    """One of several starts, and where it led to.
+    """One of several starts, and the end of its descent.
 
     Attributes
     ----------
     description : str
+        Of the start.
     cost, total : float
         At the end, as in ``Evaluation``.
     kept : bool
@@ -54,7 +55,7 @@ class Start:
 
 @dataclass(frozen=True, kw_only=True)
 class Solution:
-    """Where an optimiser stopped, and why; returned always.
+    """The end of an optimisation and the reason why it stopped; also returned if it failed.
 
     Attributes
     ----------
@@ -67,7 +68,7 @@ class Solution:
     iterations, evaluations : int
     history : tuple of HistoryEntry
     starts : tuple of Start
-        Where there were several.
+        If there were several.
     """
 
     theta: Floats
@@ -81,20 +82,20 @@ class Solution:
 
 
 class Best:
-    """An objective that remembers where it cost least, of the places that count.
+    """An objective that remembers the admissible theta with the least cost.
 
     Parameters
     ----------
     objective : callable
     counts : callable
-        Whether a place may be a solution.
+        Whether a theta may be a solution.
 
     Attributes
     ----------
     theta : (size,) float array or None
-        None before any place counted.
+        None before the first admissible theta.
     evaluation : Evaluation or None
-        There.
+        At theta.
     """
 
     def __init__(self, objective: Objective, counts: Callable[[Floats], bool] = lambda _: True) -> None:
@@ -103,18 +104,18 @@ class Best:
         self.evaluation: Evaluation | None = None
 
     def __call__(self, theta: Floats) -> Evaluation:
-        """Evaluate, and remember."""
+        """Evaluate, and remember theta if it is the best so far."""
         value = self._objective(theta)
         if _finite(value) and (self.evaluation is None or value.total < self.evaluation.total) and self._counts(theta):
             self.theta, self.evaluation = theta.copy(), value
         return value
 
     def another(self) -> Best:
-        """One of the same that has seen nothing."""
+        """A new one of the same objective, without memory, for another thread."""
         return Best(self._objective, self._counts)
 
     def take(self, other: Best) -> None:
-        """What another has seen, as well."""
+        """Take over the best theta of another one if it is better."""
         if other.evaluation is not None and (self.evaluation is None or other.evaluation.total < self.evaluation.total):
             self.theta, self.evaluation = other.theta, other.evaluation
 
@@ -143,7 +144,7 @@ class _Recorder:
 
     def solution(self, theta: Floats, value: Evaluation, status: str, reason: str, iterations: int) -> Solution:
         best = self._objective
-        # A step that fell short of its promise is refused, although it may cost less than all that follows.
+        # A step with too small a decrease is rejected, but may cost less than all later ones.
         if best.theta is not None and best.evaluation is not None and best.evaluation.total < value.total:
             theta, value = best.theta, best.evaluation
             self.accept(self._best)
@@ -159,7 +160,7 @@ class _Recorder:
 
 
 def _free(theta: Floats, gradient: Floats, bounds: Floats) -> NDArray[np.bool_]:
-    """Parameters that a descent does not push against their bounds."""
+    """(size,) parameters that are not at a bound against which the descent pushes them."""
     lower, upper = bounds.T
     return np.asarray(~(((theta <= lower) & (gradient > 0)) | ((theta >= upper) & (gradient < 0))))
 
@@ -172,7 +173,7 @@ def _box_step(A: Floats, gradient: Floats, low: Floats, high: Floats) -> Floats:
         free = held == 0
         x[held < 0], x[held > 0] = low[held < 0], high[held > 0]
         if free.any():
-            # An ill-conditioned step is answered by the damping, not by a line on the console.
+            # LAPACK directly, since an ill-conditioned step needs no warning: the damping handles it.
             own, slope = A[np.ix_(free, free)], gradient[free] + A[np.ix_(free, ~free)] @ x[~free]
             _, found, failed = la.lapack.dposv(own, slope)
             x[free] = -(np.linalg.lstsq(own, slope)[0] if failed else found)
@@ -186,13 +187,13 @@ def _box_step(A: Floats, gradient: Floats, low: Floats, high: Floats) -> Floats:
 
 
 def _scale(normal: Floats) -> Floats:
-    """(m,) diagonal by which steps are damped: a value that nothing feels is held a little, too."""
+    """(m,) diagonal for the damping, with a small least value for parameters without influence on the residuals."""
     diagonal = np.diag(normal)
     return np.asarray(np.maximum(diagonal, 1e-8 * max(float(diagonal.max()), np.finfo(float).tiny)))
 
 
 def promised(value: Evaluation, theta: Floats, bounds: Floats, *, damping: float = 1e-6) -> Floats:
-    """Step to the minimum of the cost linearised about theta, inside the bounds; hardly damped."""
+    """(size,) step to the minimum inside the bounds of the cost linearised about theta, hardly damped."""
     normal = value.jacobian.T @ value.jacobian
     lower, upper = bounds.T
     return _box_step(normal + damping * np.diag(_scale(normal)), value.jacobian.T @ value.residual, lower - theta, upper - theta)
@@ -213,10 +214,10 @@ def gauss_newton(
     start : (size,) float array
     bounds : (size, 2) float array
     tolerance : float
-        Stops when the relative decrease of the sum of squares, predicted and actual, stays below it.
+        Stops when the actual relative decrease of the sum of squares is below it twice in a row, or the predicted one below a tenth.
     max_iterations : int
     max_step : float
-        Longest change of one parameter in an iteration [decades].
+        Largest change of a parameter in an iteration [decades].
 
     Returns
     -------
@@ -237,7 +238,7 @@ def gauss_newton(
         normal = value.jacobian.T @ value.jacobian
         scale = _scale(normal)
         for _ in range(12):
-            # Clipping a free step afterwards could leave no decrease at all, far from the minimum.
+            # Bounds are part of the step: clipping a free step afterwards might leave no decrease far from the minimum.
             step = _box_step(normal + damping * np.diag(scale), gradient, lower - theta, upper - theta)
             step *= min(1.0, max_step / max(float(np.abs(step).max()), np.finfo(float).tiny))
             trial = np.clip(theta + step, lower, upper)
@@ -269,7 +270,7 @@ def bfgs(
 ) -> Solution:
     """BFGS on the log10 cost as in the paper, projected on the bounds.
 
-    Steepest descent where the approximate Hessian is not positive definite, Armijo-Goldstein line search [25], stop when two successive
+    Steepest descent if the approximate Hessian is not positive definite, Armijo-Goldstein line search [25], stop when two successive
     costs differ by less than ``tolerance`` (1e-3 on log10 is 0.23 % of the sum of squares).
 
     Parameters
@@ -279,7 +280,7 @@ def bfgs(
     bounds : (size, 2) float array
     tolerance, max_iterations : float, int
     max_step : float
-        Longest change of one parameter in an iteration [decades].
+        Largest change of a parameter in an iteration [decades].
 
     Returns
     -------
@@ -303,7 +304,7 @@ def bfgs(
             direction[free] = -gradient[free]
             hessian, fresh = np.eye(theta.size), True
         longest = max(float(np.abs(direction).max()), np.finfo(float).tiny)
-        # The first direction has no length of its own: a tenth of a decade for the largest entry is a cautious start.
+        # The first direction has no natural length: a tenth of a decade for its largest entry.
         alpha = 0.1 / longest if fresh else min(1.0, max_step / longest)
         found = _line_search(record, theta, value, direction, alpha=alpha, bounds=bounds, max_step=max_step)
         if found is None:
@@ -335,7 +336,7 @@ def _line_search(
     bounds: Floats,
     max_step: float,
 ) -> tuple[Floats, Evaluation] | None:
-    """Armijo-Goldstein: between the lines of slope c and 1 - c of the directional derivative."""
+    """Armijo-Goldstein line search: the cost lies between the lines with c and 1 - c times the directional derivative; None if it fails."""
     c = 1e-2
     slope = float(value.gradient @ direction)
     if slope >= 0:

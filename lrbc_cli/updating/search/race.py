@@ -1,4 +1,4 @@
-"""Descents from many places, of which the better ones go on, as long as they lead elsewhere."""
+"""Descents from many starts by successive halving: the better ones continue, of several that meet only one; used by ``levels``."""
 
 from __future__ import annotations
 
@@ -16,33 +16,33 @@ from lrbc_cli.updating.search.optimise import Best, HistoryEntry, Solution, Star
 from lrbc_cli.updating.search.starts import Mirrors, alone, hops, other_levels
 from lrbc_cli.updating.search.valleys import Lead, leading_apart, worth
 
-#: How the description of an end goes on that was followed further, see ``Race.look_beside``.
+#: Separates, in the description of an end, its start from what was tried beside an earlier end, see ``Race.look_beside``.
 BESIDE = ", then"
 
 
 class Race:
-    """Descents from many places, of which the better ones go on.
+    """Descents from many starts, with their ends and all evaluations.
 
     Parameters
     ----------
     misfit : Misfit
     bounds : (size, 2) float array
     span : (size, m) float array or None
-        Unknowns ``prior + span z``; every value where None.
+        Unknowns ``prior + span z``; None for all values.
     tolerance, max_iterations
-        Of a descent, see ``gauss_newton``.
+        Stop rule of a descent, see ``gauss_newton``.
 
     Attributes
     ----------
     seen : Best
-        The misfit; remembers the best place that could be a solution.
+        The misfit; remembers the best admissible theta.
     ends : list of (str, Solution)
-        Where each start led to, described.
+        Description of each start, and the end of its descent so far.
     history : list of HistoryEntry
-        All evaluations.
+        All evaluations of the misfit.
     iterations : int
     elsewhere : int
-        Evaluations of another cost, see ``descend``.
+        Number of evaluations of other costs (on Riemann's sphere, over smoothed spectra).
     """
 
     def __init__(self, misfit: Misfit, bounds: Floats, span: Floats | None, tolerance: float, max_iterations: int) -> None:
@@ -59,12 +59,12 @@ class Race:
         self.history.extend(replace(entry, evaluation=first + i) for i, entry in enumerate(entries))
 
     def tried(self, value: Evaluation, totals: list[float]) -> None:
-        """Note one evaluation of a scan, whose totals these are."""
+        """Add one evaluation of a scan to the history, and its total to ``totals``."""
         self.note([HistoryEntry(0, value.cost, value.misfit_db, bool(value.total < min(totals, default=np.inf)))])
         totals.append(value.total if np.isfinite(value.total) else np.inf)
 
     def begin(self, places: Iterable[tuple[str, Floats]], limit: int | None = None) -> None:
-        """Descend from further places, described, so many iterations at the most; of those that meet after the first, the better one."""
+        """Descend from further described places, ``limit`` iterations at most; of those that meet after one only the best continues."""
         most = self._most if limit is None else min(limit, self._most)
         described, before = list(places), len(self.ends)
         first = min(1, most) if self._meeting else most
@@ -75,24 +75,24 @@ class Race:
 
     @property
     def _meeting(self) -> bool:
-        """Whether descents are told that meet: where lines do not resolve the peaks, a linearisation does not carry that far."""
+        """Whether it is tested if descents meet: not if lines do not resolve the peaks, since linearisations then hold too near only."""
         return self._span is not None and not self._misfit.sharp
 
     def apart(self, first: int) -> list[int]:
-        """Those of the ends from the ``first`` on that lead where no better one does, the best of them first."""
+        """Indices of the ends from the ``first`` on that do not meet a better one, best first."""
         if not self._meeting:
             return sorted(range(first, len(self.ends)), key=lambda at: self.ends[at][1].evaluation.total)
         return [at for at in self._leading_apart(self._misfit, [end for _, end in self.ends]) if at >= first]
 
     def _leading_apart(self, misfit: Misfit, ends: Sequence[Solution]) -> list[int]:
-        """Which ends of descents on a cost lead where no better one does, the best first."""
+        """Indices of ends of descents on a cost that do not meet a better one, best first; see ``valleys``."""
         assert self._span is not None
         box, inverse = Level(misfit, misfit.prior, self._span).bounds(self._bounds), np.linalg.pinv(self._span)
         leads = [Lead.of(end.evaluation, inverse @ (end.theta - misfit.prior), box) for end in ends]
         return leading_apart(leads, worth(misfit, min((end.evaluation for end in ends), key=lambda value: value.total)))
 
     def go_on(self, which: Iterable[int], limit: int | None = None) -> None:
-        """Continue those of the descents that their limit stopped."""
+        """Continue those of these descents that stopped at their limit of iterations."""
         most = self._most if limit is None else min(limit, self._most)
         stopped = [at for at in which if self.ends[at][1].status == "stopped" and self.ends[at][1].iterations < most]
         before = [self.ends[at][1] for at in stopped]
@@ -101,12 +101,12 @@ class Race:
             self.ends[at] = self.ends[at][0], replace(last, iterations=end.iterations + last.iterations)
 
     def halve(self, first: int, limit: int) -> None:
-        """Continue the better half of the descents from the ``first`` on that do not meet."""
+        """Continue the better half of the descents from the ``first`` on, of those that do not meet."""
         order = self.apart(first)
         self.go_on(order[: (len(order) + 1) // 2], limit)
 
     def _descents(self, begun: Sequence[tuple[Floats, int]]) -> list[Solution]:
-        """From each place with its limit."""
+        """Descents from (theta, limit of iterations), side by side; their evaluations are noted."""
 
         def one(begin: tuple[Floats, int]) -> Solution:
             theta, most = begin
@@ -129,13 +129,11 @@ class Race:
         mirrors: Mirrors = alone,
         wide: Sequence[Misfit] = (),
     ) -> None:
-        """Descend from places beside the best end until no round leads lower by what the data can tell.
+        """Descend from places beside the best end, in rounds, until a round gains less than the data can resolve (``valleys.worth``).
 
-        Those of ``other_levels`` among joints, over smoothed spectra where there are some, else of ``hops``; and where the end leads
-        without some values.
-
-        A peak that passes a line is a ridge in the cost, narrow and steep. Beyond it there is another valley; and without the values that
-        the end explains least there is no ridge, so that the rest leads on.
+        The places are those of ``other_levels`` among joints (followed over smoothed spectra, if given), else of ``hops``; and ends of
+        descents without those shares of the measured values that the best end explains least. A peak that passes a line is a narrow, steep
+        ridge in the cost with another valley beyond it; without the values that are explained least there is no such ridge.
         """
         few, more = limits
         for _ in range(rounds + len(joints)):
@@ -164,7 +162,7 @@ class Race:
                 return
 
     def _smoothed(self, wide: Sequence[Misfit], places: Sequence[Floats]) -> list[Floats]:
-        """Where descents over smoothed spectra lead from some places, of those that meet the best one."""
+        """Ends of descents over smoothed spectra, widest first, from some places; of those that meet only the best continues."""
         for misfit in wide:
             ends = side_by_side(partial(over_smoothed, [misfit], bounds=self._bounds, span=self._span), places)
             self.elsewhere += sum(end.evaluations for end in ends)
@@ -172,7 +170,7 @@ class Race:
         return list(places)
 
     def coarse(self, places: Sequence[Floats], knots: Sequence[int], tolerance: float, iterations: int) -> list[Floats]:
-        """Where descents on coarse profiles lead from each place, each profile with more knots than the one before."""
+        """Ends of successive descents on coarse profiles from each place, with ``knots`` values along an edge."""
         parameters, bounds = self._misfit.model.parameters, self._bounds
         unknowns = parameters.size if self._span is None else self._span.shape[1]
 
@@ -200,7 +198,7 @@ class Race:
 
     @property
     def best(self) -> int:
-        """Which end costs least: the first of equals, also where a cost is not finite."""
+        """Index of the end with the least cost; the first of equal ones, or if no cost is finite."""
         kept = 0
         for i, (_, end) in enumerate(self.ends):
             if end.evaluation.total < self.ends[kept][1].evaluation.total:
@@ -208,7 +206,7 @@ class Race:
         return kept
 
     def solution(self) -> Solution:
-        """The best end, with all evaluations, and where each start led to."""
+        """The best end, with all evaluations and the ends of all starts."""
         kept = self.best
         led = tuple(Start(text, end.evaluation.cost, end.evaluation.total, i == kept, end.theta) for i, (text, end) in enumerate(self.ends))
         history = tuple(self.history)

@@ -1,7 +1,7 @@
-"""Global search over changes at bolts: a resonance that jumps past its neighbours is seen by no gradient, but by a table of changes.
+"""Global search over changes at bolts by tables, since no gradient shows a resonance that jumps past its neighbours.
 
-Forward, backward and exchange steps over single changes (stepwise selection, kept as a beam), each step a table over every bolt at
-several levels. A change touches few terms, so that a table costs little more than one evaluation with all of them.
+Stepwise selection with a beam of states: each step is a table of every bolt at several levels (loosened, restored or exchanged). A change
+affects few terms, so a table costs little more than one evaluation with all terms. Its best states are starts of descents (``levels``).
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from lrbc_cli.updating.misfit.frf import FrfModel, one_by_one
 from lrbc_cli.updating.search.starts import LEVELS
 from lrbc_cli.updating.unknowns.shapes import Shapes
 
-#: A change of each column that is not zero [decades].
+#: Changes that are not zero, as pairs of column and change [decades].
 Changes = tuple[tuple[int, float], ...]
 
 
 @dataclass(frozen=True, order=True)
 class Combination:
-    """Changes at some bolts, and what is left of the measurement there.
+    """A state with changes at some bolts, and its misfit.
 
     Attributes
     ----------
     misfit_db : float
-        Mean absolute difference: a line on a peak that has jumped does not decide, as it does in a sum of squares.
+        Mean absolute difference [dB]: a few lines on a peak that has jumped do not decide, as they would in a sum of squares.
     changes : tuple of (int, float)
-        Column of the shapes, and change [decades].
+        Columns of the shapes, and changes [decades].
     """
 
     misfit_db: float
@@ -39,22 +39,22 @@ class Combination:
 
 
 class Search:
-    """Tables of changes about states, and the best of what was seen.
+    """Misfits of states with changes at some bolts, computed in tables and remembered.
 
     Parameters
     ----------
     misfit : Misfit
-        Its prior is the state from which changes count.
+        Its prior is the state without changes.
     shapes : Shapes
     bounds : (size, 2) float array
         Of theta.
     levels : sequence of float
-        Changes that are tried [decades], from a slight loss to a bolt that is all but free.
+        Changes that are tried [decades], from a slight loss to a nearly free bolt.
 
     Attributes
     ----------
     columns : list of int
-        Of the bolts that are searched.
+        Columns of the bolts.
     evaluations : int
     """
 
@@ -66,14 +66,14 @@ class Search:
         self._tight: Callable[[Floats], Complexes] | None = None
 
     def theta(self, changes: Changes) -> Floats:
-        """Theta there, inside its bounds."""
+        """(size,) theta of a state, clipped to its bounds."""
         z = np.zeros(self._T.shape[1])
         for column, change in changes:
             z[column] = change
         return np.clip(self._misfit.prior + self._T @ z, *self._bounds.T)
 
     def _scores(self, frf: Callable[[Floats], Complexes], groups: Iterable[Sequence[Changes]]) -> list[Combination]:
-        """Those of groups of states, each of which differ at the same bolts."""
+        """Combinations of groups of states; the states of a group differ at the same bolts and are evaluated together."""
         wanted, seen, new = [list(states) for states in groups], set(self._known), list[list[Changes]]()
         for states in wanted:
             unknown = [changes for changes in dict.fromkeys(states) if changes not in seen]
@@ -90,16 +90,16 @@ class Search:
         return [self._known[changes] for states in wanted for changes in states]
 
     def _near(self, changes: Changes, states: int) -> Callable[[Floats], Complexes]:
-        """FRFs of so many states that differ at a further bolt, or a pair of them, from one with changes.
+        """Function for the FRFs of ``states`` states that differ from one with ``changes`` at a further bolt or pair of bolts.
 
-        Terms are solved for that differ from a state whose inverse is known. States of few changes differ little from the tight one, whose
-        inverse serves all tables; to work out another costs as much as four solutions with all terms.
+        Only terms that differ from a base state with known inverse are solved for. The base is the tight state as long as there are few
+        changes, since its inverse serves all tables; another inverse costs as much as four solutions with all terms.
         """
         model = self._misfit.model
         if not isinstance(model, FrfModel):
             return one_by_one(model.frf)
         own = int(np.count_nonzero(self._T[:, self.columns], axis=0).max())
-        # Small systems cost about the square of their size.
+        # The cost of small systems grows about with the square of their size.
         more = ((len(changes) + 1) * own) ** 2 - own**2
         if states * more > 4 * self._T.shape[0] ** 2:
             return model.nearby(self.theta(changes))
@@ -108,11 +108,11 @@ class Search:
         return self._tight
 
     def start(self) -> Combination:
-        """No change at all."""
+        """The state without changes."""
         return self._scores(one_by_one(self._misfit.model.frf), [[()]])[0]
 
     def table(self, state: Combination, pairs: Sequence[tuple[int, int]] = ()) -> list[Combination]:
-        """States that differ at one bolt, or at a pair in the same way: loosened, put back, or at another level."""
+        """States that differ from ``state`` at one bolt, or at a pair of bolts alike: each at all levels, and unchanged."""
         moved, levels = [*((column,) for column in self.columns), *pairs], (0.0, *self._levels)
         frf, own = self._near(state.changes, len(moved) * len(levels)), dict(state.changes)
         return self._scores(frf, ([_changed(own, dict.fromkeys(columns, level)) for level in levels] for columns in moved))
@@ -131,7 +131,7 @@ def search(
     gain: float = 0.03,
     exchanged: int = 4,
 ) -> tuple[dict[str, Floats], int]:
-    """States of loosened bolts that come nearest to a measurement, as starts of a descent.
+    """States with loosened bolts that are nearest to a measurement by their mean misfit, as starts of descents.
 
     Parameters
     ----------
@@ -139,21 +139,21 @@ def search(
     shapes : Shapes
     bounds : (size, 2) float array
     neighbours : sequence of (int, int)
-        Columns of bolts that may have loosened together.
+        Pairs of columns of neighbouring bolts; the first table also changes these together.
     names, levels : sequences of str and float
-        Of the bolts, None: numbers; changes that are tried [decades].
+        Names of the bolts, None for numbers; changes that are tried [decades].
     width, kept : int
-        Lines of descent side by side, and best states returned. 8 among joints (by trial on virtual rigs: from 7 dB on the two best
-        led astray), 2 along edges, where descents pass a change on from hat to hat.
+        Number of states in the beam, and of states returned. None for 8 among joints (by trial on virtual rigs: with misfits from 7 dB
+        the two best were wrong) and 2 along edges, where descents can move a change from hat to hat.
     gain, exchanged : float, int
-        Share by which a further change has to lower the misfit; changes up to which one bolt is tried for another.
+        Least relative decrease of the misfit by a step; largest number of changes for which exchanges of bolts are tried.
 
     Returns
     -------
     dict of str to (size,) float array
-        The best states, described, the best one first.
+        The best states by description, best first.
     int
-        Evaluations.
+        Number of evaluations.
     """
     table = Search(misfit, shapes, bounds, levels)
     width = width or (8 if shapes.joints_only else 2)
@@ -161,7 +161,7 @@ def search(
         return {}, 0
 
     def exchange(nearest: Sequence[Combination]) -> Iterator[Combination]:
-        # One bolt for another: each put back once, and all tables without it. Of many, descents move what is left between them.
+        # Exchanges: each changed bolt is restored once, with a table about that state. If many changed, descents move changes between them.
         few = nearest[0].changes if 1 < len(nearest[0].changes) <= exchanged else ()
         without = [Combination(np.inf, tuple(c for c in nearest[0].changes if c != one)) for one in few]
         return (state for parent in without for state in table.table(parent))
@@ -182,7 +182,7 @@ def _climb(
     width: int,
     gain: float,
 ) -> list[Combination]:
-    """Nearest states, the best first, when neither single changes nor those of ``last`` lower the misfit by more than ``gain``.
+    """Beam of the nearest states, best first, when neither single changes nor those of ``last`` lower the misfit by more than ``gain``.
 
     The first table also moves ``pairs`` together.
     """

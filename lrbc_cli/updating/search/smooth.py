@@ -1,7 +1,7 @@
-"""Spectra with wider peaks, for a search: peaks that lie many line widths apart leave the cost (29) full of local minima.
+"""Smoothed spectra for the search: if peaks of model and measurement are many line widths apart, the cost (29) has many local minima.
 
-Spectra on a line ``s = sigma + i omega`` beside the imaginary axis have peaks that are sigma wider: FRFs are analytic there, so the
-measured ones follow from Poisson's integral and those of the model from the same reduced dynamic stiffness.
+FRFs at ``s = sigma + i omega`` have peaks that are sigma wider. FRFs are analytic for Re s > 0, so the measured ones follow from Poisson's
+integral, and those of the model from the same reduced dynamic stiffness.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def smoothed(
     """FRFs on the line ``s = 2 pi (width + i f)`` from those on the imaginary axis, by Poisson's integral.
 
     ``H(sigma + i omega) = 1/pi int sigma / (sigma² + (omega - nu)²) H(i nu) d nu`` for an H that is analytic and bounded in the right
-    half-plane; lines at negative frequencies are the conjugates. The kernel is scaled to the part of it that lies on lines.
+    half-plane; values at negative frequencies are the conjugates. The kernel is normalised over the measured lines.
 
     Parameters
     ----------
@@ -34,12 +34,14 @@ def smoothed(
     width_hz : float
         sigma / (2 pi).
     at_hz : (m,) float array
+        Frequencies of the result.
     covered : float
+        Least share of the kernel on measured lines.
 
     Returns
     -------
     (m, R) complex array
-        NaN where less than ``covered`` of the kernel lies on measured lines.
+        NaN where less of the kernel is on measured lines.
     """
     out = np.full((at_hz.size, values.shape[1]), np.nan + 0j)
     for r in range(values.shape[1]):
@@ -47,7 +49,7 @@ def smoothed(
         f, h = frequency_hz[good], values[good, r]
         if f.size < 2:
             continue
-        # Gaps wider than the kernel are not bridged: they lower the coverage.
+        # Gaps wider than the kernel are not bridged, and so reduce the share.
         step = np.diff(f)
         step = np.where(step <= width_hz, step, 0.0)
         span = 0.5 * (np.append(step, 0.0) + np.insert(step, 0, 0.0))
@@ -60,7 +62,7 @@ def smoothed(
 
 
 def smoothed_lines(frequency_hz: Floats, values: Complexes, width_hz: float, covered: float) -> tuple[Complexes, Complexes] | None:
-    """Smoothed FRFs on lines as far apart as they are smoothed.
+    """Smoothed FRFs on lines with the spacing of their width, see ``smoothed``.
 
     Parameters
     ----------
@@ -70,7 +72,7 @@ def smoothed_lines(frequency_hz: Floats, values: Complexes, width_hz: float, cov
     Returns
     -------
     tuple or None
-        (m,) complex ``s`` and (m, R) FRFs; None where the measured lines lie too far apart for half of them.
+        (m,) complex ``s`` and (m, R) FRFs; None if fewer than half of the lines have values, as the measured ones are too far apart.
     """
     low, high = frequency_hz[0], frequency_hz[-1]
     at = np.linspace(low, high, max(int(np.ceil((high - low) / width_hz)), 2) + 1)
@@ -87,25 +89,26 @@ def smoothed_costs(
     tight: Complexes | None,
     prior: CalibrationPrior = CALIBRATION_PRIOR,
 ) -> list[Misfit]:
-    """Costs between smoothed spectra, the widest first.
+    """Costs over smoothed spectra, widest first.
 
     Parameters
     ----------
     misfit : Misfit
-        Between the spectra as measured.
+        Cost over the measured spectra.
     model : callable
-        On lines ``s``.
+        From ``s`` of lines (m,) to the model there.
     frequency_hz : (F,) float array
     measured : (F, R) complex array
     tight : (F, R) complex array or None
-        Measurement of the state that is the prior: its model discrepancy is mostly that of other states too.
+        Measurement of the reference state, which is the prior of ``misfit``: if given, the smoothed measurement is corrected by the ratio
+        of model and measurement in that state.
     prior : CalibrationPrior
-        Its widths.
+        Gives ``widths`` and ``covered``.
 
     Returns
     -------
     list of Misfit
-        Empty where the measured lines lie too far apart, or those of both measurements do not meet.
+        Empty if the measured lines are too far apart, or both measurements have no smoothed lines in common.
     """
     found = []
     for width in (share * float(frequency_hz[-1]) for share in prior.widths):
@@ -125,13 +128,14 @@ def smoothed_costs(
 
 
 def narrowed(wide: Sequence[Misfit], places: Mapping[str, Floats], bounds: Floats, span: Floats) -> tuple[dict[str, Floats], int]:
-    """Where descents lead over smoothed spectra, each narrower than the one before.
+    """Ends of descents over smoothed spectra, widest first, as starts on the measured lines.
 
     Parameters
     ----------
     wide : sequence of Misfit
+        See ``smoothed_costs``.
     places : mapping of str to (size,) float array
-        Described; the prior is one of them besides.
+        Starts by description; the prior is added to them.
     bounds : (size, 2) float array
     span : (size, m) float array
         Unknowns ``prior + span z``.
@@ -139,8 +143,9 @@ def narrowed(wide: Sequence[Misfit], places: Mapping[str, Floats], bounds: Float
     Returns
     -------
     dict of str to (size,) float array
+        The ends by description.
     int
-        Evaluations.
+        Number of evaluations.
     """
     begun = {"the reference job": wide[0].prior, **places}
     ends = side_by_side(lambda theta: over_smoothed(wide, theta, bounds, span), list(begun.values()))

@@ -1,4 +1,4 @@
-"""Where descents may begin: scans and tables of the cost, which pass over what a gradient does not."""
+"""Start values of descents by scans and tables of the cost, which find valleys beyond ridges that no gradient passes."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from lrbc_cli.updating.misfit.frf import FrfModel
 from lrbc_cli.updating.search.optimise import Objective, Solution
 from lrbc_cli.updating.unknowns.shapes import Shapes, joints_of
 
-#: For two columns of joints those that are exchanged with them, see ``Shapes.mirrored``.
+#: From two columns of joints to all pairs that are exchanged together with them, see ``Shapes.mirrored``.
 Mirrors = Callable[[int, int], Sequence[tuple[int, int]]]
 
-#: Changes of a bolt that tables try [decades], from a slight loss to one that is all but free.
+#: Changes of a bolt that tables try [decades], from half of the stiffness to almost none.
 LEVELS = (-0.3, -0.7, -1.2, -2.0, -3.0)
 
 
 def between(levels: Sequence[float], parts: int = 4) -> tuple[float, ...]:
-    """The same with further ones between them and zero, in so many equal parts."""
+    """The levels with further ones between them and zero, each interval divided into ``parts`` equal parts."""
     known = np.array([0.0, *levels])
     return tuple(np.interp(np.arange(1, parts * len(levels) + 1) / parts, np.arange(known.size), known).tolist())
 
 
 def alone(one: int, other: int) -> list[tuple[int, int]]:
-    """Two joints that are exchanged with no others."""
+    """Only the two joints themselves: the default of ``Mirrors``."""
     return [(one, other)]
 
 
 def moved_values(parameters: Parameterisation) -> NDArray[np.bool_]:
-    """(size,) values of the stiffness groups; of all groups where there is none."""
+    """(size,) mask of the values of stiffness groups; of all groups if there is no stiffness group."""
     moved = np.zeros(parameters.size, dtype=bool)
     for group, values, _ in parameters.placed:
         moved[values] = group.kind == "stiffness"
@@ -43,9 +43,9 @@ def moved_values(parameters: Parameterisation) -> NDArray[np.bool_]:
 
 
 def uniform_values(misfit: Misfit, theta: Floats, bounds: Floats, *, step: float = 0.25, most: int = 41) -> list[Floats]:
-    """Thetas with a few uniform values of the stiffness groups between their bounds; p_damp, damping and mass groups stay.
+    """Thetas with uniform values of the stiffness groups between their bounds, in steps of ``step`` decades, at most ``most`` of them.
 
-    Where there is no stiffness group all groups are moved; in steps of at most ``step`` decades, ``most`` values at the most.
+    p_damp, damping and mass groups keep their values; without a stiffness group all groups are moved.
     """
     moved = moved_values(misfit.model.parameters)
     width = bounds[:, 1] - bounds[:, 0]
@@ -54,7 +54,7 @@ def uniform_values(misfit: Misfit, theta: Floats, bounds: Floats, *, step: float
 
 
 def uniform_changes(misfit: Misfit, bounds: Floats, *, step: float = 0.25, most: int = 41) -> list[Floats]:
-    """Thetas with the prior of the stiffness groups moved as a whole, as far as their bounds let it."""
+    """Thetas with the prior of the stiffness groups moved as a whole within their bounds, in steps of ``step`` decades."""
     prior, moved = misfit.prior, moved_values(misfit.model.parameters)
     low, high = (bounds - prior[:, None])[moved].T
     steps = np.arange(np.ceil(np.median(low) / step), np.floor(np.median(high) / step) + 1)[:most]
@@ -64,25 +64,25 @@ def uniform_changes(misfit: Misfit, bounds: Floats, *, step: float = 0.25, most:
 def zoom(
     objective: Objective, theta: Floats, bounds: Floats, direction: Floats, *, step: float = 0.125, least: float = 1e-4
 ) -> Iterator[tuple[Floats, Evaluation]]:
-    """Compass search on the mean absolute difference, from steps that pass over many peaks down to such that stay between two lines.
+    """Compass search along a direction on the mean misfit, from steps that pass many peaks down to steps within two lines.
 
-    Where lines lie further apart than a peak is wide, the cost has a valley wherever a peak lies between two lines; the mean difference
-    falls towards the truth all the same.
+    If lines are further apart than a peak is wide, the cost has a valley wherever a peak lies between two lines; the mean misfit falls
+    towards the truth nevertheless.
 
     Parameters
     ----------
     objective : callable
     theta : (size,) float array
-        Where to begin.
+        Start.
     bounds : (size, 2) float array
     direction : (size,) float array
     step, least : float
-        First and last step along it, halved where neither way helps.
+        First and last step along it, halved if neither way lowers the misfit.
 
     Yields
     ------
     (size,) float array, Evaluation
-        Every place that is tried; the last one that lowers the mean difference is the best.
+        Every place that is tried.
     """
     value = objective(theta)
     yield theta, value
@@ -101,20 +101,21 @@ def zoom(
 def group_levels(
     misfit: Misfit, theta: Floats, bounds: Floats, *, step: float = 0.5, least: float = 1e-3, width: int = 8, kept: int = 3
 ) -> list[Floats]:
-    """Thetas with the stiffness groups moved, each as a whole, to where the mean difference is least; none where there is one.
+    """Thetas with each stiffness group moved as a whole to the least mean misfit; an empty list if there is one group only.
 
-    Axial and rocking stiffnesses of the same bolts need not be off by the same. Tables over one group at a time, several lines of them side
-    by side; then a compass search about the best.
+    Axial and rocking stiffnesses of the same bolts may be wrong by different factors. A beam search by tables over one group at a time is
+    followed by a compass search about the best places.
 
     Parameters
     ----------
     misfit : Misfit
     theta : (size,) float array
+        Start.
     bounds : (size, 2) float array
     step, least : float
-        Between the levels of a table, and the last step of the compass search [decades].
+        Step of the tables, and last step of the compass search [decades].
     width, kept : int
-        Lines side by side, and places returned.
+        Size of the beam, and number of places returned.
     """
     P, (low, high) = misfit.model.parameters, bounds.T
     groups = [values for group, values, _ in P.placed if group.kind == "stiffness"]
@@ -154,10 +155,9 @@ def group_levels(
 
 
 def single_values(misfit: Misfit, theta: Floats, bounds: Floats, *, step: float = 0.25, least: float = 0.01) -> Floats:
-    """Theta with single values moved until the mean absolute difference falls no more: a compass search, each step the best of a table.
+    """Theta with single values moved until the mean misfit falls no more: a compass search, each step the best of a table of all values.
 
-    Between two lines a sharp peak leaves next to no trace, and a descent on squares ends in the valley where it began; a table passes over.
-    Damping exponents stay.
+    A sharp peak between two lines hardly shows, so a descent on squares stays in its valley; a table does not. Damping exponents stay.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def single_values(misfit: Misfit, theta: Floats, bounds: Floats, *, step: float 
     theta : (size,) float array
     bounds : (size, 2) float array
     step, least : float
-        First and last step, halved where no move helps [decades].
+        First and last step, halved if no move lowers the misfit [decades].
     """
     model, best = misfit.model, misfit.mean_db(misfit.model.frf(theta))
     while step >= least:
@@ -184,19 +184,19 @@ def single_values(misfit: Misfit, theta: Floats, bounds: Floats, *, step: float 
 
 
 def single_joints(misfit: Misfit, theta: Floats, start: Floats, bounds: Floats, *, tighter: float = 0.5, kept: int = 2) -> list[Floats]:
-    """Thetas with one joint moved, each to its best level of a table, those with the least mean difference first.
+    """Thetas with one joint moved to its best level of a table, for the ``kept`` joints with the least mean misfit, best first.
 
-    A joint is what moves alike: all values of a bolt, or a value that belongs to none.
+    A joint is here all values of a bolt, or a stiffness value that belongs to no bolt.
 
     Parameters
     ----------
     misfit : Misfit
     theta : (size,) float array
     start : (size,) float array
-        Levels are counted from here.
+        Values from which the levels count.
     bounds : (size, 2) float array
     tighter : float
-        Level beside ``LEVELS`` [decades].
+        Level in addition to ``LEVELS`` [decades].
     kept : int
     """
     P = misfit.model.parameters
@@ -218,9 +218,10 @@ def single_joints(misfit: Misfit, theta: Floats, start: Floats, bounds: Floats, 
 
 
 def hops(misfit: Misfit, end: Solution, bounds: Floats, span: Floats, *, step: float = 0.25, kept: int = 3) -> list[Floats]:
-    """Places beside an optimum from which a descent may lead elsewhere: where the cost rises least for what its curvature promises.
+    """Places beside an optimum from which a descent may find another valley: where the cost rises least relative to its curvature.
 
-    A peak that passes a line is a ridge in the cost, narrow and steep; beyond it there is another valley.
+    Each unknown z is moved by ``step`` either way. A peak that passes a line is a narrow, steep ridge in the cost; a small rise indicates
+    that it has been passed.
 
     Parameters
     ----------
@@ -229,16 +230,16 @@ def hops(misfit: Misfit, end: Solution, bounds: Floats, span: Floats, *, step: f
         Its Jacobian is to z.
     bounds : (size, 2) float array
     span : (size, m) float array
-        Each of z is moved by so much either way.
+        Unknowns ``prior + span z``.
     step : float
         [decades].
     kept : int
-        Places to begin at.
+        Number of places.
 
     Returns
     -------
     list of (size,) float array
-        One of each of z at most.
+        At most one for each z.
     """
     model, here = misfit.model, end.evaluation
     found: list[tuple[float, int, Floats]] = []
@@ -267,11 +268,11 @@ def other_levels(
     levels: Sequence[float] = LEVELS,
     kept: int = 12,
 ) -> list[Floats]:
-    """Places where one joint stands at another level, its groups alike, or has the stiffness of another one; all else as at an optimum.
+    """Places beside an optimum with one joint at another level (its groups alike), or exchanged with a stiffer joint; all else as there.
 
-    A table about the prior sees a joint at a few levels beside others that are as in the reference job. About an end the scatter of all
-    others is known, and a joint that took the place of another one, or stopped halfway, shows. Joints at mirrored places are told apart by
-    what is not symmetric alone: a descent that began nearer to one never sees the other.
+    A table about the prior has all other joints as in the reference job. About an end their scatter is known, so a joint that was mistaken
+    for another one, or whose descent stopped halfway, shows. Joints at mirrored places differ only by what is not symmetric: a descent
+    that began nearer to one never finds the other.
 
     Parameters
     ----------
@@ -281,17 +282,17 @@ def other_levels(
     span : (size, m) float array
         Unknowns ``prior + span z``.
     joints : sequence of int
-        Of z, the changes of the joints.
+        Indices in z of the changes of joints.
     mirrors : callable
-        Which of them are exchanged where one that has loosened by the first level or more has the stiffness of a stiffer one.
+        Pairs that are exchanged together with a pair of joints. The softer one of the pair has lost ``levels[0]`` or more.
     levels : sequence of float
-        That are tried, and none; but for the one nearest to the end, in whose valley that lies [decades].
+        Levels that are tried, and zero, without the one nearest to the end [decades].
     kept : int
 
     Returns
     -------
     list of (size,) float array
-        Those that come nearest to the measurement, by the mean absolute difference.
+        The ``kept`` places with the least mean misfit, best first.
     """
     model = misfit.model
     frf = model.nearby(end.theta) if isinstance(model, FrfModel) else model.frf
@@ -321,10 +322,9 @@ def other_levels(
 def prior_draws(
     misfit: Misfit, shapes: Shapes, bounds: Floats, places: Mapping[str, Floats], *, draws: int = 64, kept: int = 3, seed: int = 0
 ) -> tuple[dict[str, Floats], int]:
-    """Places to begin at, and beside them the lowest of some changes drawn from the prior.
+    """Starts, and in addition the random draws from the prior with the least cost.
 
-    Tables of changes at single bolts start from discrete levels and from the damping of the prior; of small changes of everything at once
-    they see nothing.
+    Tables change single bolts to discrete levels, with the damping of the prior. They do not contain small changes of all unknowns at once.
 
     Parameters
     ----------
@@ -332,15 +332,16 @@ def prior_draws(
     shapes : Shapes
     bounds : (size, 2) float array
     places : mapping of str to (size,) float array
+        Starts by description.
     draws, kept, seed : int
-        Draws, those of them to begin at, and the seed.
+        Number of draws, number of those added, and seed.
 
     Returns
     -------
     dict of str to (size,) float array
-        The same for the same input.
+        Starts by description, the same for the same input.
     int
-        Evaluations.
+        Number of evaluations.
     """
     rng = np.random.default_rng(seed)
     std = np.where(np.isfinite(shapes.std), shapes.std, 1.0)
@@ -350,9 +351,9 @@ def prior_draws(
 
 
 def basins(totals: Sequence[float], count: int = 2) -> list[int]:
-    """Indices of the trials to start from: the lowest of so many basins, and trial 0, which is the given start.
+    """Indices of the trials to start from: the ``count`` lowest local minima of a scan, then trial 0, the given start.
 
-    The trials after the first stand in order of their values.
+    The trials after the first are the scan, in order of their values.
     """
     scan = np.array([np.inf, *totals[1:], np.inf])
     valleys = [i for i in range(1, len(totals)) if scan[i] < scan[i - 1] and scan[i] <= scan[i + 1]]

@@ -1,4 +1,4 @@
-"""Whether two descents lead to the same place: told by where the linearisations about them have their minima, long before they end."""
+"""Whether two descents lead to the same end, recognised early by the minima of the linearisations about them."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from lrbc_cli.updating.search.optimise import promised
 
 
 def worth(misfit: Misfit, value: Evaluation) -> float:
-    """Change of the sum of squares that the data can tell: one nat of the log posterior, with the noise that the sum itself tells [dB²].
+    """Least change of the sum of squares that the data resolve: one nat of the log posterior [dB²].
 
-    A difference of so much between the residuals of two states makes neither much more probable than the other.
+    The variance is that of the evaluation itself, ``total`` over the number of data residuals, times the coarsening.
     """
     rows = max(misfit.data_rows(value), 1)
     return float(2.0 * misfit.coarsening * value.total / rows)
@@ -23,16 +23,16 @@ def worth(misfit: Misfit, value: Evaluation) -> float:
 
 @dataclass(frozen=True)
 class Lead:
-    """A place on a descent, and where the linearisation there leads.
+    """The present place of a descent, and the minimum of the linearised cost.
 
     Attributes
     ----------
     total : float
-        Sum of squares at the place.
+        Sum of squares at the place [dB²].
     jacobian : (n, m) float array
-        There.
+        At the place, to z.
     end : (m,) float array
-        Minimum of the linearised cost inside the bounds.
+        z at the minimum of the linearised cost inside the bounds.
     """
 
     total: float
@@ -41,21 +41,21 @@ class Lead:
 
     @classmethod
     def of(cls, value: Evaluation, z: Floats, box: Floats) -> Lead:
-        """By the evaluation at z; a place without a cost leads nowhere but to itself."""
+        """From the evaluation at z with the bounds ``box`` (m, 2); if the cost is not finite, the end is z itself."""
         known = np.isfinite(value.total) and bool(np.all(np.isfinite(value.jacobian)))
         return cls(value.total, value.jacobian, z + promised(value, z, box) if known else z)
 
     def meets(self, other: Lead, difference: float) -> bool:
-        """Whether residuals of both ends differ by no more than that, as sums of squares.
+        """Whether the residuals at both ends differ by no more than ``difference`` [dB²], as a sum of squares.
 
-        By the derivatives of both: a joint that is free at one of them is felt at the other.
+        It must hold by both Jacobians, because a joint that is free at one place affects the FRFs at the other.
         """
         apart = self.end - other.end
         return all(float(np.sum((J @ apart) ** 2)) <= difference for J in (self.jacobian, other.jacobian))
 
 
 def leading_apart(leads: Sequence[Lead], difference: float) -> list[int]:
-    """Which of the leads end where none with a lower cost does, those with the lowest cost first."""
+    """Indices of the leads that do not meet one with a lower cost, lowest cost first."""
     found: list[int] = []
     for at in sorted(range(len(leads)), key=lambda at: leads[at].total if np.isfinite(leads[at].total) else np.inf):
         if not any(leads[at].meets(leads[other], difference) for other in found):
