@@ -108,7 +108,7 @@ def check(
     out.sections["jobs"] = _jobs(inputs, folder, parts, out, detailed, progress)
     out.sections["more"] = [
         *([] if pictured else ["lrbc check --picture draws the structure with bolts, sensors and updated terms"]),
-        "lrbc plan tells from the model alone which bolts these responses can see, and ranks them",
+        "lrbc plan shows, from the model alone, which bolts these responses can detect, and ranks the responses",
     ]
     out.tree = _tree(inputs, out, decision)
     return out
@@ -221,11 +221,11 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         first = held.setdefault(tuple(measurement.hashes.values()), name)
         if first != name:
             out.warnings.append(
-                f"job {name}: the measurement of {first} once more; was another file meant? A repeat has to be measured anew. Write its "
-                f"own file under jobs.{name}.frf"
+                f"job {name}: the same measurement as {first}. Check whether another file was meant; a repeat must be measured again. "
+                f"Write its own file under jobs.{name}.frf"
             )
         elif copied := earlier.copied(measurement, names):
-            out.warnings.append(f"job {name}: {copied} Write its own file under jobs.{name}.frf")
+            out.warnings.append(f"job {name}: {copied}. Write its own file under jobs.{name}.frf")
         earlier.add(name, measurement)
         readable[name] = measurement
         records = sum(bool(np.isfinite(measurement.values[:, i]).any()) for i in range(len(inputs.responses)))
@@ -243,8 +243,8 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
     out.warnings += _unclear(inputs, readable)
     if sparse and isinstance(chosen_lines, EveryLine):
         out.warnings.append(
-            f"update.lines: {{every: {chosen_lines.every}}} leaves no line at most of the resonances, where "
-            f"changes show most: {', '.join(sparse)}; write lines: resonances"
+            f"update.lines: {{every: {chosen_lines.every}}} selects no line at most of the resonances, where "
+            f"changes show most: {', '.join(sparse)}. Write lines: resonances"
         )
     out.warnings += other_lines(inputs.campaign.update.reference, readable)
     out.warnings = _once(out.warnings)
@@ -272,8 +272,8 @@ def _unclear(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[str]:
         if together := too_wide(*those, rule=rule):
             which, text = f"job{'s' if len(names) > 1 else ''} {', '.join(names)}", together.text
             if few := _few(inputs, those):
-                text = f"noise of {few}, it seems: {together.fall}, most of them there; look at the channel, and measure it again"
-            told.append(f"{which}: {text}, or expect wide intervals, other valleys of the cost, and no all-clear")
+                text = f"probably noise of {few}: {together.fall}, most of them there; check the channel, and measure it again"
+            told.append(f"{which}: {text}, or expect wide intervals, other local minima of the cost, and no all-clear")
     return told
 
 
@@ -308,14 +308,14 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
 def _looks(inputs: Inputs, folder: Path, readable: dict[str, Measurement], progress: Callable[[str], None]) -> FirstLook:
     """What measurements beside the model show; over a piece of the file without resonances errors of the model look like gains."""
     if inputs.places_doubt:
-        return FirstLook(note="measured and computed FRFs are compared once the places that are warned of are corrected")
+        return FirstLook(note="measured and computed FRFs are compared once the places in the warnings are corrected")
     tight = readable.get(inputs.campaign.update.reference or "")
     if (
         tight is not None
         and sum(tight.left_out) > tight.frequency_hz.size
         and few_resonances(tight.frequency_hz, tight.values[:, inputs.used]) is not None
     ):
-        return FirstLook(note="measured and computed FRFs are compared where the band holds more resonances")
+        return FirstLook(note="measured and computed FRFs are compared only if the band contains more resonances")
     return first_look(inputs, folder, readable, progress)
 
 
@@ -327,13 +327,13 @@ def _poor(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[str]:
     if rounded := few_digits(measurement.values):
         which = ", ".join(f"{inputs.responses[i].name} ({error:.1f} dB)" for i, error in rounded.items())
         yield (
-            f"{inputs.campaign.jobs[name].first.name}: numbers with too few digits, by which levels err: {which}; expected: five digits of "
-            "each number, also of small ones. Export it again in exponential format (1.2345e-03)"
+            f"{inputs.campaign.jobs[name].first.name}: numbers with too few digits; errors of the levels: {which}. Export it again in "
+            "exponential format with five digits of each number, also of small ones (1.2345e-03)"
         )
     if top := normalised(measurement.values):
         yield (
-            f"{inputs.campaign.jobs[name].first.name}: every record has its largest magnitude at {top:.6g}: normalised, each to its own "
-            "peak, so that levels between sensors are lost; export the FRFs as response over force, without normalisation"
+            f"{inputs.campaign.jobs[name].first.name}: every record has its largest magnitude at {top:.6g}: each was normalised to its "
+            "own peak, so the levels between sensors are lost. Export the FRFs as response over force, without normalisation"
         )
     yield from _single(inputs, name, measurement)
 
@@ -345,8 +345,8 @@ def _single(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[str
     if ones.size and inputs.campaign.jobs[name].averages > 1:
         yield (
             f"{inputs.campaign.jobs[name].first.name}: the coherence of {', '.join(inputs.responses[i].name for i in ones)} is 1 at every "
-            "line, as of a single blow, which tells nothing of the noise; expected: three averaged blows or more. Measure so, or leave the "
-            f"coherence out of the file; of one blow write jobs.{name}.averages: 1"
+            "line, as for a single blow, and says nothing about the noise. Average three blows or more, or remove the coherence from the "
+            f"file; for one blow write jobs.{name}.averages: 1"
         )
 
 
@@ -355,10 +355,10 @@ def _few_text(inputs: Inputs, measurement: Measurement, count: int) -> str:
     axis, (low, high) = measurement.frequency_hz, inputs.campaign.reduction.band
     step = float(np.median(np.diff(axis))) if axis.size > 1 else 0.0
     ends = axis[0] - step * measurement.left_out[0], axis[-1] + step * measurement.left_out[1]
-    wider = f"the file holds {ends[0]:.6g} to {ends[1]:.6g} Hz" if sum(measurement.left_out) else "measure a wider band"
+    wider = f"the file contains {ends[0]:.6g} to {ends[1]:.6g} Hz" if sum(measurement.left_out) else "measure a wider band"
     return (
-        f"{count or 'no'} resonance{'' if count == 1 else 's'} in the band from {low:g} to {high:g} Hz: a loosened bolt moves each one by "
-        f"another amount, and so few do not tell which bolt it was; expected: three at least. Widen reduction.band ({wider})"
+        f"{count or 'no'} resonance{'' if count == 1 else 's'} in the band from {low:g} to {high:g} Hz, at least three are needed: a "
+        f"loosened bolt shifts each one differently, and so few do not show which bolt it was. Widen reduction.band ({wider})"
     )
 
 
@@ -370,8 +370,8 @@ def _phaseless(inputs: Inputs, readable: dict[str, Measurement]) -> list[str]:
     names = [inputs.responses[i].name for i in sorted({i for found in bare.values() for i in found})]
     files = [inputs.campaign.jobs[name].first.name for name in bare]
     return [
-        f"{', '.join(files)}: no phases: every value of {', '.join(names)} is real and above zero; expected: complex FRFs. Export real and "
-        "imaginary parts, or magnitudes with their phases: without them reversed or exchanged sensors, delays and windows are not found"
+        f"{', '.join(files)}: no phases: every value of {', '.join(names)} is real and positive. Export complex FRFs (real and imaginary "
+        "parts, or magnitudes with phases): without phases, reversed or exchanged sensors, delays and windows are not found"
     ]
 
 
@@ -383,7 +383,7 @@ def _other_chains(inputs: Inputs, readable: dict[str, Measurement]) -> list[str]
         if tight is None or name == reference:
             continue
         if text := chain_doubt(inputs, own, tight, reference):
-            found.append(f"job {name}: {text} (a result says so again unless the bolts that are identified explain it)")
+            found.append(f"job {name}: {text} (the result repeats this unless the identified bolts explain it)")
         if text := noise_doubt(own, tight, reference):
             found.append(f"job {name}: {text}")
         if text := coherence_doubt(inputs, own, tight, reference):
@@ -397,14 +397,15 @@ def _unvalidated(inputs: Inputs) -> list[str]:
     if update.reference is not None and update.responses is not None and 0 < 2 * used < inputs.validation.size:
         return [
             f"update.responses: {used} of {len(inputs.responses)} responses {'is' if used == 1 else 'are'} used, {inputs.validation.size} "
-            "are left to validate: it lists those that are used; were those to be left out meant? List the others"
+            "are left to validate. The key lists the responses that are used: check whether those to be left out were meant, and list the "
+            "others"
         ]
     if update.reference is None or inputs.validation.size or len(inputs.responses) < 2:
         return []
     names = [response.name for response in inputs.responses]
-    wrong = "all responses are used" if update.responses is None else "it names all responses"
+    wrong = "all responses are used" if update.responses is None else "it lists all responses"
     return [
-        f"update.responses: {wrong}, and none is left to test the result: no job is validated, and nothing is an all-clear; leave one out: "
+        f"update.responses: {wrong}, and none is left to test the result: no job is validated, and nothing is an all-clear. Leave one out: "
         f"update.responses: [{', '.join(names[:-1])}]"
     ]
 
@@ -415,7 +416,7 @@ def _unwritable(output: Path) -> list[str]:
     if there.is_dir() and os.access(there, os.W_OK | os.X_OK):
         return []
     what = "cannot be written to" if there.is_dir() else "is a file"
-    return [f"output: {there} {what}, so that no result can be kept: choose another folder in `output`"]
+    return [f"output: {there} {what}, so no result can be kept: choose another folder in `output`"]
 
 
 def _once(texts: Sequence[str]) -> list[str]:

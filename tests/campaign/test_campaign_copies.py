@@ -132,7 +132,10 @@ def test_the_tight_state_under_another_name_is_no_all_clear(tmp_path: Path, put:
     put(folder)
     folder.write(folder.tree() | {"jobs": {name: {"frf": f"data/frf/{name}.csv"} for name in ("tight", "loose-2")}})
     warned = folder.run("check").stdout + folder.run("check").stderr
-    assert "job loose-2: it has the numbers of the measurement of tight; was another file meant? Write its own file under" in warned
+    assert (
+        "job loose-2: it has the numbers of the measurement of tight: check whether another file was meant. Write its own file under"
+        in warned
+    )
     done = folder.run("update", "--fail-on-loose")
     assert done.code == 7, done.stdout
     assert "it has the numbers of the measurement of tight" in done.stdout

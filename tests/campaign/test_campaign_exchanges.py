@@ -44,8 +44,8 @@ def test_files_of_two_jobs_of_the_frame() -> None:
     assert exchanged_files(inputs, measured) is None
     told = exchanged_files(inputs, measured | {"loose-2": measured["loose-all"], "loose-all": measured["loose-2"]})
     assert told is not None
-    assert told.startswith("loose-2 (2 bolts removed) lies")
-    assert told.endswith("Are jobs.loose-2.frf and jobs.loose-all.frf in each other's place?")
+    assert told.startswith("the files of loose-2 and loose-all may be exchanged: loose-2 (2 bolts removed) differs")
+    assert told.endswith("Check jobs.loose-2.frf and jobs.loose-all.frf")
     assert exchanged_files(inputs, {name: measured[name] for name in ("loose-2", "loose-all")}) is None
 
 

@@ -84,7 +84,7 @@ def test_files_that_clash_are_named(box: Folder) -> None:
     first = put(box, "a.uff", a, b, c, d)
     set_job(box, frf=[first, put(box, "b.uff", replace(b, values=2 * b.values))])
     text = refused(box)
-    assert "the files a.uff and b.uff both give response mic2" in text
+    assert "the files a.uff and b.uff both contain response mic2" in text
     assert "records: {mic2: {file: a.uff}}" in text
     set_job(box, frf=[first, put(box, "b.uff", replace(b, values=2 * b.values))], records={"mic2": {"file": "data/b.uff"}})
     np.testing.assert_allclose(measured(box).values[:, 1], 2 * b.values, rtol=1e-11)
@@ -96,7 +96,7 @@ def test_files_that_clash_are_named(box: Folder) -> None:
     coarse = replace(d, frequency_hz=d.frequency_hz[::2], values=d.values[::2])
     set_job(box, frf=[put(box, "a.uff", a, b, c), put(box, "d.uff", coarse)])
     text = refused(box)
-    assert "two files of one job are on different lines, a.uff and d.uff" in text
+    assert "two files of one job have different frequency lines, a.uff and d.uff" in text
     assert "191 lines from 20 to 400 Hz" in text
     assert "96 lines from 20 to 400 Hz" in text
     # Lines outside the band do not matter: a text export may leave out what it cannot print.
@@ -115,7 +115,7 @@ def test_records_by_number_file_and_the_name_of_the_file(box: Folder) -> None:
     set_job(box, frf=files, records={})
     found = measured(box)
     np.testing.assert_allclose(found.values, whole, rtol=1e-11)
-    assert "no name in the file, called by the file: mic1, mic2, mic3, acc1" in found.notes
+    assert "no name in the file, named after the file: mic1, mic2, mic3, acc1" in found.notes
     set_job(box, frf=[put(box, "x.uff", b, a), put(box, "y.uff", c), put(box, "z.uff", d)])
     places = {
         "mic1": {"file": "data/x.uff", "number": 2},
@@ -128,10 +128,10 @@ def test_records_by_number_file_and_the_name_of_the_file(box: Folder) -> None:
     set_job(box, records=places | {"mic1": {"file": "data/x.uff"}})
     assert "several records fit response mic1 (the one record of x.uff)" in refused(box)
     set_job(box, records=places | {"mic1": 1})
-    assert "both give response mic1 (number 1)" in refused(box)
+    assert "both contain response mic1 (number 1)" in refused(box)
     set_job(box, records=places | {"mic1": {"file": "data/tight.uff"}})
     text = refused(box)
-    assert "this is none of the job's files" in text
+    assert "this is not one of the job's files" in text
     assert "jobs.loose.records.mic1.file" in text
 
 
@@ -149,8 +149,8 @@ def test_results_do_not_rest_on_the_paths_of_files(box: Folder) -> None:
 def test_a_response_that_one_job_lacks(box: Folder) -> None:
     a, _, c, d = records_of(box)
     put(box, "loose.uff", a, c, d)
-    missing = "loose.uff: no record of mic2: identified from the other 3 responses, and no all-clear rests on this job"
-    missing += "; measure mic2 again where one is wanted"
+    missing = "loose.uff: no record of mic2: identified from the other 3 responses, so this job gives no all-clear"
+    missing += "; measure mic2 again if one is wanted"
     assert measured(box).warnings == (missing,)
     assert missing in box.run("check").stdout
     result = box.run("update", "--job", "loose", "--fail-on-loose")

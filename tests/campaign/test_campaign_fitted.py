@@ -101,7 +101,7 @@ def test_a_hammer_that_read_too_little_force() -> None:
     assert struck(inputs, own, expected) == ""
     own[:, :4] *= 10.0 ** (4.0 / 20.0)
     text = struck(inputs, own, expected)
-    assert text.startswith("all FRFs of h1 lie ")
+    assert text.startswith("all FRFs of h1 are ")
     assert " dB above " in text
     factor = float(text.rpartition("a3-h1: ")[2].rstrip("}"))
     assert abs(20.0 * np.log10(factor) + 4.0) < 1.0

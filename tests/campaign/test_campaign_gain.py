@@ -38,7 +38,7 @@ def test_a_gain_of_all_responses_makes_no_bolt_loose(tmp_path: Path, decibels: f
     assert abs(gain["value"] - decibels) < 0.1
     # Bolts are judged, but such a job is no all-clear.
     assert result["validity"]["passed"] is None
-    assert "than the reference job lets expect" in result["validity"]["reason"]
+    assert "than expected from the reference job" in result["validity"]["reason"]
     assert "higher" in told[0] if decibels > 0 else "lower" in told[0]
     # What stands there already is kept.
     assert "jobs.loose-2.scale: {acc1: " in told[0]
@@ -98,7 +98,7 @@ def test_sensitivities_that_are_off_in_all_jobs_make_no_bolt_loose(tmp_path: Pat
         assert found["acc4"]["std"] is None
     told = "all FRFs are " if decibels[0] == decibels[1] else "FRFs are higher or lower (acc1 "
     for warnings in (calibration["warnings"], tight["warnings"]):
-        (text,) = [text for text in warnings if "than the model lets expect" in text]
+        (text,) = [text for text in warnings if "than expected from the model" in text]
         assert told in text
     assert abs(calibration["factors"]["damping.structure"]["value"] - 1.0) < 0.1
     # All jobs share them: nothing is said of the others, and they are judged and validated.

@@ -104,7 +104,7 @@ def test_nothing_validates_channels_that_were_fitted(tmp_path: Path) -> None:
         assert tree["status"] == "converged"
     assert {b["name"] for b in folder.result("loose")["bolts"] if b["verdict"] == "loose"} == {"B3", "B4"}
     text = page(folder)
-    assert "tight, loose: not validated: no validation channel tests the updated model" in text
+    assert "tight, loose: not validated: the verdicts stand, but are no all-clear" in text
     assert ">passed<" not in text
 
 
@@ -165,7 +165,7 @@ def test_what_can_validate() -> None:
     values[:, 2] = -9.81 * values[:, 0] * (1 + 1e-8 * rng.normal(size=50))
     found, why = validation_channels(values, used, unused, limits)
     assert found.size == 0
-    assert why == "the validation channels are records that were fitted too"
+    assert why == "the validation channels are copies of records that were fitted"
     assert validation_channels(values, used, unused, ValidationChannels(copied=1e-9))[0] == pytest.approx([2])
     assert validation_channels(values, used, unused[1:], limits)[1] == "the validation channels have values on 4% of the lines only"
     assert validation_channels(values, used, unused[:0], limits)[1] == "there are no validation channels"
@@ -179,9 +179,10 @@ def test_the_reference_file_once_more_clears_nothing(tmp_path: Path) -> None:
     assert done.code == 7, done.stderr
     validity = folder.result("loose")["validity"]
     assert validity["passed"] is None
-    assert validity["reason"].startswith("not validated: loose.uff holds the measurement of tight once more; was another file meant?;")
-    assert any("once more" in note for note in folder.result("loose")["notes"])
-    assert "(not validated: loose.uff holds the measurement of tight once more; was another file meant?)" in done.stdout
+    again = "not validated: loose.uff contains the measurement of tight again; check whether another file was meant"
+    assert validity["reason"].startswith(f"{again};")
+    assert any("contains the measurement of tight again" in note for note in folder.result("loose")["notes"])
+    assert f"({again})" in done.stdout
 
 
 def test_loose_bolts_of_the_reference_job_are_seen_there(tmp_path: Path) -> None:
@@ -196,7 +197,7 @@ def test_loose_bolts_of_the_reference_job_are_seen_there(tmp_path: Path) -> None
     assert done.code == 7, done.stderr
     reference = folder.result("tight")
     assert reference["taken_as_tight"]["doubtful"] == ["B3", "B4"]
-    assert "not all tight, it seems: B3 (" in done.stderr
+    assert "probably not all tight (loose against the reference job: B3 (" in done.stderr
     assert "taken as tight; but B3, B4 far looser than the other bolts there" in done.stdout
     assert "B3, B4 far looser than the other bolts in the reference job" in folder.result("loose")["validity"]["unvalidated"]
     assert "B4 far looser than the other bolts there" in folder.run("status").stdout
@@ -208,9 +209,9 @@ def test_what_is_stated_as_removed_and_comes_out_tight_is_told(tmp_path: Path) -
     tree["jobs"]["loose"]["removed"] = ["B1", "B3"]
     folder.write(tree)
     done = folder.run("update")
-    assert "jobs.loose.removed: B1 is stated to be missing, and judged tight against tight: " in done.stderr
-    assert "loose instead: are the bolts numbered otherwise at the rig" in done.stderr
-    assert "Correct the names in bolts.csv; else are the files of the two jobs" in done.stderr
+    assert "jobs.loose.removed: B1 is stated to be missing, but judged tight against tight. " in done.stderr
+    assert "loose instead: check whether the bolts are numbered differently at the rig" in done.stderr
+    assert "correct the names in bolts.csv. Otherwise check whether the files of the two jobs" in done.stderr
 
 
 def rewritten(change: Callable[[FrfRecord], FrfRecord]) -> Callable[[Folder], None]:
@@ -233,7 +234,7 @@ def cut(record: FrfRecord) -> FrfRecord:
     ("change", "said"),
     [
         (lambda record: replace(record, values=record.values * (1 + 1e-9)), "it has the numbers of the measurement of tight"),
-        (cut, "its lines reach from 20 to 360 Hz, those of tight from 20 to 400 Hz; is the file complete?"),
+        (cut, "its lines reach from 20 to 360 Hz, those of tight from 20 to 400 Hz; check whether it is complete"),
     ],
 )
 def test_what_is_no_measurement_of_its_own_or_not_whole_clears_nothing(

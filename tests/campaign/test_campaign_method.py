@@ -69,7 +69,7 @@ def test_keys_without_effect_are_named(settings: Any, idle: str, needed: Any) ->
 
 
 def test_averages_without_a_coherence_are_named(frame: Folder) -> None:
-    said = "averages: 7 are those of its coherence, of which there is none, and not used"
+    said = "averages: 7 is not used, as the job has no coherence"
     outcome = frame.run("check", "--override", "jobs.tight.averages=7")
     assert (outcome.stdout + outcome.stderr).count(said) == 1
     assert said not in frame.run("check").stdout
@@ -170,4 +170,4 @@ def test_check_update_and_plan_take_the_same_method(frame: Folder) -> None:
     for line in ("approach: bolts (there is a reference job to compare with)", "mixture: yes (each bolt is tight or loose)"):
         assert line in text
     listing = frame.run("check", "--override", "update.approach=bolts", "--override", "update.regularisation=0.04").stdout
-    assert "update.regularisation: 0.04 is a weight of values along the edge, for approach: paper, and not used" in listing
+    assert "update.regularisation: 0.04 is not used: a weight of values along the edge needs approach: paper" in listing

@@ -104,7 +104,7 @@ def test_repeats_on_other_lines(box: Folder) -> None:
     with_repeats(box, repeated(box, 1, 0.02, lines=slice(0, 150)))
     result = box.run("update", "--job", "loose")
     assert result.code == 5
-    for part in ("again-0.uff", "other lines", "191 lines from 20 to 400 Hz", "150 lines"):
+    for part in ("again-0.uff", "other frequency lines", "191 lines from 20 to 400 Hz", "150 lines"):
         assert part in result.stderr
 
 
@@ -122,7 +122,7 @@ def test_coherence_is_a_weight(box: Folder) -> None:
     np.testing.assert_allclose(sigma[:, 0], coherence_sigma(g2[selected], 3), rtol=1e-6)
     assert np.isnan(sigma[:, -1]).all()
     (note,) = notes
-    assert f"no coherence, hence the weight 1, for {inputs.responses[inputs.used[-1]].name} ({selected.size} lines)" in note
+    assert f"weight 1, as there is no coherence, for {inputs.responses[inputs.used[-1]].name} ({selected.size} lines)" in note
     tree = identify(box, "update.regularisation=auto", "jobs.loose.averages=3")
     assert note in tree["notes"]
     # Ten times the averages: another weight, hence another cost for the same start.

@@ -81,13 +81,13 @@ def test_records_that_are_left_are_offered(box: Folder) -> None:
     """Where several responses have none, in their order; where another number of them is left, which is whose is not known."""
 
     rewrite(box, lambda r: replace(r, name="ch 2", response_node=0) if r.name == "mic2" else r, "tight.uff")
-    assert "if it is ch 2, write responses.mic2.record: ch 2; else say" in str(refused(box, job="tight").hint)
+    assert "if it is ch 2, write responses.mic2.record: ch 2; otherwise give" in str(refused(box, job="tight").hint)
     rewrite(box, lambda r: replace(r, name="ch 3", response_node=0) if r.name == "mic3" else r, "tight.uff")
-    offered = "if they are ch 2, ch 3, in this order, write responses.mic2.record: ch 2, responses.mic3.record: ch 3; else say"
+    offered = "if they are ch 2, ch 3, in this order, write responses.mic2.record: ch 2, responses.mic3.record: ch 3; otherwise give"
     assert offered in str(refused(box, job="tight").hint)
     left = tuple(record for record in read_frf(box.data / "tight.uff").records if record.name != "ch 3")
     write_frf(box.data / "tight.uff", FrfSet("tight.uff", left))
-    assert str(refused(box, job="tight").hint).startswith("say which one in responses.mic2.record or in the job's records")
+    assert str(refused(box, job="tight").hint).startswith("give the record in responses.mic2.record or in the job's records")
 
 
 @pytest.mark.parametrize("direction", [1, 2, 5])
@@ -213,7 +213,7 @@ def test_keys_of_the_job_hold_where_the_file_says_nothing(box: Folder) -> None:
     assert (b.unit, b.decimal, b.phase, b.coherence) == ("g/N", ",", None, "c")
     assert (c.unit, c.decimal, c.phase) == ("Pa/N", ".", "deg")
     assert [path.name for path in job.all_files] == ["a.csv", "b.csv", "c.csv"]
-    with pytest.raises(ConfigError, match="a measurement as its own repeat"):
+    with pytest.raises(ConfigError, match="the repeat uses a file that this job already contains"):
         box.inputs("jobs.loose.frf=data/a.csv", "jobs.loose.repeats=[data/c.csv, {file: data/c.csv, format: {unit: g/N}}]")
 
 
@@ -269,7 +269,7 @@ def test_lines_that_differ_by_rounding_are_the_same(box: Folder, monkeypatch: py
 def test_a_single_line(box: Folder) -> None:
     rewrite(box, lambda r: replace(r, frequency_hz=r.frequency_hz[30:31], values=r.values[30:31]))
     error = refused(box)
-    assert error.problem == "one line of this measurement lies in the band of the reduced model"
+    assert error.problem == "only one frequency line of this measurement lies in the band of the reduced model"
     assert error.found == "one line, 80 Hz (of 1 from 80 to 80 Hz)"
 
 
@@ -284,35 +284,35 @@ def test_a_coherence_of_few_lines(box: Folder) -> None:
     table = np.column_stack([np.arange(20.0, 202.0, 2.0), np.full(91, 0.9)])
     np.savetxt(box.data / "coherence.csv", table, delimiter=",", header="frequency_hz,mic1_coherence", comments="")
     found = measured(box, "jobs.loose.coherence=data/coherence.csv")
-    assert found.warnings == ("loose.uff: the coherence of mic1 holds 91 of 191 lines in the band only",)
+    assert found.warnings == ("loose.uff: the coherence of mic1 has values on 91 of 191 lines of the band only",)
     assert measured(box, "jobs.loose.coherence=data/coherence.csv", "reduction.band=[20.0, 220.0]").warnings == ()
 
 
 def test_a_measurement_that_was_cut_off(box: Folder) -> None:
     rewrite(box, lambda r: replace(r, frequency_hz=r.frequency_hz[:93], values=r.values[:93]))
-    warning = "loose.uff: the lines from 20 to 204 Hz cover 48% of the band from 20 to 400 Hz; is the file complete? "
-    warning += "Else measure again over the whole band, or end the band of all jobs there: reduction.band: [20, 204]"
+    warning = "loose.uff: the lines from 20 to 204 Hz cover 48% of the band from 20 to 400 Hz. Check whether the file is complete. "
+    warning += "Otherwise measure again over the whole band, or end the band of all jobs there: reduction.band: [20, 204]"
     assert measured(box).warnings == (warning,)
     assert measured(box, "reduction.band=[20.0, 210.0]").warnings == ()
     assert warning in box.run("check").stdout
     result = box.run("update", "--job", "loose", "--override", "update.regularisation=auto")
     assert result.code == 0
-    lines = "93 lines from 20 to 204 Hz, there 191 lines from 20 to 400 Hz"
-    others = f"its lines are not those of tight ({lines}): compared without correction by it"
+    lines = "93 lines from 20 to 204 Hz instead of 191 lines from 20 to 400 Hz"
+    others = f"its frequency lines differ from those of tight ({lines}): compared without correction by it"
     assert result.stderr == f"warning: job loose: {warning}\nwarning: job loose: {others}\n"
     assert box.result("loose")["notes"][0] == warning
 
 
 def test_lines_that_differ_are_named() -> None:
     axis = np.arange(20.0, 30.0)
-    assert unlike(axis[:5], axis) == "5 lines from 20 to 24 Hz, there 10 lines from 20 to 29 Hz"
-    assert unlike(np.where(axis == 22, 22.25, axis), axis) == "line 3 at 22.25 Hz, there 22 Hz"
+    assert unlike(axis[:5], axis) == "5 lines from 20 to 24 Hz instead of 10 lines from 20 to 29 Hz"
+    assert unlike(np.where(axis == 22, 22.25, axis), axis) == "line 3 at 22.25 Hz instead of 22 Hz"
 
 
 def test_a_response_that_was_cut_off(box: Folder) -> None:
     rewrite(box, lambda r: replace(r, frequency_hz=r.frequency_hz[:150], values=r.values[:150]) if r.name == "mic2" else r)
-    warning = "loose.uff: response mic2 has values on 150 of 191 lines only, from 20 to 318 Hz; is the file complete? "
-    warning += "Else measure it again, or take the response out"
+    warning = "loose.uff: response mic2 has values on 150 of 191 lines only, from 20 to 318 Hz. Check whether the file is complete. "
+    warning += "Otherwise measure it again, or remove the response"
     assert measured(box).warnings == (warning,)
     # A validation channel, too, tests only what it holds.
     assert measured(box, "update.responses=[mic1, acc1]").warnings == (warning,)

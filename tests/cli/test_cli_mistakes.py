@@ -564,7 +564,7 @@ MISTAKES = [
         "found:    2844 entries",
         "copy it again",
     ),
-    Mistake("list of entries cut at a line end", "plate", cut_gz("plate.sti.gz"), 3, "the stiffness matrix ends early", "file cut"),
+    Mistake("list of entries cut at a line end", "plate", cut_gz("plate.sti.gz"), 3, "the stiffness matrix ends early", "file was cut off"),
     Mistake("stiffness cut in a line", "frame", cut_in_line("model/stiffness.mtx"), 3, "the file ends early", "copy it again"),
     Mistake("FRFs cut in a line", "frame", cut_in_line("frf/loose-2.csv"), 3, "the file ends early", "copy it again"),
     Mistake("UFF cut in a line", "plate", cut_in_line("frf/b5-loose.uff"), 3, "the file ends early", "copy it again"),
@@ -583,15 +583,15 @@ MISTAKES = [
         config(("loss_factor: 0.01}", "loss_factor: 1.0}")),
         0,
         "model.damping.structure.loss_factor: 1 is 100%",
-        "if per cent were meant, write 0.01",
+        "If per cent was meant, write 0.01",
     ),
     Mistake(
         "bushings a thousand times too small",
         "plate",
         text("bushings.csv", lambda t: t.replace(",5000\n", ",5\n").replace(",1000\n", ",1\n")),
         0,
-        "holds 1000 times the springs of bushings.csv",
-        "multiply the stiffnesses there by 1000",
+        "contains 1000 times the stiffness in bushings.csv",
+        "Multiply the stiffnesses there by 1000",
     ),
     Mistake(
         "bushings a thousand times too small beside a matrix without springs",
@@ -601,8 +601,8 @@ MISTAKES = [
             config(("baseline: 1.0", "baseline: 1000.0")),
         ),
         0,
-        "dB apart with all stiffnesses of bushings.csv times 1000",
-        "multiply the stiffnesses there by 1000",
+        "with all stiffnesses of bushings.csv times 1000, the level misfit falls",
+        "Multiply the stiffnesses there by 1000",
     ),
     Mistake(
         "springs in N/m",
@@ -610,7 +610,7 @@ MISTAKES = [
         text("bushings.csv", lambda t: t.replace(",5000\n", ",5000000\n").replace(",1000\n", ",1000000\n")),
         0,
         "holds 0.001 times what bushings.csv says",
-        "are in N/m, it seems, not in N/mm: divide them by 1000",
+        "are probably in N/m, not in N/mm: divide them by 1000",
     ),
     Mistake(
         "density in kg/m3 in mm, N, t",
@@ -662,7 +662,7 @@ MISTAKES = [
         "frame",
         all_of(*(numbers(n, as_complex(lambda hz, h: 1.0 / h)) for n in FRFS)),
         0,
-        "inverse FRFs, it seems (apparent mass",
+        "probably inverse FRFs (apparent mass",
         "take the reciprocal",
     ),
     Mistake(
@@ -670,38 +670,53 @@ MISTAKES = [
         "frame",
         all_of(*(numbers(n, as_complex(lambda hz, h: 2j * np.pi * hz / h)) for n in FRFS)),
         0,
-        "inverse FRFs, it seems (mechanical impedance",
+        "probably inverse FRFs (mechanical impedance",
         "export acceleration over force",
     ),
     Mistake(
-        "decibels as real parts", "frame", numbers(FRFS[0], as_complex(decibels)), 0, "decibels taken for real parts", "export real and"
+        "decibels as real parts",
+        "frame",
+        numbers(FRFS[0], as_complex(decibels)),
+        0,
+        "decibels probably read as real parts",
+        "export real and",
     ),
     Mistake(
         "magnitude and phase as two parts",
         "frame",
         numbers(FRFS[0], as_complex(magnitudes)),
         0,
-        "phases taken for real and imaginary",
+        "phases probably read as real and imaginary",
         "jobs.tight.format: {representation: magnitude-phase}",
     ),
-    Mistake("conjugate in one job", "frame", numbers(FRFS[1], conjugate), 0, "the other way, it seems: all responses", "times -1"),
+    Mistake("conjugate in one job", "frame", numbers(FRFS[1], conjugate), 0, "phases probably of opposite sign: all responses", "times -1"),
     Mistake(
-        "velocities in one job", "frame", numbers(FRFS[1], integrated), 0, "likely velocity, not acceleration", "else export loose-2 again"
+        "velocities in one job",
+        "frame",
+        numbers(FRFS[1], integrated),
+        0,
+        "probable cause: velocity, not acceleration",
+        "otherwise export loose-2 again",
     ),
     Mistake(
         "three sensors in a ring",
         "frame",
         numbers(FRFS[1], as_complex(lambda hz, h: h[:, [1, 2, 0, 3]])),
         0,
-        "acc1, acc2 and acc3 in each other's place",
+        "acc1, acc2 and acc3 are probably exchanged",
         "jobs.loose-2.records: {acc2: acc1, acc3: acc2, acc1: acc3}",
     ),
-    Mistake("mass cut at a line end", "plate", cut_gz("plate.mas.gz"), 3, "the mass matrix ends early", "file cut"),
+    Mistake("mass cut at a line end", "plate", cut_gz("plate.mas.gz"), 3, "the mass matrix ends early", "file was cut off"),
     Mistake("DOF map of another model", "plate", text("plate.dof", first_lines(0.9)), 3, "DOF map does not fit", "one model in one run"),
     Mistake(
-        "DOF table component by component", "frame", text("model/dofs.csv", by_component), 0, "rows of the matrices go node by node", "sort"
+        "DOF table component by component",
+        "frame",
+        text("model/dofs.csv", by_component),
+        0,
+        "rows of the matrices are in another order (node by node)",
+        "Sort",
     ),
-    Mistake("DOF table in no order", "frame", text("model/dofs.csv", scattered), 0, "it seems, the DOF table is not", "as it was exported"),
+    Mistake("DOF table in no order", "frame", text("model/dofs.csv", scattered), 0, ", but the DOF table is not", "as it was exported"),
     Mistake("DOF table sorted and numbered anew", "frame", text("model/dofs.csv", by_y), 0, "sorted by node number", "in a spreadsheet"),
     Mistake(
         "mass and damping exchanged",
@@ -712,7 +727,7 @@ MISTAKES = [
             ("mass: M", "mass: data/model/damping.mtx.gz"),
         ),
         3,
-        "mass and the damping matrix stand in each other's place",
+        "mass and the damping matrix are exchanged",
         "exchange model.mass and model.damping",
     ),
     Mistake(
@@ -744,7 +759,7 @@ MISTAKES = [
         "plate",
         other_face,
         0,
-        "the matrix holds no spring at node",
+        "the matrix contains no spring at node",
         "4 mm away: correct the nodes in bushings.csv",
     ),
     Mistake(
@@ -752,7 +767,7 @@ MISTAKES = [
         "plate",
         text("bushings.csv", lambda t: t.replace("UX,5000", "UX,@").replace("UZ,1000", "UZ,5000").replace("UX,@", "UX,1000")),
         0,
-        "the matrix holds the stiffness of UX where bushings.csv has that of UZ",
+        "the matrix contains the stiffness of UX where bushings.csv has that of UZ",
         "exchange the two in bushings.csv",
     ),
     Mistake("mapping of Ansys without the order", "plate", solver_order, 0, "in the solver's order", "order: NOD2BCS.mtx"),
@@ -777,7 +792,7 @@ MISTAKES = [
         "plate",
         text("frf/tight-1.uff", inverse),
         3,
-        "the file holds no FRF",
+        "the file contains no FRF",
         "response and reference are exchanged",
     ),
     Mistake("model in mm without units", "plate", config((UNITS, "")), 3, "do not fit the matrices", "`units: mm-N-t`"),
@@ -789,8 +804,8 @@ MISTAKES = [
         "frame",
         all_of(write("model/K.zip", zipped("stiffness.mtx")), config((K, "data/model/K.zip"))),
         3,
-        "holds no matrix",
-        "unpack it, and name the matrix file that it holds: stiffness.mtx",
+        "contains no matrix",
+        "unpack it, and give the matrix file that it contains: stiffness.mtx",
     ),
     Mistake(
         "FRFs in a workbook",
@@ -804,7 +819,7 @@ MISTAKES = [
     Mistake("folder misspelt", "frame", config((LOOSE, "frf: data/frfs/loose-2.csv")), 3, "does not exist", "there is no folder"),
     Mistake("no bytes", "frame", write("frf/loose-2.csv", b""), 3, "empty", "export it again"),
     Mistake("backslashes in quotes", "frame", config((LOOSE, r'frf: "data\frf\loose-2.csv"')), 2, "not valid YAML", "write paths with /"),
-    Mistake("backslashes", "frame", config((LOOSE, r"frf: data\frf\loose-2.csv")), 3, "does not exist", "write folders with /"),
+    Mistake("backslashes", "frame", config((LOOSE, r"frf: data\frf\loose-2.csv")), 3, "does not exist", "write paths with /"),
     Mistake("loss factor in per cent", "plate", config(("loss_factor: 0.01", "loss_factor: 1.0")), 0, "is 100%", "write 0.01"),
     Mistake(
         "loss factor of air",
@@ -830,8 +845,8 @@ MISTAKES = [
             lambda t: t.rstrip("\n") + "\n" + "".join(f"{n},{9000 + n},UZ,0,0,0\n" for n in range(t.count("\n") - 1, t.count("\n") + 2)),
         ),
         3,
-        "it has 3 lines more than the matrices have rows: those of fixed or tied DOFs, it seems",
-        "Take these lines out and number the others from 0",
+        "it has 3 lines more than the matrices have rows: probably those of fixed or tied DOFs",
+        "Remove these lines and number the others from 0",
     ),
     Mistake(
         "DOF table without its last lines",
@@ -844,7 +859,12 @@ MISTAKES = [
     Mistake("wrong node", "plate", config(("near: [20, 100, 4]", "node: 9417")), 2, "node 9417", "numbered 101 to 509"),
     Mistake("wrong component", "frame", config(("0.28, 0.0], component: UZ", "0.28, 0.0], component: UX")), 2, "UX", "TWIST, UZ"),
     Mistake(
-        "two sensors at one place", "frame", config(("[0.32, 0.28,", "[0.08, 0.20,")), 0, "one DOF", "correct the place of the wrong one"
+        "two sensors at one place",
+        "frame",
+        config(("[0.32, 0.28,", "[0.08, 0.20,")),
+        0,
+        "the same DOF",
+        "correct the place of the wrong one",
     ),
     Mistake(
         "hammer and sensor exchanged",
@@ -859,16 +879,16 @@ MISTAKES = [
         "frame",
         all_of(*(numbers(name, exchanged) for name in FRFS)),
         0,
-        "acc1 and acc2 in each other's place",
+        "acc1 and acc2 are probably exchanged",
         "exchange the places of responses.acc1 and responses.acc2",
     ),
     Mistake("sensor upside down", "frame", numbers(FRFS[1], times(-1, 3, 5)), 0, "reversed sign", "jobs.loose-2.scale: {acc2: -1}"),
     Mistake("g for m/s²", "frame", all_of(*(numbers(n, times(1 / 9.81, 1)) for n in FRFS)), 0, "g/N", "jobs.tight.format.unit: g/N"),
     Mistake(
-        "velocities", "frame", all_of(*(numbers(n, integrated) for n in FRFS)), 0, "likely velocity", "responses.acc1.quantity: velocity"
+        "velocities", "frame", all_of(*(numbers(n, integrated) for n in FRFS)), 0, "cause: velocity", "responses.acc1.quantity: velocity"
     ),
-    Mistake("rad/s", "frame", numbers(FRFS[1], times(2 * np.pi, 0, 1)), 0, "are the frequencies in rad/s?", "{frequency_unit: rad/s}"),
-    Mistake("kHz", "frame", numbers(FRFS[1], times(1e-3, 0, 1)), 3, "no line of this measurement", "{frequency_unit: kHz}"),
+    Mistake("rad/s", "frame", numbers(FRFS[1], times(2 * np.pi, 0, 1)), 0, "If the frequencies are in rad/s", "{frequency_unit: rad/s}"),
+    Mistake("kHz", "frame", numbers(FRFS[1], times(1e-3, 0, 1)), 3, "no frequency line of this measurement", "{frequency_unit: kHz}"),
     Mistake("coherence for FRF", "frame", write(FRFS[1], table("f,acc1,acc2,acc3,acc4", np.c_[HZ, COHERENCE])), 3, "pair", "`coherence`"),
     Mistake("time history", "frame", write(FRFS[1], table("time_s,acc1,acc2", np.c_[SECONDS, SECONDS, SECONDS])), 3, "time history", "H1"),
     Mistake(
@@ -880,30 +900,47 @@ MISTAKES = [
         "H1",
     ),
     Mistake("no phase", "frame", write(FRFS[1], table("f,acc1,acc2,acc3,acc4", np.c_[HZ, 7 * COHERENCE])), 3, "pair", "magnitudes"),
-    Mistake("decimal commas, frequencies whole", "frame", text(FRFS[1], whole), 3, "divided by commas, too", "with decimal points"),
+    Mistake(
+        "decimal commas, frequencies whole",
+        "frame",
+        text(FRFS[1], whole),
+        3,
+        "both decimal sign and column separator",
+        "with decimal points",
+    ),
     Mistake("an output that is a file", "frame", lambda f: (f.path / "out").write_text(""), 0, "is a file, so that no", "`output`"),
-    Mistake("decimal commas", "frame", text(FRFS[1], decimal_commas), 3, "divided by commas, too", "with decimal points"),
+    Mistake("decimal commas", "frame", text(FRFS[1], decimal_commas), 3, "both decimal sign and column separator", "with decimal points"),
     Mistake("no record in a job", "plate", text("frf/b5-loose.uff", without("acc2")), 0, "no record of acc2", "measure acc2 again"),
     Mistake("no record in the reference", "plate", text("frf/tight-1.uff", without("acc2")), 3, "no record of response acc2", "records"),
     Mistake(
         "a column renamed", "frame", text(FRFS[1], lambda t: t.replace("acc2_", "Sensor 2_")), 0, "no record of acc2", "{acc2: Sensor 2}"
     ),
     Mistake(
-        "a sensor elsewhere", "frame", config(("acc1: {near: [0.32, 0.28", "acc1: {near: [0.32, 0.20")), 0, "acc1 lies 10", "the place"
+        "a sensor elsewhere",
+        "frame",
+        config(("acc1: {near: [0.32, 0.28", "acc1: {near: [0.32, 0.20")),
+        0,
+        "acc1 differs from the model by 10",
+        "the place",
     ),
     Mistake(
-        "a sensor elsewhere, in y", "frame", config(("acc1: {near: [0.32, 0.28", "acc1: {near: [0.20, 0.28")), 0, "acc1 lies ", "the place"
+        "a sensor elsewhere, in y",
+        "frame",
+        config(("acc1: {near: [0.32, 0.28", "acc1: {near: [0.20, 0.28")),
+        0,
+        "acc1 differs from the model",
+        "the place",
     ),
     Mistake("loose reference", "frame", config(("reference: tight", "reference: loose-2")), 0, "taken as the tight state", "name a job"),
     Mistake(
-        "one file twice", "frame", config(("frf/loose-all.csv", "frf/loose-2.csv")), 0, "measurement of loose-2 once more", "its own file"
+        "one file twice", "frame", config(("frf/loose-all.csv", "frf/loose-2.csv")), 0, "the same measurement as loose-2", "its own file"
     ),
     Mistake(
-        "a copy", "frame", lambda f: shutil.copy(f.data / FRFS[1], f.data / FRFS[2]), 0, "measurement of loose-2 once more", "its own file"
+        "a copy", "frame", lambda f: shutil.copy(f.data / FRFS[1], f.data / FRFS[2]), 0, "the same measurement as loose-2", "its own file"
     ),
     Mistake("gaps", "frame", numbers(FRFS[1], gap), 3, "not a finite number", "measure it again"),
     Mistake("band too wide", "frame", config(("[30.0, 500.0]", "[30.0, 900.0]")), 0, "cover 54% of the band", "reduction.band: [30, 500]"),
-    Mistake("band in kHz", "frame", config(("[30.0, 500.0]", "[0.03, 0.5]")), 3, "no line", "Write it in Hz: [30, 500]"),
+    Mistake("band in kHz", "frame", config(("[30.0, 500.0]", "[0.03, 0.5]")), 3, "no frequency line", "write it in Hz: [30, 500]"),
     Mistake("bolts in mm", "frame", numbers("model/bolts.csv", times(1e3)), 3, "outside the model", "are these millimetres?"),
     Mistake(
         "bolts along another edge",
@@ -926,8 +963,8 @@ MISTAKES = [
         "frame",
         text("model/bolts.csv", lambda t: re.sub(r"(\nB2,[^\n]*)", r"\1\1", t)),
         3,
-        "stands in the table twice",
-        "lines 3 and 4 say the same: remove one of the two",
+        "is given twice in the table",
+        "lines 3 and 4 are identical: remove one of the two",
     ),
     Mistake("bolt misspelt", "frame", config(("removed: [B3, B4]", "removed: [B3, B04]")), 2, "'B04'", "did you mean 'B4'?"),
     Mistake("no list", "frame", config(("removed: [B3, B4]", "removed: B3, B4")), 2, "wrong type", "write a list: [B3, B4]"),
@@ -937,7 +974,7 @@ MISTAKES = [
         config((EDGE, "      component: ROTY\n      box: [[0.5, 0.6], [0.0, 0.4], [0, 0]]\n")),
         2,
         "no DOF ROTY lies in this box",
-        "lay it over the model",
+        "move it onto the model",
     ),
     Mistake(
         "terms twice",
@@ -945,7 +982,7 @@ MISTAKES = [
         config(("bolts: data/model/bolts.csv", f"  again:\n    select:\n{EDGE}\nbolts: data/model/bolts.csv")),
         0,
         "left_edge and again hold the same 10 terms",
-        "take them out of one",
+        "remove these terms from one",
     ),
     Mistake("hammer about an axis", "frame", config(("0.12, 0.0], component: UZ", "0.12, 0.0], component: ROTX")), 0, "a moment", "UZ"),
     Mistake(
@@ -953,7 +990,7 @@ MISTAKES = [
         "frame",
         all_of(lambda f: shutil.copy(f.data / "model/stiffness.mtx", f.data / "model/M.mtx"), config((M, "data/model/M.mtx"))),
         3,
-        "model.mass: M.mtx holds the same numbers as model.stiffness (stiffness.mtx)",
+        "model.mass: M.mtx contains the same numbers as model.stiffness (stiffness.mtx)",
         "was the stiffness exported twice?",
     ),
     Mistake(
@@ -961,7 +998,7 @@ MISTAKES = [
         "plate",
         lambda f: shutil.copy(f.data / "plate.sti.gz", f.data / "plate.mas.gz"),
         3,
-        "model.mass: plate.mas.gz holds the same numbers as model.stiffness (plate.sti.gz)",
+        "model.mass: plate.mas.gz contains the same numbers as model.stiffness (plate.sti.gz)",
         "was the stiffness exported twice?",
     ),
     Mistake(
@@ -969,7 +1006,7 @@ MISTAKES = [
         "frame",
         lambda f: shutil.copy(f.data / "model/mass.mtx.gz", f.data / "model/damping.mtx.gz"),
         0,
-        "model.damping: damping.mtx.gz holds the same numbers as model.mass (mass.mtx.gz)",
+        "model.damping: damping.mtx.gz contains the same numbers as model.mass (mass.mtx.gz)",
         "was the mass exported twice?",
     ),
     Mistake(
@@ -977,8 +1014,8 @@ MISTAKES = [
         "plate",
         text("plate.inp", lambda t: re.sub(r"\n(49\d|50\d),.*(?=\n(\d+, |\*))", "", t)),
         0,
-        "plate.dof names 20 nodes (490 to 509) that plate.inp has not",
-        "is it the input that the matrices were exported from?",
+        "plate.dof contains 20 nodes (490 to 509) that are missing in plate.inp",
+        "Check whether plate.inp is the input that the matrices were exported from",
     ),
     Mistake(
         "places of the terms with x and y exchanged",
@@ -1007,7 +1044,7 @@ MISTAKES = [
             config((K, "data/model/K.npz")),
         ),
         3,
-        "the array holds Python objects",
+        "the array contains Python objects",
         "scipy.sparse.save_npz('K.npz', K)",
     ),
     Mistake(
@@ -1035,23 +1072,23 @@ MISTAKES = [
         "plate",
         config(("[63.333, 60, 4]", "[0.063333, 0.060, 0.004]")),
         0,
-        "the hammer hit node 393, excitation.hammer is node 101",
-        "times 1000: write near: [63.333, 60, 4]",
+        "the hammer hit node 393, but excitation.hammer is node 101",
+        "multiplied by 1000, the given point lies there: write near: [63.333, 60, 4]",
     ),
-    Mistake("stiffness as damping", "frame", config(("data/model/damping.mtx.gz", K)), 2, "name one matrix", "name its own file"),
-    Mistake("conjugate", "frame", all_of(*(numbers(n, conjugate) for n in FRFS)), 0, "run the other way", "conjugate the FRF file"),
+    Mistake("stiffness as damping", "frame", config(("data/model/damping.mtx.gz", K)), 2, "give the same matrix", "give its own file"),
+    Mistake("conjugate", "frame", all_of(*(numbers(n, conjugate) for n in FRFS)), 0, "probably of opposite sign", "Conjugate the FRF file"),
     Mistake(
         "coordinates of a sensor exchanged",
         "frame",
         config(("near: [0.32, 0.28, 0.0]", "near: [0.28, 0.32, 0.0]")),
         0,
-        "acc1: sensor stated with x and y exchanged",
+        "acc1: sensor probably stated with x and y exchanged",
         "correct responses.acc1: near: [0.32, 0.28, 0]",
     ),
-    Mistake("no quantity", "frame", config((ACC1, "}\n  acc2")), 0, "likely acceleration", "responses.acc1.quantity: acceleration"),
+    Mistake("no quantity", "frame", config((ACC1, "}\n  acc2")), 0, "cause: acceleration", "responses.acc1.quantity: acceleration"),
     Mistake("table of a German office", "frame", text("model/bolts.csv", german), 3, "'-0,01'", "with decimal points"),
-    Mistake("band reversed", "frame", config(("[30.0, 500.0]", "[500.0, 30.0]")), 2, "a range that is empty", "write [30, 500]"),
-    Mistake("a folder", "frame", config((LOOSE, "frf: data/frf")), 3, "a folder", "name a file in it"),
+    Mistake("band reversed", "frame", config(("[30.0, 500.0]", "[500.0, 30.0]")), 2, "the range is empty", "write [30, 500]"),
+    Mistake("a folder", "frame", config((LOOSE, "frf: data/frf")), 3, "a folder", "give a file in it"),
     Mistake("singular", "frame", config(("\njobs:", "\njob:")), 2, "'job'", "did you mean 'jobs'?"),
     Mistake("no logarithm", "frame", config(("initial: 6.5", "initial: 3.2e6")), 2, "left_edge.initial", "write 6.51"),
     Mistake("no logarithms", "frame", config(("bounds: [2.0, 8.0]", "bounds: [1e2, 1e9]")), 2, "left_edge.bounds", "write 2 for 100"),
@@ -1070,7 +1107,7 @@ MISTAKES = [
         fixed_at_bolts,
         3,
         "coordinates, but no DOFs in the matrices",
-        "remove the boundary condition at the bolts",
+        "Remove the boundary condition at the bolts",
     ),
     Mistake(
         "springs to a fixed node",
@@ -1089,7 +1126,7 @@ MISTAKES = [
         all_of(fixed_at_bolts, config(("near: [20, 100, 4]", "node: 129"))),
         2,
         "node 129 has no DOF UZ",
-        "remove the boundary condition that holds it",
+        "Remove the boundary condition that holds it",
     ),
     Mistake(
         "damping forgotten",
@@ -1099,8 +1136,8 @@ MISTAKES = [
             ("structure, loss_factor.structure]", "structure]"),
         ),
         0,
-        "nothing damps the model",
-        "write model.damping: {structure: {loss_factor: 0.01}}",
+        "the model has no damping",
+        "Write model.damping: {structure: {loss_factor: 0.01}}",
     ),
     Mistake(
         "stiffness named as mass, of a file that holds both",
@@ -1108,12 +1145,12 @@ MISTAKES = [
         all_of(two_matrices, config((K, "data/model/model.h5#K"), (M, "data/model/model.h5#K"))),
         2,
         "found:    model.h5#K",
-        "write model.mass: data/model/model.h5#M; the file holds K, K_x, M",
+        "write model.mass: data/model/model.h5#M; the file contains K, K_x, M",
     ),
     Mistake("springs twice", "plate", config(("baseline: 1.0  ", "baseline: 0.0  ")), 0, "count twice", "parameters.bolts.baseline: 1.0"),
     Mistake("key misspelt", "frame", config(("reduction: {band", "reduktion: {band")), 2, "'reduktion'", "did you mean 'reduction'?"),
     Mistake("indented wrongly", "frame", config(("\n  reference: tight", "\nreference: tight")), 2, "line 51", "indentation"),
-    Mistake("a tab", "frame", config(("\n  reference: tight", "\n\treference: tight")), 2, "a tab", "replace tabs by blanks"),
+    Mistake("a tab", "frame", config(("\n  reference: tight", "\n\treference: tight")), 2, "a tab", "replace tabs with blanks"),
     Mistake("decimal commas in a point", "frame", config(("[0.16, 0.12, 0.0]", "[0,16, 0,12, 0,0]")), 2, "at most 3", "decimal points"),
     Mistake("decimal comma", "frame", config(("initial: 6.5", "initial: 6,5")), 2, "'6,5'", "decimal point"),
     Mistake("no such response", "frame", config(("acc2, acc3]", "acc2, acc5]")), 2, "'acc5'", "did you mean 'acc4'?"),
@@ -1131,7 +1168,7 @@ MISTAKES = [
         "frame",
         lambda folder: shutil.copy(folder.data / FRFS[1], folder.data / "frf" / "monday.csv"),
         0,
-        "no job names monday.csv",
+        "no job uses monday.csv",
         "add a job for it",
     ),
     Mistake(
@@ -1139,15 +1176,15 @@ MISTAKES = [
         "frame",
         numbers(FRFS[1], without_signal(2)),
         0,
-        "dB below its level in tight, the other responses do not",
-        "Measure it again, or take its record out of the file of loose-2",
+        "dB below its level in tight, the other responses are not",
+        "Measure it again, or remove its record from the file of loose-2",
     ),
     Mistake(
         "a sensor turned over in a loosened job alone",
         "plate",
         config(("b5-loose: {frf: data/frf/b5-loose.uff}", "b5-loose: {frf: data/frf/b5-loose.uff, scale: {acc3: -1}}")),
         0,
-        "job b5-loose: reversed sign, it seems: acc3",
+        "job b5-loose: probably reversed sign: acc3",
         "jobs.b5-loose.scale: {acc3: 1}",
     ),
     Mistake(
@@ -1155,16 +1192,16 @@ MISTAKES = [
         "plate",
         lambda folder: shutil.copy(folder.data / "frf" / "b5-loose.uff", folder.data / "frf" / "tight-1.uff"),
         0,
-        "With B5 free they are",
-        "was all tight there?",
+        "With B5 free the level misfit is",
+        "check whether all bolts were tight",
     ),
     Mistake(
         "hammer and sensors mirrored",
         "plate",
         config(*((f"near: [{x}, {y}, 4]", f"near: [{300 - float(x):.3f}, {y}, 4]") for x, y in PLACES)),
         0,
-        "at other nodes of the model than the campaign says, which lie as its places do, but mirrored or turned",
-        "give hammer, sensors and bolts in the axes of the model",
+        "at other nodes of the model than the campaign file says; these are its places mirrored or turned",
+        "Give hammer, sensors and bolts in the axes of the model",
     ),
     Mistake(
         "coherence of something else",
@@ -1175,31 +1212,31 @@ MISTAKES = [
         ),
         0,
         "no coherence of the job belongs to a response (x1, x2)",
-        "name its columns",
+        "Name its columns",
     ),
     Mistake(
         "bins counted from 1 in one job",
         "frame",
         numbers(FRFS[1], lambda r: r - np.eye(1, 9)),
         0,
-        "its lines are not those of tight (470 lines from 30 to 499 Hz, there 471 lines from 30 to 500 Hz)",
-        "its file begins 1 Hz lower, with as many lines: were they counted from another first one? Correct its frequencies",
+        "its frequency lines differ from those of tight (470 lines from 30 to 499 Hz instead of 471 lines from 30 to 500 Hz)",
+        "Its file begins 1 Hz lower, with as many lines. Check whether they were counted from another first line, and correct",
     ),
     Mistake(
         "every other line left out in one job",
         "frame",
         numbers(FRFS[1], lambda r: r[::2]),
         0,
-        "its lines are not those of tight (236 lines from 30 to 500 Hz, there 471 lines from 30 to 500 Hz)",
-        "measure or export it on the lines of tight",
+        "its frequency lines differ from those of tight (236 lines from 30 to 500 Hz instead of 471 lines from 30 to 500 Hz)",
+        "Measure or export it on the lines of tight",
     ),
     Mistake(
         "lines interpolated",
         "frame",
         all_of(*(numbers(name, quarter_lines, plain="%.5g") for name in FRFS)),
         0,
-        "job tight: one of 4 lines was measured, it seems",
-        "export the lines as they were measured",
+        "job tight: probably only one of 4 lines was measured",
+        "Export the lines as they were measured",
     ),
     Mistake(
         "a change that calls all bolts tight",
@@ -1222,15 +1259,15 @@ MISTAKES = [
         "plate",
         config(("bounds: [-3.0, 1.0]", "bounds: [-0.3, 1.0]")),
         0,
-        "from the start value 0 no bolt can fall below -0.3",
-        "write a lower bound of -3 or less",
+        "no bolt can become loose: from the start value 0 it cannot fall below -0.3",
+        "Write a lower bound of -3 or less",
     ),
     Mistake(
         "start value of springs in N/mm",
         "plate",
         config(("initial: 0.0", "initial: 3.0"), ("bounds: [-3.0, 1.0]", "bounds: [-3.0, 4.0]")),
         0,
-        "parameters.bolts.initial: 3 starts at 1000 times the stiffnesses of bushings.csv",
+        "parameters.bolts.initial: 3 means 1000 times the stiffnesses in bushings.csv",
         "write initial: 0",
     ),
     Mistake(
@@ -1238,23 +1275,23 @@ MISTAKES = [
         "plate",
         config(("baselines: [tight-2]", "baselines: [b5-loose]")),
         0,
-        "job b5-loose: it is taken as tight, but lies",
-        "was all tight there? Take it out of update.baselines",
+        "job b5-loose: it is taken as tight, but differs",
+        "Check whether all bolts were tight. Remove it from update.baselines",
     ),
     Mistake(
         "calibrated by a loosened job",
         "plate",
         config(("  job: tight-1", "  job: b5-loose")),
         0,
-        "job b5-loose: it is taken as tight, but lies",
-        "Name a tight job under calibration.job",
+        "job b5-loose: it is taken as tight, but differs",
+        "Set calibration.job to a tight job",
     ),
     Mistake(
         "matrix exported without its springs",
         "plate",
         without_springs("B1", "B2", "B3", "B4", "B5", "B6"),
         0,
-        "the matrix holds none of the springs of bushings.csv",
+        "the matrix contains none of the springs of bushings.csv",
         "write parameters.bolts.baseline: 0, or export it with the springs",
     ),
     Mistake(
@@ -1262,7 +1299,7 @@ MISTAKES = [
         "plate",
         without_springs("B5"),
         0,
-        "the matrix holds no spring at node 239 (B5), where bushings.csv has one",
+        "the matrix contains no spring at node 239 (B5), where bushings.csv has one",
         "Export it with all of them, or correct the nodes in bushings.csv",
     ),
     Mistake(
@@ -1270,7 +1307,7 @@ MISTAKES = [
         "plate",
         text("bushings.csv", lambda t: t.replace("B4,233,", "B4,234,")),
         0,
-        "the matrix holds no spring at node 234 UX (B4), but one of that stiffness at node 233",
+        "the matrix contains no spring at node 234 UX (B4), but one of that stiffness at node 233",
         "correct the nodes in bushings.csv (3 springs)",
     ),
     Mistake(
@@ -1279,7 +1316,7 @@ MISTAKES = [
         text("bushings.csv", lambda t: t.replace(",,", ",0,")),
         3,
         "node 0 does not exist",
-        "leave node_b empty where a spring goes to ground",
+        "leave node_b empty if a spring goes to ground",
     ),
     Mistake(
         "bolts from the middle of the plate",
@@ -1287,7 +1324,7 @@ MISTAKES = [
         numbers("bolts.csv", lambda r: r - [150.0, 100.0, 0.0]),
         0,
         "B5, B6 lie nearer to the springs of other bolts than to their own",
-        "from another origin, it seems: add (150, 100, 0) to all of them",
+        "probably given from another origin: add (150, 100, 0) to all of them",
     ),
     Mistake(
         "bolts counted from the other end",
@@ -1303,31 +1340,31 @@ MISTAKES = [
         numbers("model/edge.csv", lambda r: r[::-1]),
         0,
         "the places in edge.csv lie up to 340 mm from the DOFs that their vectors act on",
-        "they fit in reverse order: reverse the rows",
+        "in reverse order they fit; reverse the rows",
     ),
     Mistake(
         "one job hit at another node",
         "plate",
         text("frf/b5-loose.uff", lambda t: t.replace(" 393   3", " 399   3")),
         0,
-        "b5-loose.uff: the hammer hit node 399, excitation.hammer is node 393 of the model",
-        "where it is this measurement alone, measure it again at node 393",
+        "b5-loose.uff: the hammer hit node 399, but excitation.hammer is node 393 of the model",
+        "if only this measurement is affected, measure it again at node 393",
     ),
     Mistake(
         "nodes of an older design",
         "plate",
         stretched(lambda x: 320.0 / 300.0 * x),
         0,
-        "the coordinates of the nodes are not those of the stiffness matrix, it seems: a rigid rotation about y meets forces at 28%",
-        "give the nodes of the model that was exported",
+        "the coordinates of the nodes are probably not those of the stiffness matrix: a rigid rotation about y causes forces at 28%",
+        "Give the nodes of the model that was exported",
     ),
     Mistake(
         "nodes mirrored",
         "plate",
         stretched(lambda x: 300.0 - x),
         0,
-        "the coordinates of the nodes are not those of the stiffness matrix",
-        "with x mirrored it does not: correct the coordinates",
+        "the coordinates of the nodes are probably not those of the stiffness matrix",
+        "with x mirrored it does not. Correct the coordinates",
     ),
     Mistake(
         "stiffness with four digits",
@@ -1335,7 +1372,7 @@ MISTAKES = [
         few_digits,
         0,
         "the numbers of the stiffness matrix have 5 digits or fewer",
-        "export the matrices with all digits",
+        "Export the matrices with all digits",
     ),
     Mistake(
         "stiffness of a regular mesh with four digits",
@@ -1343,30 +1380,30 @@ MISTAKES = [
         four_digits,
         0,
         "the numbers of the stiffness matrix have 5 digits or fewer",
-        "export the matrices with all digits",
+        "Export the matrices with all digits",
     ),
     Mistake(
         "structural damping for a viscous one",
         "frame",
         structural(0.02),
         0,
-        "model.damping: the matrix is 0.02 times the stiffness, structural damping, it seems",
-        "write model.damping: {structure: {loss_factor: 0.02}}",
+        "model.damping: the matrix is 0.02 times the stiffness, probably structural damping",
+        "Write model.damping: {structure: {loss_factor: 0.02}}",
     ),
     Mistake(
         "structural damping below critical at the lower end of the band",
         "frame",
         structural(0.01),
         0,
-        "model.damping: the matrix is 0.01 times the stiffness, structural damping, it seems",
-        "write model.damping: {structure: {loss_factor: 0.01}}",
+        "model.damping: the matrix is 0.01 times the stiffness, probably structural damping",
+        "Write model.damping: {structure: {loss_factor: 0.01}}",
     ),
     Mistake(
         "a tolerance to save time",
         "frame",
         config(("tolerance: 1.0e-3", "tolerance: 0.5")),
         0,
-        "reduction.tolerance: 0.5 lets FRFs of the reduced model err by 3.5 dB",
+        "reduction.tolerance: 0.5 allows errors of 3.5 dB in the FRFs of the reduced model",
         "write 1.0e-3",
     ),
     Mistake(
@@ -1375,31 +1412,31 @@ MISTAKES = [
         config(("responses: [acc1, acc2, acc3]", "responses: [acc4]")),
         0,
         "update.responses: 1 of 4 responses is used, 3 are left to validate",
-        "were those to be left out meant? List the others",
+        "check whether those to be left out were meant, and list the others",
     ),
     Mistake(
         "band in kHz",
         "frame",
         config(("band: [30.0, 500.0]", "band: [0.03, 0.5]")),
         3,
-        "the same: loose-2.csv, loose-all.csv",
-        "is reduction.band in kHz? Write it in Hz: [30, 500]",
+        "same error: loose-2.csv, loose-all.csv",
+        "if reduction.band is in kHz, write it in Hz: [30, 500]",
     ),
     Mistake(
         "a repeat of another state",
         "plate",
         config(("data/frf/b5-loose.uff}", "data/frf/b5-loose.uff, repeats: [data/frf/tight-2.uff]}")),
         0,
-        "b5-loose.uff: its repeat tight-2.uff lies 9.0 dB from it",
-        "take it out of jobs.b5-loose.repeats",
+        "b5-loose.uff: its repeat tight-2.uff differs from it by 9.0 dB",
+        "Remove it from jobs.b5-loose.repeats",
     ),
     Mistake(
         "one line of a hundred",
         "frame",
         config(("lines: resonances", "lines: {every: 100}")),
         0,
-        "update.lines: {every: 100} leaves no line at most of the resonances, where changes show most: tight (7 of 7), ",
-        "write lines: resonances",
+        "update.lines: {every: 100} selects no line at most of the resonances, where changes show most: tight (7 of 7), ",
+        "Write lines: resonances",
     ),
     Mistake(
         "exponential window in one job",
@@ -1414,7 +1451,7 @@ MISTAKES = [
         "frame",
         numbers(FRFS[0], parts(exponential)),
         0,
-        "was an exponential window set for tight",
+        "Check whether an exponential window was set for tight",
         "Use one window in all jobs",
     ),
     Mistake(
@@ -1422,7 +1459,7 @@ MISTAKES = [
         "frame",
         numbers(FRFS[1], parts(high_pass)),
         0,
-        "job loose-2: phases are turned against those of the other responses at all modes, acc2 by ",
+        "job loose-2: phases are turned relative to the other responses at all modes: acc2 by ",
         "Measure again with the same settings",
     ),
     Mistake(
@@ -1446,7 +1483,7 @@ MISTAKES = [
         "frame",
         numbers(FRFS[1], lambda rows: np.column_stack([np.arange(len(rows)), rows[:, 1:]])),
         0,
-        "its frequencies are the numbers of its lines, it seems, from 0",
+        "Its frequencies are probably the numbers of its lines, counted from 0",
         "jobs.loose-2.format.frequency",
     ),
     Mistake(
@@ -1454,25 +1491,25 @@ MISTAKES = [
         "frame",
         text(FRFS[1], lambda content: re.sub(r"(?m)^(228,.*\n)", r"\1\1", content)),
         3,
-        "the frequencies do not rise",
-        "take out the line that is there twice",
+        "the frequencies do not increase",
+        "remove the duplicate line",
     ),
-    Mistake("radians called degrees", "frame", text(FRFS[1], radians), 0, "phases in degrees by their heading", "{phase: rad}"),
+    Mistake("radians called degrees", "frame", text(FRFS[1], radians), 0, "heading says degrees, but no phase is larger", "{phase: rad}"),
     Mistake(
         "names of bolts sorted without their places",
         "frame",
         all_of(text("model/bolts.csv", sorted_apart), config(("    removed: [B3, B4]\n", ""))),
         0,
-        "bolts: B1, B10, B11, B2 ... lie in a row, in the order of the alphabet",
-        "Give each bolt its own place",
+        "bolts: B1, B10, B11, B2 ... lie in a row in alphabetical order",
+        "give each bolt its own place",
     ),
     Mistake(
         "density of steel for aluminium",
         "frame",
         matrix_times("mass.mtx.gz", 2.9),
         0,
-        "all resonances were measured at 1.69 times the frequencies of the model",
-        "The model is too soft or too heavy: modulus, thickness or density; the mass matrix is 2.9 times too large",
+        "all measured resonances are probably at 1.69 times the frequencies of the model",
+        "The model is too soft or too heavy (modulus, thickness, density); the mass matrix is 2.9 times too large",
     ),
     Mistake(
         "modulus of aluminium for steel, springs of bolts as they are",
@@ -1487,7 +1524,7 @@ MISTAKES = [
         "frame",
         numbers(FRFS[1], times(1.02, 0, 1)),
         0,
-        "its frequencies are 1.02 times those of tight, line by line",
+        "Its frequencies are 1.02 times those of tight, line by line",
         "Divide them by 1.02",
     ),
     Mistake(
@@ -1495,7 +1532,7 @@ MISTAKES = [
         "frame",
         all_of(*(numbers(n, times(51.2 / 48, 0, 1)) for n in FRFS)),
         0,
-        "all resonances were measured at 1.06 times the frequencies of the model",
+        "all measured resonances are probably at 1.06 times the frequencies of the model",
         "divide the frequencies by 1.06",
     ),
     Mistake(
@@ -1503,7 +1540,7 @@ MISTAKES = [
         "frame",
         numbers(FRFS[1], other_clock(1.02)),
         0,
-        "3 of the 4 modes that can be compared lie 1.74% higher than in tight",
+        "3 of the 4 modes that can be compared are 1.74% higher than in tight",
         "Set it as in tight",
     ),
     Mistake(
@@ -1511,7 +1548,7 @@ MISTAKES = [
         "frame",
         numbers(FRFS[1], other_clock(0.98)),
         0,
-        "lie 2.21% lower than in tight",
+        "are 2.21% lower than in tight",
         "Set it as in tight",
     ),
     Mistake(
@@ -1519,7 +1556,7 @@ MISTAKES = [
         "frame",
         config(("band: [30.0, 500.0]", "band: [188.5, 3141.6]")),
         0,
-        "is the band in rad/s? It is stated in Hz: reduction.band: [30, 500]",
+        "if the band is in rad/s, write it in Hz: reduction.band: [30, 500]",
         "the same in loose-2.csv, loose-all.csv",
     ),
     Mistake(
@@ -1527,39 +1564,39 @@ MISTAKES = [
         "frame",
         config(("band: [30.0, 500.0]", "band: [30.0, 2000.0]")),
         0,
-        "the lines from 30 to 500 Hz cover 24% of the band from 30 to 2000 Hz; is the file complete?",
-        "Else measure again over the whole band, or end the band of all jobs there: reduction.band: [30, 500]; the same in",
+        "the lines from 30 to 500 Hz cover 24% of the band from 30 to 2000 Hz. Check whether the file is complete.",
+        "Otherwise measure again over the whole band, or end the band of all jobs there: reduction.band: [30, 500]; the same in",
     ),
     Mistake(
         "each record normalised to its peak",
         "frame",
         numbers(FRFS[1], parts(lambda hz, values: values / np.abs(values).max(axis=0))),
         0,
-        "loose-2.csv: every record has its largest magnitude at 1: normalised, each to its own peak",
-        "export the FRFs as response over force, without normalisation",
+        "loose-2.csv: every record has its largest magnitude at 1: each was normalised to its own peak",
+        "Export the FRFs as response over force, without normalisation",
     ),
     Mistake(
         "one sensitivity ten times off in the reference job",
         "frame",
         numbers(FRFS[0], some(10.0, 2)),
         0,
-        "job tight: not in the model's units, it seems: acc3: measured over computed +19.96 dB",
-        "a sensitivity or a range ten times off: jobs.tight.scale: {acc3: 0.1}",
+        "job tight: probably not in the model's units: acc3: measured over computed +19.96 dB",
+        "a sensitivity or a range ten times off. Write jobs.tight.scale: {acc3: 0.1}",
     ),
     Mistake(
         "one sensitivity ten times off in a job with loose bolts",
         "frame",
         numbers(FRFS[1], some(10.0, 0)),
         0,
-        "job loose-2: not in the model's units, it seems: acc1: measured over computed +2",
-        "a sensitivity or a range ten times off: jobs.loose-2.scale: {acc1: 0.1}",
+        "job loose-2: probably not in the model's units: acc1: measured over computed +2",
+        "a sensitivity or a range ten times off. Write jobs.loose-2.scale: {acc1: 0.1}",
     ),
     Mistake(
         "peak values, and a factor that the job has already",
         "frame",
         config(("  tight: {frf: ", "  tight: {scale: 1.5, frf: ")),
         0,
-        "likely rms and peak values mixed",
+        "probable cause: rms and peak values mixed",
         "jobs.tight.scale: 1.06066",
     ),
     Mistake(
@@ -1567,8 +1604,8 @@ MISTAKES = [
         "plate",
         config(("acc3: {near: [193.333, 60, 4], component: UZ", "acc3: {near: [193.333, 60, 4], component: UX")),
         0,
-        "acc3: sensor stated along UX measures along UZ, it seems",
-        "correct responses.acc3: component: UZ",
+        "acc3: sensor stated along UX probably measures along UZ",
+        "Correct responses.acc3: component: UZ",
     ),
     Mistake(
         "reference job renamed in its list only",
@@ -1584,14 +1621,14 @@ MISTAKES = [
         config(("band: [30.0, 500.0]", "band: [205.0, 250.0]")),
         0,
         "1 resonance in the band from 205 to 250 Hz",
-        "Widen reduction.band (the file holds 30 to 500 Hz)",
+        "Widen reduction.band (the file contains 30 to 500 Hz)",
     ),
     Mistake(
         "hit twice in one job",
         "frame",
         numbers(FRFS[1], parts(hit_twice)),
         0,
-        "in this job the hammer had hit a second time, 12 ms later and 50% as hard",
+        "the hammer probably hit a second time in this job, 12 ms later and 50% as hard",
         "measure this job again",
     ),
     Mistake(
@@ -1600,17 +1637,17 @@ MISTAKES = [
         text("plate.inp", turned_by_90_degrees),
         0,
         "with all turned by 90 degrees about z it does not",
-        "correct the coordinates, or the components in the DOF map",
+        "Correct the coordinates, or the components in the DOF map",
     ),
     Mistake(
         "hammer along another axis than the file says",
         "plate",
         config(("hammer: {near: [63.333, 60, 4], component: UZ}", "hammer: {near: [63.333, 60, 4], component: UX}")),
         0,
-        "tight-1.uff: the hammer hit along UZ, excitation.hammer is UX",
-        "write excitation.hammer.component as it was hit",
+        "tight-1.uff: the hammer hit along UZ, but excitation.hammer is UX",
+        "correct excitation.hammer.component",
     ),
-    Mistake("two measurements in one file", "frame", text(FRFS[1], appended), 3, "do not rise", "points up to 471 or those from 472 on"),
+    Mistake("two measurements in one file", "frame", text(FRFS[1], appended), 3, "not increase", "points up to 471 or those from 472 on"),
     Mistake("two-sided spectra", "frame", numbers(FRFS[1], two_sided), 3, "-500 at point 1", "export one-sided spectra"),
     Mistake(
         "damping ratio for beta",
@@ -1618,7 +1655,7 @@ MISTAKES = [
         config(("beta: 0.0, loss_factor: 0.01", "beta: 0.02"), ("loss_factor.structure", "beta.structure")),
         0,
         "beta is in seconds",
-        "write loss_factor: 0.04 in place of both",
+        "write loss_factor: 0.04 for both",
     ),
     Mistake(
         "smoothing in per cent",
@@ -1667,7 +1704,7 @@ MISTAKES = [
         config(("update:\n", "update:\n  confidence: 95\n")),
         2,
         "update.confidence: a value that is not allowed",
-        "in per cent, it seems: write 0.95",
+        "probably in per cent: write 0.95",
     ),
     Mistake(
         "coherence of a single blow",
@@ -1689,8 +1726,8 @@ MISTAKES = [
             config((LOOSE, LOOSE[:-3] + "mat")),
         ),
         3,
-        "holds no FRF that is understood",
-        "f has 470 entries, H 471 lines",
+        "no FRF was recognised in the file",
+        "f has 470 entries, H has 471 lines",
     ),
     Mistake(
         "files of the reference job and of a loose one exchanged",
@@ -1698,7 +1735,7 @@ MISTAKES = [
         config(("tight-1.uff", "OTHER"), ("b3-half-b4-loose.uff", "tight-1.uff"), ("OTHER", "b3-half-b4-loose.uff")),
         0,
         "fit the tight model far better than tight-1",
-        "Are files exchanged? Then exchange jobs.tight-1.frf and jobs.",
+        "If files are exchanged, exchange jobs.tight-1.frf and jobs.",
     ),
     Mistake(
         "x and y of the hammer exchanged",
@@ -1747,7 +1784,7 @@ def test_every_wrong_response_and_group_is_told_at_once(tmp_path: Path) -> None:
     assert result.code == 2
     for part in ("node 9001", "node 9002", "responses.acc4.row", "left_edge.select.box"):
         assert result.stderr.count(part + " ") or result.stderr.count(part + ":"), result.stderr
-    assert "4 things to fix" in result.stdout
+    assert "4 errors to fix" in result.stdout
 
 
 def test_points_in_millimetres_are_told_once(tmp_path: Path) -> None:
@@ -1761,7 +1798,7 @@ def test_points_in_millimetres_are_told_once(tmp_path: Path) -> None:
     result = check(folder, "frame")
     assert result.code == 3
     assert "campaign.yaml, excitation and responses: excitation hammer and both responses lie outside the model" in result.stderr
-    assert result.stderr.count("are these millimetres? divided by 1000 they fit") == 1
+    assert result.stderr.count("these are probably millimetres: divided by 1000 they fit") == 1
     text("model/bolts.csv", lambda t: t.replace("B2,-0.01", "B2,-10"))(folder := make_frame(tmp_path / "bolts"))
     assert "bolts.csv: bolt B2 lies outside" in check(folder, "frame").stderr
     numbers("model/bolts.csv", times(1e3))(folder := make_frame(tmp_path / "all"))
@@ -1774,7 +1811,7 @@ def test_places_from_another_origin_are_the_one_thing_told(tmp_path: Path) -> No
     config(*(moved_to_the_middle(*place) for place in PLACES))(folder)
     told = check(folder, "plate").stdout.partition("\nwarnings\n")[2].splitlines()
     assert len(told) == 1
-    assert "measured from another origin than the model's" in told[0]
+    assert "measured from another origin than that of the model" in told[0]
 
 
 @pytest.mark.slow
@@ -1811,8 +1848,8 @@ def test_nodes_that_a_program_added_to_shells_are_no_mistake(tmp_path: Path) -> 
     text("plate.inp", lambda t: re.sub(r"\n(49\d|50\d),.*(?=\n(\d+, |\*))", "", t).replace("TYPE=C3D20R", "TYPE=S8R"))(folder)
     result = check(folder, "plate")
     assert result.code == 0, result.stderr
-    assert "60 DOFs of 20 nodes beyond those of plate.inp are inner ones of the FE program" in result.stdout
-    assert "that plate.inp has not" not in result.stdout
+    assert "60 DOFs of 20 nodes that are not in plate.inp are internal DOFs of the FE program" in result.stdout
+    assert "missing in plate.inp" not in result.stdout
 
 
 def test_without_a_reduced_model_a_coarse_one_tells_as_much(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -1854,7 +1891,7 @@ def test_bolts_that_may_lie_elsewhere_are_no_all_clear(tmp_path: Path) -> None:
     assert lrbc("update", folder.config, "--cache", reduced_cache("frame"), "--job", "tight", "--job", "loose-2").code == 0
     valid = folder.result("loose-2")["validity"]
     assert valid["passed"] is not True
-    assert "was it written in other axes or from another origin?" in valid["reason"]
+    assert "check whether the file was written in other axes or from another origin" in valid["reason"]
 
 
 @pytest.mark.slow
@@ -1862,7 +1899,7 @@ def test_a_measurement_that_no_job_names_is_told_beside_an_all_clear(tmp_path: P
     folder = make_frame(tmp_path)
     shutil.copy(folder.data / FRFS[1], folder.data / "frf" / "monday.csv")
     done = lrbc("update", folder.config, "--cache", reduced_cache("frame"))
-    assert "no job names monday.csv" in done.stderr
+    assert "no job uses monday.csv" in done.stderr
     alone = lrbc("update", folder.config, "--cache", reduced_cache("frame"), "--job", "tight")
     assert "monday" not in alone.stderr
 
@@ -1882,8 +1919,8 @@ def test_results_beside_the_measurements_are_no_measurements(tmp_path: Path) -> 
     folder = make_frame(tmp_path)
     (folder.data / "frf" / "campaign.csv").write_text("job\n")
     line = ("check", folder.config, "--cache", reduced_cache("frame"))
-    assert "no job names campaign.csv" in lrbc(*line).stdout
-    assert "no job names" not in lrbc(*line, "--override", f"output={folder.data / 'frf'}").stdout
+    assert "no job uses campaign.csv" in lrbc(*line).stdout
+    assert "no job uses" not in lrbc(*line, "--override", f"output={folder.data / 'frf'}").stdout
 
 
 @pytest.mark.slow
@@ -1894,4 +1931,4 @@ def test_another_window_is_no_all_clear(tmp_path: Path) -> None:
     assert lrbc("update", folder.config, "--cache", reduced_cache("frame"), "--job", "tight", "--job", "loose-2").code == 0
     valid = folder.result("loose-2")["validity"]
     assert valid["passed"] is not True
-    assert "was an exponential window set for this job" in valid["reason"]
+    assert "Check whether an exponential window was set for this job" in valid["reason"]

@@ -23,7 +23,7 @@ def test_springs_that_count_twice(tmp_path: Path) -> None:
     folder = make_plate(tmp_path)
     folder.replace("    baseline: 1.0 ", "    # baseline ")
     (only,) = told(folder, "plate")
-    assert only.endswith("so that they count twice: parameters.bolts.baseline: 1.0")
+    assert only.endswith(", so they count twice. Write parameters.bolts.baseline: 1.0")
 
 
 def test_springs_in_another_unit_beside_a_baseline(tmp_path: Path) -> None:
@@ -31,7 +31,7 @@ def test_springs_in_another_unit_beside_a_baseline(tmp_path: Path) -> None:
     table = folder.data / "bushings.csv"
     table.write_text(table.read_text().replace("000\n", "000000\n"))
     (only,) = told(folder, "plate")
-    assert "translational springs are in N/m, it seems, not in N/mm: divide them by 1000" in only
+    assert "translational springs are probably in N/m, not in N/mm: divide them by 1000" in only
 
 
 def test_factors_for_logarithms(tmp_path: Path) -> None:
@@ -39,7 +39,7 @@ def test_factors_for_logarithms(tmp_path: Path) -> None:
     folder.replace("initial: 0.0", "initial: 1.0")
     folder.replace("bounds: [-3.0, 1.0]", "bounds: [0.001, 10]")
     (only,) = told(folder, "plate")
-    assert "parameters.bolts.bounds: [0.001, 10] about 1 are factors" in only
+    assert "parameters.bolts.bounds: [0.001, 10] around 1 are probably factors" in only
     assert "write initial: 0, bounds: [-3, 1]" in only
 
 
@@ -47,7 +47,7 @@ def test_damping_coefficients_in_each_others_place(tmp_path: Path) -> None:
     folder = make_plate(tmp_path)
     folder.replace("{alpha: 0.0, beta: 0.0, loss_factor: 0.01}", "{alpha: 4.0e-6, beta: 5.0, loss_factor: 0.01}")
     (only,) = told(folder, "plate")
-    assert "exchanged, it seems: write alpha: 5, beta: 4e-06" in only
+    assert "they are probably exchanged: write alpha: 5, beta: 4e-06" in only
 
 
 def test_a_file_that_was_copied_in_part(tmp_path: Path) -> None:
@@ -62,8 +62,8 @@ def test_a_digit_of_the_band_is_lost(tmp_path: Path) -> None:
     folder = make_frame(tmp_path)
     folder.replace("band: [30.0, 500.0]", "band: [30.0, 50.0]")
     first, *others = told(folder, "frame")
-    assert "Widen reduction.band (the file holds 30 to 500 Hz)" in first
-    assert not [text for text in others if "it seems: acc" in text]
+    assert "Widen reduction.band (the file contains 30 to 500 Hz)" in first
+    assert not [text for text in others if "units: acc" in text or "sign: acc" in text]
 
 
 @pytest.mark.slow
@@ -72,8 +72,8 @@ def test_a_loosened_state_among_the_baselines(tmp_path: Path) -> None:
     folder = make_plate(tmp_path)
     folder.replace("baselines: [tight-2]", "baselines: [tight-2, b3-half-b4-loose]")
     (only,) = told(folder, "plate")
-    assert "job b3-half-b4-loose: it is taken as tight, but lies" in only
-    assert only.endswith("Take it out of update.baselines, or measure it again")
+    assert "job b3-half-b4-loose: it is taken as tight, but differs" in only
+    assert only.endswith("Remove it from update.baselines, or measure it again")
 
 
 @pytest.mark.parametrize(("heading", "doubted"), [("[rad]", True), ("[deg]", False)])
@@ -88,7 +88,8 @@ def test_phases_in_degrees_under_radians(tmp_path: Path, heading: str, doubted: 
         np.savetxt(path, np.column_stack([rows[:, 0], columns]), "%.7g", ",", header=f"frequency_hz,{names}", comments="")
     found = told(folder, "frame")
     assert len(found) == doubted
-    assert all("degrees? Then format: {phase: deg} of the job; the same in loose-2.csv, loose-all.csv" in text for text in found)
+    said = "check whether they are degrees; if so, set 'format: {phase: deg}' of the job; the same in loose-2.csv, loose-all.csv"
+    assert all(said in text for text in found)
 
 
 @pytest.mark.slow
@@ -99,7 +100,7 @@ def test_a_model_that_is_far_too_stiff(tmp_path: Path) -> None:
         folder.replace(f"data/model/{name}", f"{{file: data/model/{name}, scale: {times}}}")
     (only,) = told(folder, "frame")
     assert "times the frequencies of the model" in only
-    assert "The model is too stiff or too light: modulus, thickness or density" in only
+    assert "The model is too stiff or too light (modulus, thickness, density)" in only
     assert "sampling rate" not in only
 
 
@@ -136,9 +137,9 @@ def test_sensors_exchanged_in_a_job_with_loose_bolts(tmp_path: Path) -> None:
     # The first two are that the file states other nodes.
     *stated, only = told(folder, "plate")
     assert len(stated) == 2
-    assert "job b3-half-b4-loose: acc1 and acc4 in each other's place, it seems" in only
+    assert "job b3-half-b4-loose: acc1 and acc4 are probably exchanged" in only
     # All jobs do not have it so: what is wrong is this one's.
-    assert "each fits the model's FRF of the other: jobs.b3-half-b4-loose.records: {acc4: acc1, acc1: acc4}, or, where all" in only
+    assert "each fits the model's FRF of the other: write jobs.b3-half-b4-loose.records: {acc4: acc1, acc1: acc4}, or, if all" in only
 
 
 @pytest.mark.slow
@@ -154,5 +155,5 @@ def test_a_file_of_another_structure(tmp_path: Path) -> None:
     rows += [",".join(f"{x:.6g}" for x in (f, *row.view(float))) for f, row in zip(hz, values, strict=True)]
     (folder.data / "frf/other.csv").write_text("\n".join(rows) + "\n")
     last = told(folder, "plate")[-1]
-    assert "job b5-loose: no state of the bolts that was tried comes near: levels are" in last
+    assert "job b5-loose: no tried state of the bolts comes near: the level misfit is" in last
     assert "the file of another structure" in last

@@ -35,7 +35,7 @@ def test_an_all_clear() -> None:
         (job("", "failed"), "no verdict: failed"),
         (job("tttttt", "of a later version"), "no verdict"),
         (job(""), "no bolts to judge"),
-        (job("oooooo"), "no bolt lies where"),
+        (job("oooooo"), "no bolt is within reach"),
         (job("tttttt", validated=False), "not validated"),
         (job("tttttt", assumed="baseline", doubtful=("B3",)), "B3 taken as tight, but loose"),
         (job("tttttt", assumed="reference", doubtful=("B3",)), "B3 taken as tight, but far looser than the other bolts there"),
@@ -56,7 +56,7 @@ def test_one_measurement_under_two_names_shows_one_state() -> None:
     jobs = {"tight": REFERENCE, "after": once, "later": again, "other": job("tttttt", measurement=(1.0, 2.001)), "unknown": job("tttttt")}
     assert not_clear(jobs) == {name: [text] for name, text in once_more(jobs).items()}
     assert list(not_clear(jobs)) == ["after", "later"]
-    assert once_more(jobs)["after"].startswith("the measurement of later once more")
+    assert once_more(jobs)["after"].startswith("the same measurement as later")
     assert once_more({"after": replace(once, copied_db=1e-6), "later": replace(again, copied_db=1e-6)}) == {}
     # That of the reference job is told where it is identified: its numbers validate nothing.
     assert once_more({"tight": replace(REFERENCE, measurement=(1.0, 2.0)), "after": once}) == {}
@@ -82,7 +82,7 @@ def test_nothing_compared_is_nothing_shown(jobs: dict[str, JobFinding]) -> None:
         (job("tt", "unexplained"), "no verdict: the model does not explain the measurement"),
         (job("", "failed"), "no verdict: failed"),
         (job(""), "no verdict: no bolts to judge"),
-        (job("oo"), "no verdict: no bolt lies where the parameters could show it"),
+        (job("oo"), "no verdict: no bolt is within reach of the parameters"),
         (REFERENCE, "the reference job, taken as tight"),
         (job("tu", assumed="reference"), "the reference job, taken as tight: 1 tight, 1 inconclusive"),
         (job("", assumed="reference"), "the reference job, no bolts to judge"),

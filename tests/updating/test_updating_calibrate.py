@@ -223,7 +223,7 @@ class TestRecovery:
         values = measured(model, recipe, truth, TIGHT, 0.01)
         fit = fit_factors(problem(affine(model, recipe), values, tuple(truth)))
         assert fit.notes[-1] == (
-            "part and same cannot be told apart by these FRFs: only their combination is determined, the prior shares it between them"
+            "part and same cannot be distinguished by these FRFs: only their combination is determined, the prior divides it between them"
         )
         # Half each, and neither is known.
         assert fit.logarithms["part"] == pytest.approx(fit.logarithms["same"], abs=1e-3)
@@ -231,7 +231,7 @@ class TestRecovery:
         assert min(fit.spread[name] for name in ("part", "same")) > 0.03
         names = ("stiffness.acoustic", "part")
         notes = fit_factors(problem(affine(model, recipe), values, names)).notes
-        assert not [note for note in notes if "cannot be told apart" in note]
+        assert not [note for note in notes if "cannot be distinguished" in note]
 
     def test_a_loss_factor(self):
         """Damping that is hysteretic beside a proportional start: found, and what the three come to is told."""
@@ -264,8 +264,8 @@ class TestRecovery:
         values = measured(model, recipe, truth, TIGHT, 0.01)
         lines = np.flatnonzero(FREQUENCY >= 200.0)
         fit = fit_factors(problem(affine(model, recipe), values, tuple(truth), selected=lines))
-        (note,) = (note for note in fit.notes if "told apart" in note)
-        assert note.startswith("beta.structure and loss_factor.structure cannot be told apart by these FRFs: only their combination")
+        (note,) = (note for note in fit.notes if "be distinguished" in note)
+        assert note.startswith("beta.structure and loss_factor.structure cannot be distinguished by these FRFs: only their combination")
         told = re.search(r"of field structure is (\S+) \((\S+) to (\S+)\) at (\S+) Hz", note)
         value, low, high, hz = map(float, told.groups())
         assert low < value < high < 1.2 * low

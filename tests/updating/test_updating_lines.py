@@ -159,7 +159,7 @@ def test_noise_is_no_lack_of_lines(noisy, said) -> None:
     noise = 3.0 * np.abs(H) * (rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape))
     found = too_wide((f, H + np.where(noisy(f)[:, None], noise, 0.0)))
     assert found is not None
-    assert found.text.startswith("noise, it seems: ")
+    assert found.text.startswith("probably noise: ")
     assert all(part in found.text for part in said)
 
 

@@ -102,7 +102,7 @@ def test_a_filter_in_one_channel():
     own[:, 2] *= corner**2 / (corner**2 + 1.414 * corner + 1.0)
     text = other_chain(F, own, frfs(), "tight", NAMES)
     assert text is not None
-    assert ", a3 by " in text
+    assert ": a3 by " in text
     assert "a1" not in text
 
 

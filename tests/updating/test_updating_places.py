@@ -162,7 +162,7 @@ class TestPlaces:
         top = np.column_stack([np.linspace(0.1, 0.5, 9), np.full(9, 0.52), np.zeros(9)])
         found = judge([edge(profile(4.5, 2.0, (3,)), profile(4.5))], np.vstack([BOLTS, right, top]), -1.0, False)
         assert [v.verdict for v in found] == ["tight"] * 3 + ["loose"] + ["tight"] * 5 + ["outside"] * 18
-        assert "620 mm beside the edge" in found[9].note
+        assert "620 mm from the edge" in found[9].note
 
     def test_uneven_and_paired_bolts_between_terms(self):
         """Half of a close pair's pitch reaches no term, but the terms on both sides of a bolt feel it: a loose one must not be outside."""

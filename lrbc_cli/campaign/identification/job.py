@@ -88,7 +88,7 @@ class Job:
             return None
         found = None if self.reference is None else theta_of(self.parameters, self.reference.parameters)
         if found is None:
-            self.warnings.append(f"the reference job {job} has no result: the start values are the prior, no bolt is judged")
+            self.warnings.append(f"the reference job {job} has no result: the start values are the prior, and no bolt is judged")
         return found
 
     def _change_error(self) -> ChangeError | None:
@@ -156,7 +156,7 @@ class Job:
             self.warnings.append(f"the measurement of {reference} is unusable ({error.problem}): compared without correction")
             return None
         if which := unlike(self.measurement.frequency_hz, tight.frequency_hz):
-            self.warnings.append(f"its lines are not those of {reference} ({which}): compared without correction by it")
+            self.warnings.append(f"its frequency lines differ from those of {reference} ({which}): compared without correction by it")
             return None
         self.tight_sigma, _ = line_sigma(self.inputs, tight, self.inputs.campaign.jobs[reference], self.selected)
         known = self._used(reference, tight, self.selected)

@@ -96,17 +96,17 @@ def _one(found: list[FrfRecord], how: str, response: Response, frf: FrfSet, inpu
     text = "; ".join(describe(r, len(names) > 1) for r in found[:_MOST])
     if len(names) > 1:
         raise DataError(
-            f"the files {names[0]} and {names[1]} both give response {response.name} ({how})",
+            f"the files {names[0]} and {names[1]} both contain response {response.name} ({how})",
             file=found[1].file or frf.source,
             expected="each response once",
             found=text,
-            hint=f"take one of them out of the job's frf, or say which under its records: {{{response.name}: {{file: {names[0]}}}}}",
+            hint=f"remove one of them from the job's frf, or select one under its records: {{{response.name}: {{file: {names[0]}}}}}",
         )
     raise DataError(
         f"several records fit response {response.name} ({how})",
         file=found[0].file or frf.source,
         found=text,
-        hint=f"say which one in responses.{response.name}.record or in the job's records, for instance by its number",
+        hint=f"select one in responses.{response.name}.record or in the job's records, for instance by its number",
     )
 
 
@@ -174,7 +174,7 @@ def matched(inputs: Inputs, job: JobConfig, name: str, frf: FrfSet) -> list[FrfR
         if isinstance(wanted, FileRecordRef) and str(wanted.file) not in files:
             keys = ("jobs", name, "records", response.name) if response.name in job.records else ("responses", response.name, "record")
             raise inputs.campaign.error(
-                "this is none of the job's files",
+                "this is not one of the job's files",
                 *(*keys, "file"),
                 expected=", ".join(Path(file).name for file in files),
                 found=wanted.file.name,
@@ -188,7 +188,7 @@ def matched(inputs: Inputs, job: JobConfig, name: str, frf: FrfSet) -> list[FrfR
                 place=record.place,
                 expected=response.quantity,
                 found=record.quantity,
-                hint=f"set responses.{response.name}.quantity; or, where the file states it wrongly, jobs.{name}.format.quantity",
+                hint=f"set responses.{response.name}.quantity or, if the file states it wrongly, jobs.{name}.format.quantity",
             )
         records.append(record)
     _require_own(inputs, job, name, records)
@@ -259,11 +259,11 @@ def _which(lacking: Sequence[Response], spare: Sequence[str]) -> str:
     """How to say which records responses are, and which they may be where as many are left."""
     key, how = f"responses.{lacking[0].name}.record", "by name, number, node or file"
     if len(spare) != len(lacking):
-        return f"say which one in {key} or in the job's records, {how}"
+        return f"give the record in {key} or in the job's records, {how}"
     lines = ", ".join(f"responses.{response.name}.record: {name}" for response, name in zip(lacking, spare, strict=True))
     if len(spare) == 1:
-        return f"if it is {spare[0]}, write {lines}; else say which one there or in the job's records, {how}"
-    return f"if they are {', '.join(spare)}, in this order, write {lines}; else say which ones there or in the job's records, {how}"
+        return f"if it is {spare[0]}, write {lines}; otherwise give the record there or in the job's records, {how}"
+    return f"if they are {', '.join(spare)}, in this order, write {lines}; otherwise give the records there or in the job's records, {how}"
 
 
 def called(job: JobConfig) -> str:
@@ -285,31 +285,31 @@ def misplaced(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -
         if record.response_node != r.node:
             metres = _in_metres(inputs, inputs.campaign.responses[r.name], record.response_node)
             found.append(
-                f"{where} at node {record.response_node}, response {r.name} is node {r.node} of the "
+                f"{where} at node {record.response_node}, but response {r.name} is node {r.node} of the "
                 f"model: {metres or f'correct the place of {key}, or its record'}"
             )
         elif {record.response_direction, r.direction} <= {1, 2, 3} and record.response_direction != r.direction:
             axes = dict(enumerate(COMPONENTS[:3], start=1))
             found.append(
-                f"{where} along {axes[record.response_direction]}, response {r.name} is {axes[r.direction or 0]} of that node: write "
-                f"{key}.component: {axes[record.response_direction]}, or take another channel of the sensor for it ({key}.record)"
+                f"{where} along {axes[record.response_direction]}, but response {r.name} is {axes[r.direction or 0]} of that node: write "
+                f"{key}.component: {axes[record.response_direction]}, or use another channel of the sensor ({key}.record)"
             )
     for at, (name, (node, along)) in enumerate(zip(inputs.excitations, inputs.excitation_points, strict=True)):
         ways = {abs(record.reference_direction or 0) for r, record in own if r.input == at}
         if len(ways) == 1 and {along, *ways} <= {1, 2, 3} and along not in ways:
             axes = dict(enumerate(COMPONENTS[:3], start=1))
             found.append(
-                f"{called(job)}: the hammer hit along {axes[ways.pop()]}, excitation.{name} is {axes[along or 0]}: write "
-                f"excitation.{name}.component as it was hit, or take the measurement that was hit along {axes[along or 0]}"
+                f"{called(job)}: the hammer hit along {axes[ways.pop()]}, but excitation.{name} is {axes[along or 0]}: correct "
+                f"excitation.{name}.component, or use the measurement that was hit along {axes[along or 0]}"
             )
         over = {record.reference_node for r, record in own if r.input == at}
         if node is not None and len(over) == 1 and not over & {None, node}:
             hit = over.pop()
             metres = _in_metres(inputs, inputs.campaign.excitation[name], hit)
-            fix = f"Correct excitation.{name}, or, where it is this measurement alone, measure it again at node {node}"
+            fix = f"Correct excitation.{name}, or, if only this measurement is affected, measure it again at node {node}"
             found.append(
-                f"{called(job)}: the hammer hit node {hit}, excitation.{name} is node {node} of the model: "
-                f"{metres or f'are hammer and sensor exchanged? {fix}'}"
+                f"{called(job)}: the hammer hit node {hit}, but excitation.{name} is node {node} of the model: "
+                f"{metres or f'check whether hammer and sensor are exchanged. {fix}'}"
             )
     return found
 
@@ -340,9 +340,9 @@ def _places(dofs: DofTable, nodes: Sequence[int | None]) -> Floats | None:
 
 def _mirrored(inputs: Inputs, job: JobConfig) -> str:
     return (
-        f"{called(job)}: all records were measured at other nodes of the model than the campaign says, which lie as its places do, but "
-        "mirrored or turned: give hammer, sensors and bolts in the axes of the model (the nodes of the records are listed by "
-        "lrbc check -v), or the wrong bolt is named"
+        f"{called(job)}: all records were measured at other nodes of the model than the campaign file says; these are its places "
+        "mirrored or turned. Give hammer, sensors and bolts in the axes of the model (lrbc check -v lists the nodes of the records); "
+        "otherwise the wrong bolt is found loose"
     )
 
 
@@ -358,7 +358,7 @@ def _in_metres(inputs: Inputs, point: PointConfig, node: int | None) -> str | No
     if dof < 0 or inputs.dofs.node[dof] != node or distance > spacing(inputs.dofs, dof):
         return None
     text = ", ".join(f"{value:.6g}" for value in place)
-    return f"the point given lies there when it is taken times 1000: write near: [{text}], in the units of the campaign"
+    return f"multiplied by 1000, the given point lies there: write near: [{text}], in the units of the campaign"
 
 
 def require_signals(inputs: Inputs, records: list[FrfRecord | None], values: Complexes) -> None:
@@ -373,13 +373,13 @@ def require_signals(inputs: Inputs, records: list[FrfRecord | None], values: Com
         return
     names = ", ".join(inputs.responses[i].name for i in dead)
     several, all_of = len(dead) > 1, len(dead) == inputs.used.size
-    remedy = f"or do without {'them' if several else 'it'} everywhere: take {names} out of responses and update.responses"
+    remedy = f"or do without {'them' if several else 'it'} in all jobs: remove {names} from responses and update.responses"
     raise DataError(
         f"the records of responses {names} are zero on the whole band"
         if several
         else f"the record of response {names} is zero on the whole band",
         file=next(record.file for i in dead if (record := records[i]) is not None),
         expected="measured values",
-        hint=f"{'were their sensors or cables' if several else 'was its sensor or cable'} off? Measure this job again"
-        + (", with the hammer's signal and its trigger checked" if all_of and several else f", {remedy}"),
+        hint=f"check whether {'their sensors or cables were' if several else 'its sensor or cable was'} off. Measure this job again"
+        + (", and check the hammer's signal and its trigger" if all_of and several else f", {remedy}"),
     )

@@ -109,17 +109,17 @@ def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     for files, other in zip(job.measurements[1:], further, strict=True):
         if not _same_lines(other.frequency_hz, first.frequency_hz):
             raise DataError(
-                "a repeat on other lines than its measurement",
+                "a repeat has other frequency lines than its measurement",
                 file=files[0],
                 place=f"job {name}",
                 expected=f"the lines of {job.first.name}: " + _lines_text(first.frequency_hz),
                 found=_lines_text(other.frequency_hz),
-                hint="repeats are measured with the same settings; else make them jobs of their own",
+                hint="measure repeats with the same settings, or make them jobs of their own",
             )
     found = _mean_of([first, *further])
     strange = [
-        f"{called(job)}: its repeat {files[0].name} lies {away:.1f} dB from it, constants taken out: of another state, it seems; take it "
-        f"out of jobs.{name}.repeats, or write the file that was measured"
+        f"{called(job)}: its repeat {files[0].name} differs from it by {away:.1f} dB (mean level of each response removed), probably "
+        f"another state. Remove it from jobs.{name}.repeats, or give the file that was measured"
         for files, other in zip(job.measurements[1:], further, strict=True)
         if (away := float(np.median(apart(other.values, first.values)[inputs.used]))) > LEAST_DIFFERENCE
     ]
@@ -140,9 +140,9 @@ def unlike(axis: Floats, other: Floats) -> str:
         return ""
     here, there = _lines_text(axis), _lines_text(other)
     if here != there:
-        return f"{here}, there {there}"
+        return f"{here} instead of {there}"
     at = int(np.argmax(np.abs(axis - other) > 1e-6 * other))
-    return f"line {at + 1} at {axis[at]:.8g} Hz, there {other[at]:.8g} Hz"
+    return f"line {at + 1} at {axis[at]:.8g} Hz instead of {other[at]:.8g} Hz"
 
 
 def _mean_of(parts: list[Measurement]) -> Measurement:
@@ -209,11 +209,11 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
         if own and known < MIN_COHERENCE * found.sum():
             thin.setdefault(f"{known} of {found.sum()}", []).append(inputs.responses[i].name)
     warnings += [
-        f"{called(job)}: the coherence of {', '.join(names)} holds {lines} lines in the band only" for lines, names in thin.items()
+        f"{called(job)}: the coherence of {', '.join(names)} has values on {lines} lines of the band only" for lines, names in thin.items()
     ]
     require_signals(inputs, records, values)
     if "averages" in job.model_fields_set and not np.isfinite(coherence).any():
-        warnings.append(f"{called(job)}: averages: {job.averages} are those of its coherence, of which there is none, and not used")
+        warnings.append(f"{called(job)}: averages: {job.averages} is not used, as the job has no coherence")
     warnings += [*_gaps(axis, records, values, job, inputs), *_strange(coherences, inputs, job, records)]
     return Measurement(
         frequency_hz=axis,
@@ -234,8 +234,8 @@ def _strange(coherences: Collection[CoherenceKey], inputs: Inputs, job: JobConfi
     if not coherences or taken & set(coherences):
         return []
     return [
-        f"{called(job)}: no coherence of the job belongs to a response ({', '.join([str(key) for key in coherences][:4])}), so that all "
-        "lines count alike: name its columns like the responses or their records, or take the file of this measurement"
+        f"{called(job)}: no coherence of the job belongs to a response ({', '.join([str(key) for key in coherences][:4])}), so all "
+        "lines have equal weight. Name its columns like the responses or their records, or give the file of this measurement"
     ]
 
 
@@ -262,12 +262,12 @@ def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
         twin = next((other for other, known in hashes.items() if known == digest), None)
         if twin is not None:
             raise DataError(
-                "two files of one job hold the same",
+                "two files of one job have the same content",
                 file=file,
                 place=f"job {name}",
                 expected="each response once",
                 found=f"the content of {Path(twin).name} once more",
-                hint="was another file meant?",
+                hint="check whether another file was meant",
             )
         hashes[file.as_posix()] = digest
         found = _files.of(digest.encode(), partial(read_frf, file, layout_of(job, file)), (str(file), repr(layout_of(job, file))))
@@ -283,7 +283,7 @@ def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
     # What holds for every file is said once.
     notes = [note if len(of) == len(files) else f"{', '.join(of)}: {note}" for note, of in told.items()]
     if named:
-        notes.append(f"no name in the file, called by the file: {', '.join(named)}")
+        notes.append(f"no name in the file, named after the file: {', '.join(named)}")
     return FrfSet(str(job.first), tuple(records), tuple(notes), tuple(warnings), tuple(titles)), hashes
 
 
@@ -313,12 +313,12 @@ def _missing(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None], fr
     if used:
         found.append(
             f"{called(job)}: no record of {', '.join(used)}: identified from the other {inputs.used.size - len(used)} responses, "
-            "and no all-clear rests on this job; "
+            "so this job gives no all-clear; "
             + (
-                f"if it is {' or '.join(spare[:4])}, say responses.{used[0]}.record: {spare[0]}, or, for one job alone, "
+                f"if it is {' or '.join(spare[:4])}, write responses.{used[0]}.record: {spare[0]}, or, for one job alone, "
                 f"records: {{{used[0]}: {spare[0]}}} in that job"
                 if spare
-                else f"measure {', '.join(used)} again where one is wanted"
+                else f"measure {', '.join(used)} again if one is wanted"
             )
         )
     return found
@@ -342,12 +342,12 @@ def _require_one_axis(records: list[FrfRecord | None], job: JobConfig, name: str
         first, lines = next(iter(axes.items()))
         if not _same_lines(axis, lines):
             raise DataError(
-                f"two files of one job are on different lines, {Path(first).name} and {Path(file).name}",
+                f"two files of one job have different frequency lines, {Path(first).name} and {Path(file).name}",
                 file=file,
                 place=f"job {name}",
                 expected=f"the lines of {Path(first).name} in the band: " + _lines_text(lines),
                 found=_lines_text(axis),
-                hint="measure or export them with one resolution and range",
+                hint="measure or export them with the same resolution and range",
             )
 
 
@@ -363,13 +363,14 @@ def _why_short(axis: Floats, every: Floats, band: tuple[float, float]) -> str:
     low, high = band
     for unit, factor in HERTZ.items():
         if factor != 1.0 and _covers(every * factor, band):
-            return f"are the frequencies in {unit}? Then say it: format: {{frequency_unit: {unit}}} of the job"
+            return f"If the frequencies are in {unit}, write format: {{frequency_unit: {unit}}} in the job"
     circular = (low / (2.0 * np.pi), high / (2.0 * np.pi))
     measured = f"[{max(low, axis[0]):g}, {min(high, axis[-1]):g}]"
-    text = f"is the file complete? Else measure again over the whole band, or end the band of all jobs there: reduction.band: {measured}"
+    text = "Check whether the file is complete. Otherwise measure again over the whole band, or end the band of all jobs there: "
+    text += f"reduction.band: {measured}"
     # Lines that begin where the band does in Hz are in the unit of the band.
     if _covers(every, circular) and every.min() ** 2 < low * circular[0]:
-        text += f"; or is the band in rad/s? It is stated in Hz: reduction.band: [{circular[0]:.3g}, {circular[1]:.3g}]"
+        text += f"; or, if the band is in rad/s, write it in Hz: reduction.band: [{circular[0]:.3g}, {circular[1]:.3g}]"
     return text
 
 
@@ -387,7 +388,7 @@ def _gaps(axis: Floats, records: list[FrfRecord | None], values: Complexes, job:
     if not covers(axis, (low, high)):
         found.append(
             f"{called(job)}: the lines from {axis[0]:g} to {axis[-1]:g} Hz cover {(axis[-1] - axis[0]) / (high - low):.0%} of the band "
-            f"from {low:g} to {high:g} Hz; {_why_short(axis, every, (low, high))}"
+            f"from {low:g} to {high:g} Hz. {_why_short(axis, every, (low, high))}"
         )
     # Validation channels too: what they do not hold they cannot test.
     for i in range(values.shape[1]):
@@ -396,7 +397,7 @@ def _gaps(axis: Floats, records: list[FrfRecord | None], values: Complexes, job:
             own = axis[finite]
             found.append(
                 f"{called(job)}: response {inputs.responses[i].name} has values on {own.size} of {axis.size} lines only, "
-                f"from {own[0]:g} to {own[-1]:g} Hz; is the file complete? Else measure it again, or take the response out"
+                f"from {own[0]:g} to {own[-1]:g} Hz. Check whether the file is complete. Otherwise measure it again, or remove the response"
             )
     return found
 
@@ -412,7 +413,7 @@ def _axis(records: list[FrfRecord], job: JobConfig, name: str, inputs: Inputs) -
     axis = lines[(lines >= band[0] - eps) & (lines <= band[1] + eps)]
     if not axis.size:
         raise DataError(
-            "no line of this measurement lies in the band of the reduced model",
+            "no frequency line of this measurement lies in the band of the reduced model",
             file=job.first,
             place=f"job {name}",
             expected=f"lines between {band[0]:g} and {band[1]:g} Hz",
@@ -421,12 +422,12 @@ def _axis(records: list[FrfRecord], job: JobConfig, name: str, inputs: Inputs) -
         )
     if axis.size == 1:
         raise DataError(
-            "one line of this measurement lies in the band of the reduced model",
+            "only one frequency line of this measurement lies in the band of the reduced model",
             file=job.first,
             place=f"job {name}",
             expected=f"an FRF: many lines between {band[0]:g} and {band[1]:g} Hz",
             found=f"one line, {axis[0]:g} Hz (of {lines.size} from {lines[0]:g} to {lines[-1]:g} Hz)",
-            hint="is the file complete? Else check the unit of the frequency column, or change reduction.band",
+            hint="check whether the file is complete. Otherwise check the unit of the frequency column, or change reduction.band",
         )
     return axis, low, high
 
@@ -435,9 +436,9 @@ def _why_none(lines: Floats, band: tuple[float, float]) -> str:
     """Why no line may lie in the band, and what to do."""
     for unit, factor in HERTZ.items():
         if factor != 1.0 and _covers(lines * factor, band):
-            return f"are the frequencies in {unit}? Then say it: format: {{frequency_unit: {unit}}} of the job; else change reduction.band"
+            return f"if the frequencies are in {unit}, write format: {{frequency_unit: {unit}}} in the job; otherwise change reduction.band"
     if _covers(lines, (1e3 * band[0], 1e3 * band[1])):
-        return f"is reduction.band in kHz? Write it in Hz: [{1e3 * band[0]:g}, {1e3 * band[1]:g}]"
+        return f"if reduction.band is in kHz, write it in Hz: [{1e3 * band[0]:g}, {1e3 * band[1]:g}]"
     return "change reduction.band, or check the unit of the frequency column"
 
 

@@ -98,7 +98,7 @@ def _group(group: TermGroup, limits: Saturation | None) -> ParameterGroup:
     W = smoothing_matrix(config.smoothing, count, config.normalised)
     if np.any(W.sum(axis=1) <= 0):
         raise ConfigError(
-            "smoothing weights that leave a term without stiffness",
+            "these smoothing weights leave a term without stiffness",
             place=f"parameters.{group.name}.smoothing",
             expected="a positive weight in the middle",
             found=str(list(config.smoothing or ())),
@@ -175,7 +175,7 @@ def with_values(parameters: Parameterisation, theta: ArrayLike | None, log10: Ma
         if values.shape not in ((), part.shape):
             raise ConfigError(f"the number of values does not fit {name}", expected=f"1 or {part.size}", found=values.size)
         if np.isnan(values).any():
-            raise ConfigError(f"NaN is no value of {name}", expected="log10 values, inf clamps and -inf frees", found="NaN")
+            raise ConfigError(f"NaN is not a value of {name}", expected="log10 values, inf clamps and -inf frees", found="NaN")
         part[...] = values
 
     if theta is not None:
@@ -224,7 +224,7 @@ def select_lines(inputs: Inputs, measurement: Measurement, name: str) -> Integer
         off = distance[np.arange(wanted.size), nearest] > 0.5 * step + 1e-9 * wanted
         if off.any():
             raise DataError(
-                "a listed line was not measured",
+                "a listed frequency line was not measured",
                 file=inputs.campaign.jobs[name].first,
                 place=f"job {name}",
                 expected=f"lines from {frequency[0]:g} to {frequency[-1]:g} Hz",

@@ -55,7 +55,7 @@ def left_out(inputs: Inputs, measurement: Measurement, told: Complexes, noise_of
     band, where = measurement.frequency_hz[lost.any(axis=1)], "" if noise_of is None else f" in {noise_of}"
     return [
         f"values that are mostly noise{where}, by the scatter of neighbouring lines, are not compared: {band[0]:g} to {band[-1]:g} Hz, "
-        f"lines of {', '.join(named)}; coherence in the file, or a narrower reduction.band, tells better"
+        f"lines of {', '.join(named)}; coherence in the file, or a narrower reduction.band, is more reliable"
     ]
 
 
@@ -79,7 +79,7 @@ def line_sigma(inputs: Inputs, measurement: Measurement, job: JobConfig, selecte
     if unknown:
         what = "coherence" if kind == "coherence" else "second measurement"
         named = ", ".join(f"{name} ({count} lines)" for name, count in unknown)
-        notes = (f"weights: no {what}, hence the weight 1, for {named}",)
+        notes = (f"weights: weight 1, as there is no {what}, for {named}",)
     return chosen, notes
 
 
@@ -113,7 +113,7 @@ def validation_channels(values: Complexes, used: Integers, unused: Integers, lim
         return bool(both.any()) and proportional(values[both, i], values[both, j], limits)
 
     own = np.array([i for i in told if not any(copied(int(i), int(j)) for j in used)], dtype=np.int64)
-    return own, "" if own.size else "the validation channels are records that were fitted too"
+    return own, "" if own.size else "the validation channels are copies of records that were fitted"
 
 
 def ratio_of(inputs: Inputs, measurement: Measurement, job: JobConfig, selected: Integers, updated: Complexes) -> float:

@@ -162,14 +162,14 @@ def _sign_texts(inputs: Inputs, found: _Reversed, count: int) -> Told:
         what = "the hammer or of all sensors" if every else f"the hammer at {', '.join(names[e] for e in found.excitations)}"
         fix = ", ".join(f"excitation.{names[e]}.scale: {-inputs.campaign.excitation[names[e]].scale:g}" for e in found.excitations)
         texts["reversed", "hammer", *found.excitations] = (
-            f"reversed sign, it seems: {'all responses' if every else ', '.join(own)}: {said}; likely the direction of {what}: "
-            f"{fix}{sign_tail(inputs)}"
+            f"probably reversed sign: {'all responses' if every else ', '.join(own)}: {said}. Possible cause: the direction of {what}. "
+            f"Write {fix}{sign_tail(inputs)}"
         )
     if found.single:
         own = [inputs.responses[r].name for r in found.single]
         fix = ", ".join(f"responses.{name}.scale: {-inputs.campaign.responses[name].scale:g}" for name in own)
         texts["reversed", *found.single] = (
-            f"reversed sign, it seems: {', '.join(own)}: {said}; likely the direction of the sensor: {fix}{sign_tail(inputs)}"
+            f"probably reversed sign: {', '.join(own)}: {said}. Possible cause: the direction of the sensor. Write {fix}{sign_tail(inputs)}"
         )
     return texts
 

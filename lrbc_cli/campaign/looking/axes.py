@@ -34,18 +34,19 @@ def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) 
         aside = shifted(own, tight)
         counted, other = numbered(own, tight), clocked(own, tight)
         found.append(
-            f"job {name}: its lines are not those of {reference} ({difference}): compared without correction by it, so that errors of the "
-            "model may pass for loose bolts; "
+            f"job {name}: its frequency lines differ from those of {reference} ({difference}). It is compared without the correction by "
+            f"{reference}, so errors of the model may pass for loose bolts. "
             + (
-                f"its frequencies are the numbers of its lines, it seems, from {counted}: name the column that holds the frequencies under "
+                f"Its frequencies are probably the numbers of its lines, counted from {counted}: give the column of the frequencies under "
                 f"jobs.{name}.format.frequency"
                 if counted
-                else f"its file begins {aside}, with as many lines: were they counted from another first one? Correct its frequencies"
+                else f"Its file begins {aside}, with as many lines. Check whether they were counted from another first line, and correct "
+                "its frequencies"
                 if aside
-                else f"its frequencies are {other:.5g} times those of {reference}, line by line: was another sampling rate typed in? "
-                f"Divide them by {other:.5g}, or measure again with the settings of {reference}"
+                else f"Its frequencies are {other:.5g} times those of {reference}, line by line. Check whether another sampling rate was "
+                f"entered. Divide them by {other:.5g}, or measure again with the settings of {reference}"
                 if other
-                else f"{_lacking(own, tight)}measure or export it on the lines of {reference}"
+                else f"{_lacking(own, tight)}Measure or export it on the lines of {reference}"
             )
         )
     return found
@@ -66,7 +67,7 @@ def _lacking(own: Measurement, other: Measurement) -> str:
     # Of another resolution lines are missing all along.
     if not gone.size or gone[-1] - gone[0] + 1 != gone.size or there.sum() != axis.size:
         return ""
-    return f"its lines from {lines[gone[0]]:g} to {lines[gone[-1]]:g} Hz ({gone.size}) are missing; "
+    return f"Its lines from {lines[gone[0]]:g} to {lines[gone[-1]]:g} Hz ({gone.size}) are missing. "
 
 
 def numbered(own: Measurement, other: Measurement) -> str:
@@ -142,15 +143,16 @@ def stretched_text(measurement: Measurement, seen: Seen, *, most: float = 2.0, s
     if min(found) > min(MOST_LEFT, CLEARLY * before):
         return None
     wrong = (
-        f"the model is too {'soft' if best > 1.0 else 'stiff'} or too {'heavy' if best > 1.0 else 'light'}: modulus, thickness or density"
+        f"the model is too {'soft' if best > 1.0 else 'stiff'} or too {'heavy' if best > 1.0 else 'light'} (modulus, thickness, density)"
     )
-    rate = f"Was another sampling rate typed in or set (51.2 for 48 kHz is 1.067)? Then divide the frequencies by {best:.3g}; else {wrong}"
+    rate = "Check whether another sampling rate was entered or set (51.2 instead of 48 kHz is a factor of 1.067). If so, divide the "
+    rate += f"frequencies by {best:.3g}; otherwise {wrong}"
     # Rates that are taken for one another lie nearer than what materials differ by.
     typed = 1.0 / RATES <= best <= RATES
-    cause = f"{rate if typed else wrong[:1].upper() + wrong[1:]} (the stiffness is off by {best**2:.2g}; springs of bolts come on top)"
+    cause = f"{rate if typed else wrong[:1].upper() + wrong[1:]}; stiffness off by a factor of {best**2:.2g}, springs of bolts in addition"
     if not typed and (scaled := scaled_text(seen, best)):
         cause = f"{wrong[:1].upper() + wrong[1:]}; {scaled}"
     return (
-        f"all resonances were measured at {best:.3g} times the frequencies of the model, it seems: levels of measured and computed FRFs "
-        f"are {min(found):.1f} dB apart then, constants taken out, {before:.1f} dB as it is. {cause}"
+        f"all measured resonances are probably at {best:.3g} times the frequencies of the model: this factor reduces the level misfit "
+        f"from {before:.1f} to {min(found):.1f} dB (mean level of each response removed). {cause}"
     )

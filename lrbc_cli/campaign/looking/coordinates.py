@@ -91,8 +91,8 @@ def mirrored_text(seen: Seen) -> str:
                 unit, first = inputs.campaign.unit_system.length, others[0]
                 xyz = ", ".join(f"{value:.6g}" for value in dofs.xyz[first.dof] / unit)
                 return (
-                    f"all sensors are stated with {first.how}, it seems: levels of measured and computed FRFs are {after:.1f} dB apart in "
-                    f"the mirrored places, constants taken out, {before:.1f} dB in the stated ones: correct the places of all responses, "
+                    f"all sensors are probably stated with {first.how}: the mirrored places reduce the level misfit from {before:.1f} to "
+                    f"{after:.1f} dB (mean level of each response removed). Correct the places of all responses: "
                     f"responses.{inputs.responses[first.responses[0]].name}: near: [{xyz}] and so on"
                 )
     return ""
@@ -146,14 +146,13 @@ def _text(inputs: Inputs, dofs: DofTable, other: _Other, before: float, after: f
     keys, component = " and ".join(f"responses.{name}" for name in names), dofs.component[other.dof]
     if other.turned:
         return (
-            f"{', '.join(names)}: sensor stated along {other.how} measures along {component}, it seems: levels of measured and computed "
-            f"FRFs are {after:.1f} dB apart then, constants taken out, {before:.1f} dB as stated: correct {keys}: component: {component}"
+            f"{', '.join(names)}: sensor stated along {other.how} probably measures along {component}: this reduces the level misfit from "
+            f"{before:.1f} to {after:.1f} dB (mean level of each response removed). Correct {keys}: component: {component}"
         )
     xyz = ", ".join(f"{value:.6g}" for value in dofs.xyz[other.dof] / inputs.campaign.unit_system.length)
     return (
-        f"{', '.join(names)}: sensor stated with {other.how}, it seems: levels of measured and computed FRFs are {after:.1f} dB apart at "
-        f"node {dofs.node[other.dof]}, constants taken out, {before:.1f} dB at the stated place: if the sensor was there, correct "
-        f"{keys}: near: [{xyz}]"
+        f"{', '.join(names)}: sensor probably stated with {other.how}: at node {dofs.node[other.dof]} the level misfit falls from "
+        f"{before:.1f} to {after:.1f} dB (mean level of each response removed). If the sensor was there, correct {keys}: near: [{xyz}]"
     )
 
 

@@ -45,9 +45,9 @@ def exchanged_files(inputs: Inputs, measurements: Mapping[str, Measurement]) -> 
     one, other = chain[found[0]], chain[found[1]]
     few, many = (len(inputs.campaign.jobs[name].removed) for name in (one, other))
     return (
-        f"{one} ({few} bolt{'s' if few > 1 else ''} removed) lies {far[one]:.1f} dB from {reference}, {other} ({many} removed) "
-        f"{far[other]:.1f} dB: with their files exchanged, the more bolts are removed the further all jobs lie from it. Are jobs.{one}.frf "
-        f"and jobs.{other}.frf in each other's place?"
+        f"the files of {one} and {other} may be exchanged: {one} ({few} bolt{'s' if few > 1 else ''} removed) differs from {reference} by "
+        f"{far[one]:.1f} dB, {other} ({many} removed) by {far[other]:.1f} dB. With these files exchanged, jobs with more bolts removed "
+        f"differ more from {reference}, in all jobs. Check jobs.{one}.frf and jobs.{other}.frf"
     )
 
 
@@ -78,8 +78,8 @@ def mistitled(inputs: Inputs, measurements: Mapping[str, Measurement]) -> list[s
         title = next(title for title, names in titled[name] if names)
         own, its = jobs[name].first.name, jobs[other].first.name
         told.append(
-            f"job {name}: {own} is titled {title!r}, and {its}, the file of {other}, is not: are jobs.{name}.frf and jobs.{other}.frf in "
-            "each other's place?"
+            f"job {name}: its file and that of {other} may be exchanged: {own} is titled {title!r}, and {its}, the file of {other}, is "
+            f"not. Check jobs.{name}.frf and jobs.{other}.frf"
         )
     return told
 

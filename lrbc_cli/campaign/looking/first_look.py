@@ -110,11 +110,11 @@ def first_look(
     """
     try:
         if misread(inputs.campaign, inputs.model, inputs.groups, inputs.dofs):
-            return FirstLook(note="measured and computed FRFs are compared once what is warned of model and parameters is corrected")
+            return FirstLook(note="measured and computed FRFs are compared once the warnings on model and parameters are corrected")
         source = _source(inputs, folder, progress)
         if source is None:
             return FirstLook(
-                note="measured and computed FRFs are compared once `lrbc reduce` has been run: units, signs, exchanged sensors"
+                note="measured and computed FRFs (units, signs, exchanged sensors) are compared once `lrbc reduce` has been run"
             )
         reference = inputs.campaign.update.reference
         low, high = inputs.campaign.reduction.band
@@ -267,7 +267,7 @@ def _beside_tight(seen: Seen, tight: Complexes, reach: tuple[Floats | float, Flo
     """
     reference = str(seen.inputs.campaign.update.reference)
     away, every = off_level(seen.inputs, seen.measured, tight, reference, seen.job, reach[0]), apart(seen.measured, tight)
-    alone = _alone(seen.inputs, every, f"that of {reference}", seen.job)
+    alone = _alone(seen.inputs, every, f"its FRF in {reference}", seen.job)
     far = {i for i in range(every.size) if CLEARLY * every[i] > np.broadcast_to(reach[1], every.shape)[i]}
     return {key: text for key, text in alone.items() if key[1] in far} | {("level", i): text for i, text in away.items()}
 
@@ -278,9 +278,9 @@ def _foreign(seen: Seen, tight: Complexes) -> Told:
     if least <= max(UNLIKE, float(np.median(apart(tight, seen.model))) / CLEARLY):
         return {}
     text = (
-        f"no state of the bolts that was tried comes near: levels are {least:.1f} dB apart at best, constants taken out, after a first, "
-        "coarse fit. Is it the file of another structure or of another set-up, did the hammer hit another point, or did more change than "
-        "the bolts?"
+        f"no tried state of the bolts comes near: the level misfit is {least:.1f} dB at best after a first, coarse fit (mean level of each "
+        "response removed). Check whether it is the file of another structure or set-up, whether the hammer hit another point, and whether "
+        "more changed than the bolts"
     )
     return {("foreign",): text}
 
@@ -338,17 +338,17 @@ def _unlike(seen: Seen, measurements: Mapping[str, Measurement]) -> Told:
         if text is not None:
             return {("rescaled",): text}
     if float(np.median(own)) > UNLIKE:
-        far = f"{min(own):.1f} to {max(own):.1f} dB apart at the start values, constants taken out"
+        far = f"level misfits of {min(own):.1f} to {max(own):.1f} dB at the start values (mean level of each response removed)"
         if tighter := tighter_text(seen, measurements):
-            return {("unlike",): f"measured and computed FRFs are {far}: {tighter}{looser(seen, typical)}"}
-        causes = "the springs whose places are warned of may be the reason; else " if inputs.springs_doubt else ""
+            return {("unlike",): f"measured and computed FRFs differ: {far}. {tighter}{looser(seen, typical)}"}
+        causes = "the springs whose places are warned of may be the reason; otherwise " if inputs.springs_doubt else ""
         causes += (
             "check the mass sum (units of the model), the material of each part, damping, start values, places and directions of hammer "
-            "and sensors (lrbc check --picture); errors of some per cent are what `lrbc calibrate` is for" + softness_text(seen)
+            "and sensors (lrbc check --picture); `lrbc calibrate` corrects errors of some per cent" + softness_text(seen)
         )
         if free := looser(seen, typical):
-            causes = f"it is the reference job{free} Name a tight job under update.reference, or measure it again; else {causes}"
-        told["unlike",] = f"measured and computed FRFs have little in common, it seems: {far}: {causes}"
+            causes = f"this is the reference job{free}. Set update.reference to a tight job, or measure it again; otherwise {causes}"
+        told["unlike",] = f"measured and computed FRFs have little in common: {far}. {causes[:1].upper()}{causes[1:]}"
     return told | _alone(inputs, every, "the model")
 
 
@@ -357,13 +357,13 @@ def _alone(inputs: Inputs, every: Floats, of: str, job: str | None = None) -> To
     told: Told = {}
     for i in outlying(every):
         response = inputs.responses[i].name
-        causes = f"check the place and the component of responses.{response} (lrbc check --picture), and that the channel is not another"
+        causes = f"Check the place and the component of responses.{response} (lrbc check --picture), and that the channel is not another"
         causes += " sensor's"
         if job is not None:
-            causes = "was its sensor dead, overloaded or moved, or another one plugged in? Measure it again, or take its record out of the "
-            causes += f"file of {job}"
+            causes = "Check whether its sensor was dead, overloaded or moved, or another one was connected. Measure it again, or remove "
+            causes += f"its record from the file of {job}"
         told["alone", i] = (
-            f"{response} lies {every[i]:.1f} dB from {of}, constants taken out, where the median of all responses is "
-            f"{float(np.median(every)):.1f} dB: {causes}"
+            f"{response} differs from {of} by {every[i]:.1f} dB (mean level removed), the median of all responses is "
+            f"{float(np.median(every)):.1f} dB. {causes}"
         )
     return told

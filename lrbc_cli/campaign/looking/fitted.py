@@ -108,8 +108,8 @@ def strike_text(seen: Seen, expected: Complexes, *, least: int = 3, apart_db: fl
         names, stated = [inputs.responses[i].name for i in np.flatnonzero(own)], inputs.campaign.jobs[job].factor
         scale = ", ".join(f"{response}: {10.0 ** (-change / 20.0) * stated(response):.3g}" for response in names)
         return (
-            f"all FRFs of {name} lie {abs(change):.1f} dB {'above' if change > 0 else 'below'} what those of the other excitations let "
-            f"expect: was the hammer overloaded there, or another range, tip or sensitivity set? Measure {name} again, or correct it by "
-            f"jobs.{job}.scale: {{{scale}}}"
+            f"all FRFs of {name} are {abs(change):.1f} dB {'above' if change > 0 else 'below'} the level expected from those of the other "
+            "excitations. Check whether the hammer was overloaded there, or another range, tip or sensitivity was set. Measure "
+            f"{name} again, or correct it by jobs.{job}.scale: {{{scale}}}"
         )
     return ""

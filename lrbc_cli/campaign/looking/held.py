@@ -52,9 +52,9 @@ def held_text(seen: Seen, before: float) -> str | None:
             named = ", ".join(str(node) for node in nodes[:6].tolist()) + (" ..." if nodes.size > 6 else "")
             components = ", ".join(label for label in COMPONENTS if np.any(dofs.component[rows] == label))
             return (
-                f"the stiffness matrix holds {nodes.size} node{'s' if nodes.size > 1 else ''} to the ground beside the terms ({named}; "
-                f"{components}): without that measured and computed FRFs are {left:.1f} dB apart, constants taken out, {before:.1f} dB as "
-                "it is: a boundary condition that was left in, it seems: remove it in the FE model and export the matrices again"
+                f"the stiffness matrix holds {nodes.size} node{'s' if nodes.size > 1 else ''} to the ground in addition to the terms "
+                f"({named}; {components}), probably by a boundary condition that was left in: without it the level misfit falls from "
+                f"{before:.1f} to {left:.1f} dB (mean level of each response removed). Remove it in the FE model, export the matrices again"
             )
     return None
 
@@ -75,8 +75,8 @@ def supports_text(seen: Seen) -> str:
     alike = f", all at {', '.join(common)}" if common and nodes.size > 2 else ""
     named = ", ".join(str(node) for node in nodes[:4].tolist()) + (" ..." if nodes.size > 4 else "")
     return (
-        f"; the model is held to the ground beside the bolts (at or next to {nodes.size} node{'s' if nodes.size > 1 else ''}{alike}: "
-        f"{named}): is the structure held so on the test bench, too?"
+        f". The model is held to the ground in addition to the bolts (at or next to {nodes.size} node{'s' if nodes.size > 1 else ''}"
+        f"{alike}: {named}): check whether the structure on the test bench is held there, too"
     )
 
 

@@ -79,10 +79,10 @@ def _hammer_text(seen: Seen, at: int, most_left: float) -> str | None:
         return None
     name = inputs.excitations[at]
     where, how = _place_text(inputs, dofs, int(places[best]), own)
-    fix = f"correct excitation.{name}: {how}" if seen.reference else "measure it again at the point of the reference job"
+    fix = f"Correct excitation.{name}: {how}" if seen.reference else "Measure it again at the point of the reference job"
     return (
-        f"the hammer hit elsewhere, it seems: {where} levels of measured and computed FRFs are {left[best]:.1f} dB apart, constants taken "
-        f"out, {before:.1f} dB at the place of excitation.{name}: {fix}"
+        f"the hammer probably hit elsewhere than at excitation.{name}: {where} the level misfit falls from {before:.1f} to "
+        f"{left[best]:.1f} dB (mean level of each response removed). {fix}"
     )
 
 
@@ -118,10 +118,10 @@ def hammers_text(seen: Seen, fitted: Callable[[Complexes], Complexes | None] | N
                 first, second = inputs.excitations[two], inputs.excitations[one]
                 exchange = f"exchange the places of excitation.{first} and excitation.{second}"
                 records = ", ".join(f"{inputs.responses[i].name}: {inputs.responses[k].name}" for i, k in sorted(pairs))
-                only = f"jobs.{seen.job}.records: {{{records}}}"
+                only = f"write jobs.{seen.job}.records: {{{records}}}"
                 # Of one job alone the order of the blows was another, of the reference job rather the campaign file is wrong.
-                fix = f"{exchange}, or {only}" if seen.reference else f"{only}, or, where all jobs have it so, {exchange}"
-                return f"{first} and {second} in each other's place, it seems: FRFs of either are the model's of the other: {fix}"
+                fix = f"{exchange}, or {only}" if seen.reference else f"{only}, or, if all jobs are affected, {exchange}"
+                return f"{first} and {second} are probably exchanged: the FRFs of each fit the model's FRFs of the other: {fix}"
     return ""
 
 
@@ -147,9 +147,9 @@ def unmoved_text(seen: Seen, *, same: float = 0.1, other: float = 0.5, least: in
             if away[0].max() <= same and np.median(away[1]) >= other:
                 first, second = inputs.excitations[two], inputs.excitations[one]
                 return (
-                    f"the hammer was not moved, it seems: FRFs of {first} and of {second} are the same at all {len(pairs)} sensors, those "
-                    f"of the model are not: measure {first} or {second} again at its own place, or name the right records (a file or a "
-                    "series that was exported twice)"
+                    f"the hammer was probably not moved: FRFs of {first} and of {second} are the same at all {len(pairs)} sensors, those "
+                    f"of the model are not. Measure {first} or {second} again at its own place, or select the right records (a file or a "
+                    "series may have been exported twice)"
                 )
     return ""
 
@@ -215,7 +215,7 @@ def sensor_text(seen: Seen, response: int) -> str:
         before, best = float(left[places == own][0]), int(np.argmin(left))
         if left[best] <= min(MOST_LEFT, CLEARLY * before):
             at, how = _place_text(inputs, dofs, int(places[best]), own)
-            return f"; {at} it would lie {left[best]:.1f} dB from it ({how})"
+            return f"; {at} it would differ by {left[best]:.1f} dB ({how})"
     return ""
 
 

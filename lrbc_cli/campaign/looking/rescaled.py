@@ -80,7 +80,7 @@ def rescaled_text(seen: Seen, before: float) -> str | None:
         if matrix == "mass" and near and abs(np.log10(factor / gravity)) < 0.01:
             left, matrix, size, factor = near[0]
     text = mistake_text(inputs.campaign, matrix, size)
-    return f"{text}; measured and computed FRFs are {left:.1f} dB apart then, constants taken out, {before:.1f} dB as it is"
+    return f"{text}. This reduces the level misfit from {before:.1f} to {left:.1f} dB (mean level of each response removed)"
 
 
 def scaled_text(seen: Seen, ratio: float, *, most: int = 12) -> str | None:
@@ -156,7 +156,7 @@ def overdamped_text(seen: Seen, most: float) -> str | None:
         return None
     left, factor = min(found)
     text = mistake_text(inputs.campaign, "damping", 1.0 / factor)
-    return f"{text}; levels of measured and computed FRFs are {left:.1f} dB apart then, constants taken out"
+    return f"{text}. This reduces the level misfit to {left:.1f} dB (mean level of each response removed)"
 
 
 def _peaks(values: Complexes) -> Integers:
@@ -183,8 +183,8 @@ def softness_text(seen: Seen) -> str:
     if max(measured, computed) < MORE * min(measured, computed) or (first[1] >= first[0] if soft else first[1] <= first[0]):
         return ""
     wrong = "soft or too heavy" if soft else "stiff or too light"
-    counts = f"{computed} resonances of the model stand beside {measured} measured ones"
-    return f"; {counts}: it is too {wrong} (density, modulus, thickness, supports)"
+    counts = f"The model has {computed} resonances, the measurement {measured}"
+    return f". {counts}: the model is too {wrong} (density, modulus, thickness, supports)"
 
 
 def _cases(seen: Seen, factor: float) -> Iterator[tuple[str, float, Complexes, float]]:

@@ -42,12 +42,13 @@ def other_tables(seen: Seen) -> dict[tuple[object, ...], str]:
         if (moved < 0).any() and (moved > 0).any():
             both = {turns: f"{10.0 ** moved[_turning(seen)[where] == turns][0]:g}" for turns in (False, True)}
             times = f"{both[False]}, those of rotations times {both[True]}"
-        found = f"{after:.1f} dB apart with all stiffnesses of {files} times {times}, {before:.1f} dB as it is"
-        fix = f"in another unit than `units: {stated}` says, it seems: multiply the stiffnesses there by {times.replace('times', 'by')}"
+        found = f"with all stiffnesses of {files} times {times}, the level misfit falls from {before:.1f} to {after:.1f} dB"
+        wrong = f"stiffnesses probably in another unit than `units: {stated}` says"
+        fix = f"Multiply the stiffnesses there by {times.replace('times', 'by')}"
         if np.abs(seen.parameters.initial[where] + moved).max() < 1.0:
             keys = ", ".join(f"parameters.{name}.initial: 0" for name in names)
-            fix = f"what the table says is right, the start value is not: write {keys}"
-        return {("table",): f"measured and computed FRFs are {found}, constants taken out: {fix}"}
+            wrong, fix = "wrong start value, the table is right", f"Write {keys}"
+        return {("table",): f"{wrong}: {found} (mean level of each response removed). {fix}"}
     return _material(seen, before)
 
 
@@ -106,9 +107,10 @@ def _material(seen: Seen, before: float) -> dict[tuple[object, ...], str]:
     factor, size = 10.0 ** (abs(off) / 20.0), "large" if off > 0.0 else "small"
     return {
         ("material",): (
-            f"stiffness and mass of the model are both about {factor:.2g} times too {size}, it seems: FRFs were measured {abs(off):.1f} dB "
-            f"{'above' if off > 0.0 else 'below'} the model's, and with both corrected levels are {left[best]:.1f} dB apart, constants "
-            f"taken out, {before:.1f} dB as it is. Another material (2.9 and 3 are steel for aluminium), or another thickness: correct "
-            "modulus and density in the FE model (compare the mass sum with the weight of the structure), and export it again"
+            f"stiffness and mass of the model are probably both about {factor:.2g} times too {size}: measured FRFs are {abs(off):.1f} dB "
+            f"{'above' if off > 0.0 else 'below'} the model's, and correcting both reduces the level misfit from {before:.1f} to "
+            f"{left[best]:.1f} dB (mean level of each response removed). Possible causes: another material (2.9 and 3 are steel for "
+            "aluminium), another thickness. Correct modulus and density in the FE model (compare the mass sum with the weight of the "
+            "structure), and export it again"
         )
     }

@@ -43,9 +43,9 @@ def tighter_text(seen: Seen, measurements: Mapping[str, Measurement]) -> str:
     other = " (or that of another of these)" if len(near) > 1 else ""
     named, first = ", ".join(f"{name} ({own:.1f} dB)" for name, own in order), order[0][0]
     return (
-        f"{named} {'fits' if len(near) == 1 else 'fit'} the tight model far better than {reference} ({far[reference]:.1f} dB). Are files "
-        f"exchanged? Then exchange jobs.{reference}.frf and jobs.{first}.frf{other}. Was a bolt loose in "
-        f"{reference}? Then name a tight job under update.reference"
+        f"{named} {'fits' if len(near) == 1 else 'fit'} the tight model far better than {reference} ({far[reference]:.1f} dB). If files "
+        f"are exchanged, exchange jobs.{reference}.frf and jobs.{first}.frf{other}. If a bolt was loose in "
+        f"{reference}, set update.reference to a tight job"
     )
 
 
@@ -72,18 +72,18 @@ def not_tight(seen: Seen, held: Complexes) -> str:
         return ""
     campaign, fixes = seen.inputs.campaign, list[str]()
     if name in campaign.update.baselines:
-        fixes.append("take it out of update.baselines")
+        fixes.append("remove it from update.baselines")
     if campaign.calibration is not None and campaign.calibration.job == name:
-        fixes.append("name a tight job under calibration.job")
+        fixes.append("set calibration.job to a tight job")
     fix = " and ".join(fixes)
     if nearer and (not freed or before > UNLIKE):
         return (
-            f"it is taken as tight, but lies {before:.1f} dB from {reference}, and nearer to the tight model ({found:.1f} dB) than that "
-            f"({stated:.1f} dB): was a bolt loose in {reference}? Correct jobs.{reference}.frf, or name a tight job under "
-            f"update.reference; else {fix}"
+            f"it is taken as tight, but differs from {reference} by {before:.1f} dB, and is nearer to the tight model ({found:.1f} dB) "
+            f"than {reference} is ({stated:.1f} dB). Check whether a bolt was loose in {reference}. Correct jobs.{reference}.frf, or set "
+            f"update.reference to a tight job; otherwise {fix}"
         )
     return (
-        f"it is taken as tight, but lies {before:.1f} dB from {reference}{freed or ': was all tight there?'} "
+        f"it is taken as tight, but differs from {reference} by {before:.1f} dB{freed or '. Check whether all bolts were tight'}. "
         f"{fix[:1].upper()}{fix[1:]}, or measure it again"
     )
 
@@ -100,5 +100,5 @@ def looser(seen: Seen, typical: float) -> str:
             at = loosened[best] - where.start
             owners = [] if group.bolt is None or inputs.bolts is None else [inputs.bolts.name[b] for b in group.bolt[at] if b >= 0]
             named = ", ".join(dict.fromkeys(owners)) or f"values {at[0] + 1} to {at[-1] + 1} of parameters.{group.name}"
-            return f". With {named} free they are {distances[best]:.1f} dB apart: was all tight there?"
+            return f". With {named} free the level misfit is {distances[best]:.1f} dB: check whether all bolts were tight"
     return ""

@@ -42,18 +42,18 @@ def noise_doubt(own: Measurement, tight: Measurement, reference: str, *, least: 
     if at and (below is None) != (above is None):
         noise, other = above or below or (0.0, 0.0)
         side, end, cause = (
-            ("from", "end", "the tip of the hammer too soft") if above else ("up to", "begin", "the blow or the sensors too weak there")
+            ("from", "end", "the tip of the hammer was too soft") if above else ("up to", "begin", "blow or sensors were too weak there")
         )
         return (
-            f"noise of {noise:.0%} of the size of each line {side} {own.frequency_hz[at]:.4g} Hz, in the median, {other:.1%} in "
-            f"{reference}, and none such elsewhere: was {cause}? Measure it again, or let reduction.band {end} there"
+            f"noise of {noise:.0%} of the size of each line {side} {own.frequency_hz[at]:.4g} Hz (median), {other:.1%} in {reference}, "
+            f"and no such noise elsewhere. Check whether {cause}. Measure it again, or let reduction.band {end} there"
         )
     if (found := risen(slice(None), least)) is None:
         return None
     return (
-        f"noise of {found[0]:.0%} of the size of each line, in the median over all lines, {found[1]:.1%} in {reference}: too few averages, "
-        f"a weak or a double blow, or noise of the surroundings; expected: what is measured in the other jobs. Measure it again with more "
-        "averages, each blow looked at"
+        f"noise of {found[0]:.0%} of the size of each line (median over all lines), {found[1]:.1%} in {reference}. Possible causes: too "
+        "few averages, a weak or a double blow, noise of the surroundings. Expected: as in the other jobs. Measure it again with more "
+        "averages, and look at each blow"
     )
 
 
@@ -109,9 +109,9 @@ def coherence_doubt(
     names = ", ".join(inputs.responses[i].name for i in far)
     here, there = (", ".join(f"{np.nanmedian(g[:, i]):.4g}" for i in far) for g in (own.coherence, tight.coherence))
     return (
-        f"the coherence of {names} is {here} in the median over the lines, {there} in {reference}, and that of no other response fell so: "
-        "was a channel overloaded, or a sensor or its cable loose? Look at the time signals, raise the range, and measure it again, or "
-        "leave the response out of this job"
+        f"the coherence of {names} is {here} (median over the lines), {there} in {reference}; that of no other response fell as far. Check "
+        "whether a channel was overloaded, or a sensor or its cable was loose. Look at the time signals, raise the range, and measure it "
+        "again, or leave the response out of this job"
     )
 
 

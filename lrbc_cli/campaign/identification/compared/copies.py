@@ -71,8 +71,8 @@ def pasted(measurement: Measurement, responses: list[str], limits: ValidationCha
                 continue
             if proportional(values[both, j], values[both, i], limits):
                 yield (
-                    f"{first} and {responses[j]} have the same numbers: was one column copied over the other, or one channel exported "
-                    f"twice? Export the record of each again"
+                    f"{first} and {responses[j]} have the same numbers. Possible causes: one column copied over the other, one channel "
+                    f"exported twice. Export the record of each again"
                 )
 
 
@@ -135,4 +135,4 @@ def copied_text(own: Measurement, other: Measurement, name: str, responses: list
         return ""
     held = int(np.isfinite(own.values).any(axis=0).sum())
     which = "" if same.size == held else f" in {', '.join(responses[i] for i in same[:6])}{' ...' if same.size > 6 else ''}"
-    return f"it has the numbers of the measurement of {name}{which}; was another file meant?"
+    return f"it has the numbers of the measurement of {name}{which}: check whether another file was meant"

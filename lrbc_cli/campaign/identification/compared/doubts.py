@@ -101,22 +101,22 @@ def _factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: s
     b, quantity = offset.power, inputs.responses[offset.response].quantity
     frequency = "" if not b else f" times {'' if b > 0 else '1/'}(2 pi f){'²' if abs(b) == 2 else ''}"
     size = f"{offset.db:+.2f} dB" if not b or abs(offset.db) >= offset.half + 0.5 else "a factor"
-    text = f"{names}: measured over computed {size}{frequency} at all lines (+-{offset.half:.2f} dB), {offset.before:.1f} dB of misfit, "
-    text += f"{offset.after:.1f} dB without it"
+    text = f"{names}: measured over computed {size}{frequency} at all lines (+-{offset.half:.2f} dB); without this factor the misfit falls "
+    text += f"from {offset.before:.1f} to {offset.after:.1f} dB"
     # Parts of the band that differ by more are seldom one factor.
-    likely = "likely" if offset.half <= MOST_REACH else "perhaps"
+    likely = "probable cause:" if offset.half <= MOST_REACH else "possible cause:"
     causes = [known.cause for known in recognised if known.cause]
     unit = next((known.unit for known in recognised if known.unit), None)
     other = moved(quantity, b)
     if b and other is not None:
-        cause = f"{likely} {other}, not {quantity}{' and ' + causes[0] if causes else ''}: "
+        cause = f"{likely} {other}, not {quantity}{' and ' + causes[0] if causes else ''}. Write "
         keys = ", ".join(f"responses.{inputs.responses[i].name}.quantity: {other}" for i in common.responses)
         if job != inputs.campaign.update.reference:
-            keys += f" (where all jobs hold it; else export {job} again as {quantity})"
+            keys += f" (if all jobs contain it; otherwise export {job} again as {quantity})"
         keys += f", and format.quantity: {other} in each job whose file states {quantity}"
         return text, cause + keys + (f", and jobs.{job}.format.unit: {unit}" if unit else "")
     if b:
-        return text, f"{likely} a derivative or an integral with respect to time, of the input perhaps: convert the FRF file"
+        return text, f"{likely} a derivative or an integral with respect to time, perhaps of the input. Convert the FRF file"
     own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-offset.db / 20.0))}"
     # A sensitivity that lost or won a digit, of some sensors, or in one job; a unit of theirs may be as near.
     tenfold = float(np.copysign(20.0, offset.db))
@@ -128,12 +128,12 @@ def _factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: s
         # Of all responses a unit that is nearer comes first, with its key.
         if len(common.responses) < count or options[0][1] == tenfold:
             own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-options[0][1] / 20.0))}"
-            return text, f"{likely} {' or '.join(cause for *_, cause in options)}: {own}"
+            return text, f"{likely} {' or '.join(cause for *_, cause in options)}. Write {own}"
     if not causes:
-        return text, f"{likely} a sensitivity, a gain or a unit that is not known here: check it, then {own}"
+        return text, f"{likely} a sensitivity, a gain or a unit that is not known here. Check it, then write {own}"
     known = next(known for known in recognised if known.cause)
     own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-known.db / 20.0))}"
-    cause = f"{likely} {' or '.join(causes)}: "
+    cause = f"{likely} {' or '.join(causes)}. Write "
     if known.of_model:
         scales = (f"responses.{inputs.responses[i].name}.scale: {10.0 ** (known.db / 20.0):.6g}" for i in common.responses)
         return text, cause + ", ".join(scales)
@@ -144,7 +144,7 @@ def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> dict[tu
     """What the factors and the phases say, a line each, by kind and responses: other jobs may have the same; nothing where all is well."""
     firm = {offset.response for offset in offsets if offset.named and trusted(offset, offsets)}
     found: dict[tuple[object, ...], str] = {
-        ("units", *common.responses): "not in the model's units, it seems: "
+        ("units", *common.responses): "probably not in the model's units: "
         + "; ".join(_factor_text(inputs, common, [o.response for o in offsets], job))
         for common in grouped(offsets, _quantities(inputs))
         # What leaves most of the misfit wherever it is seen is no unit and no gain.
@@ -153,10 +153,10 @@ def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> dict[tu
     tail = sign_tail(inputs)
     turned = [o.response for o in offsets if o.reversed]
     if turned:
-        what = "hammer or of all sensors" if len(turned) == len(offsets) else "sensor"
+        what = "the hammer or of all sensors" if len(turned) == len(offsets) else "the sensor"
         found["reversed", *turned] = (
-            f"reversed sign, it seems: {_names(inputs, turned, len(offsets))}: measured phases are 180 degrees from the model's; "
-            f"likely the direction of the {what}: jobs.{job}.scale: {_factors(inputs, job, turned, -1.0)}{tail}"
+            f"probably reversed sign: {_names(inputs, turned, len(offsets))}: measured phases are 180 degrees from the model's. Possible "
+            f"cause: the direction of {what}. Write jobs.{job}.scale: {_factors(inputs, job, turned, -1.0)}{tail}"
         )
     late = [o for o in offsets if o.delay]
     if late:
@@ -165,22 +165,22 @@ def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> dict[tu
         delayed = [o.response for o in late]
         names = _names(inputs, delayed, len(offsets))
         found[word, *delayed] = (
-            f"{word}, it seems: {names}: measured phases leave the model's by 360 degrees "
-            f"every {abs(1.0 / delay):.3g} Hz, as if the sensors were {1e3 * abs(delay):.3g} ms {side} the hammer; likely another front "
-            "end, filter or trigger: let the analyser correct the delay of its channels, and export again; the calibration feels it"
+            f"probably {word}: {names}: sensors {1e3 * abs(delay):.3g} ms {side} the hammer (measured phases leave the model's by 360 "
+            f"degrees every {abs(1.0 / delay):.3g} Hz). Possible causes: another front end, filter or trigger. Let the analyser correct "
+            "the delay of its channels, and export again; the calibration is sensitive to the delay"
         )
     mirrored = [o.response for o in offsets if o.conjugate]
     if mirrored:
         found["conjugate", *mirrored] = (
-            f"phases run the other way, it seems: {_names(inputs, mirrored, len(offsets))}: measured is the complex conjugate of computed; "
-            f"likely the convention exp(-i omega t): conjugate the FRF file (imaginary parts, or phases, times -1){tail}"
+            f"phases probably of opposite sign: {_names(inputs, mirrored, len(offsets))}: measured is the complex conjugate of computed. "
+            f"Possible cause: the convention exp(-i omega t). Conjugate the FRF file: imaginary parts, or phases, times -1{tail}"
         )
     return found
 
 
 def sign_tail(inputs: Inputs) -> str:
     """What follows what is said of phases alone."""
-    return "" if inputs.method.residual.phase else "; magnitudes in dB do not feel it, so that the fit is not affected"
+    return "" if inputs.method.residual.phase else "; no effect on the fit, which uses magnitudes in dB"
 
 
 def sideways_text(inputs: Inputs, how: str, job: str) -> str:
@@ -188,12 +188,12 @@ def sideways_text(inputs: Inputs, how: str, job: str) -> str:
     tail = sign_tail(inputs)
     if how == "exchanged":
         return (
-            "real and imaginary parts stand in each other's place, it seems: phases of all responses are 90 degrees less the model's; "
-            f"exchange the two columns of each FRF in the file, or name them in their order under jobs.{job}.format.columns{tail}"
+            "real and imaginary parts are probably exchanged: phases of all responses are 90 degrees minus the model's. Exchange the two "
+            f"columns of each FRF in the file, or list them in their order under jobs.{job}.format.columns{tail}"
         )
     return (
-        "all phases are 90 degrees from the model's, it seems, levels are not: a phase that refers to a sine, or an integration of phases "
-        f"alone; export the FRFs as real and imaginary parts of response over force{tail}"
+        "all phases are probably 90 degrees from the model's, levels are not affected. Possible causes: phases that refer to a sine, an "
+        f"integration of phases alone. Export the FRFs as real and imaginary parts of response over force{tail}"
     )
 
 
@@ -205,15 +205,15 @@ def largest_text(inputs: Inputs, offsets: Sequence[Offset]) -> str:
     if groups:
         worst = max(groups, key=lambda common: common.offset.before - common.offset.after).offset
         what = f"{worst.db:+.2f} dB" + (f" and (2 pi f)^{worst.power}" if worst.power else "")
-        left = f"{worst.before:.1f} dB, {worst.after:.1f} without it"
+        left = f"{worst.before:.1f} dB, {worst.after:.1f} dB without it"
         return f"a constant factor explains most of the misfit of {inputs.responses[worst.response].name}: {what} ({left})"
     constant = [offset for offset in offsets if not offset.power]
     if not constant:
         return "the misfit is not a constant factor"
     worst = max(constant, key=lambda offset: abs(offset.db))
     return (
-        f"the misfit is not a constant factor: the largest, {worst.db:+.2f} dB in {inputs.responses[worst.response].name}, leaves "
-        f"{worst.after:.1f} of {worst.before:.1f} dB"
+        f"the misfit is not a constant factor: without the largest, {worst.db:+.2f} dB in {inputs.responses[worst.response].name}, "
+        f"{worst.after:.1f} of {worst.before:.1f} dB remain"
     )
 
 
@@ -230,18 +230,18 @@ def compared_text(inputs: Inputs, result: Identification) -> str:
 def own_fault_text(inputs: Inputs, misfits: Floats, reference: str, known: str = "") -> str:
     """What to look at where the model explains the reference job and not this one: in this measurement, in a clause."""
     if known:
-        return f"{reference} is explained, so that the fault is likely in this measurement; {known}"
+        return f"{reference} is explained, so the fault is probably in this measurement: {known}"
     alone = outlying(misfits)
     names = ", ".join(inputs.responses[i].name for i in alone)
     typical = float(np.nanmedian(misfits))
     if not alone:
-        what = "no response stands out: was the hammer at another point or in another direction, was a window applied?"
+        what = "No response stands out: check whether the hammer was at another point or in another direction, or a window was applied."
     else:
-        lie, far = "lies" if len(alone) == 1 else "lie", misfits[alone].min()
-        what = f"{names} alone {lie} far off ({far:.1f} dB and more, {typical:.1f} dB in the median of all): was a sensor "
-        what += "overloaded, moved, turned or exchanged?"
+        lie, far = "is" if len(alone) == 1 else "are", misfits[alone].min()
+        what = f"Only {names} {lie} far off (misfit {far:.1f} dB and more, {typical:.1f} dB in the median of all): check whether a sensor "
+        what += "was overloaded, moved, turned or exchanged."
     return (
-        f"{reference} is explained, so that the fault is likely in this measurement; {what} Measure it again; if it comes out alike, the "
+        f"{reference} is explained, so the fault is probably in this measurement. {what} Measure it again. If the result is the same, the "
         "structure changed by more than the model can follow: joints that hardly hold, a part that is missing"
     )
 
@@ -252,7 +252,7 @@ def coarse_text(reference: ReferenceState) -> str:
     # As where no all-clear is given: a change is the difference of two states, each as wrong as this one.
     if np.hypot(before, before) <= DecisionRule.validated_misfit:
         return ""
-    return f"{reference.job} itself is explained to {before:.2f} dB only: improve model or calibration before the measurement is doubted"
+    return f"{reference.job} itself has a misfit of {before:.2f} dB: improve model or calibration before you doubt the measurement"
 
 
 def _levels_off(inputs: Inputs, result: Identification, reference: str) -> str:
@@ -299,8 +299,8 @@ def unreached(misfit_db: float, noise_db: float | None, reference: ReferenceStat
     noise = "noise of the measurement not known" if noise_db is None else f"noise of the measurement {noise_db:.2f} dB"
     other = "" if reference is None else f", reference job {reference.misfit_db:.2f} dB"
     return (
-        f"the fit does not reach the data ({misfit_db:.2f} dB over all lines of the responses used; {noise}{other}; "
-        f"wanted below {limit:.2g} dB): intervals rest on the curvature there and understate what is not known"
+        f"the fit does not reach the data: misfit of {misfit_db:.2f} dB over all lines of the responses used, expected below "
+        f"{limit:.2g} dB ({noise}{other}). Intervals rest on the curvature at this fit and understate the uncertainty"
     )
 
 
@@ -336,7 +336,7 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     compared = f"{compared_text(inputs, result)}; {largest_text(inputs, offsets)}"
     if reference is not None and reference.explained:
         wide = too_wide((result.measurement.frequency_hz, result.measurement.values[:, inputs.used]), rule=inputs.statistics.resolution)
-        fault = ("sensors are exchanged, it seems" if swapped else wide and wide.text) or _levels_off(inputs, result, reference.job)
+        fault = ("exchanged sensors" if swapped else wide and wide.text) or _levels_off(inputs, result, reference.job)
         coarse = "" if fault else coarse_text(reference)
         compared += f"; {coarse or own_fault_text(inputs, result.misfit_final, reference.job, fault)}"
     job = inputs.campaign.jobs[result.name]
@@ -349,7 +349,7 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     further = [None if result.relative or misfit[1] is None else unreached(misfit[1], noise, reference), worsened(*misfit, noise)]
     untrusted = swapped or None
     if not swapped and gains is not None and gains.shared:
-        untrusted = f"all FRFs are {gain_size(*gains.mean)} than the reference job lets expect"
+        untrusted = f"all FRFs are {gain_size(*gains.mean)} than expected from the reference job"
     return found + [text for text in further if text is not None], compared, untrusted
 
 
@@ -369,10 +369,10 @@ def gain_text(inputs: Inputs, job: str, gains: Gains) -> str:
     """What to say of a gain that all responses of a job share."""
     reference, own = inputs.campaign.update.reference, inputs.campaign.jobs[job]
     return (
-        f"{own.first.name}: all FRFs are {gain_size(*gains.mean)} than those of {reference} let expect, at all lines of all responses, "
-        "which no bolt does; expected: one hammer with one sensitivity in both jobs. Verdicts, if any, allow for it, and nothing is an "
-        f"all-clear. Fix: compare the sensitivities typed for {job} and for {reference} (where all jobs say this, those of {reference} "
-        f"are off), and export again, or write jobs.{job}.scale: {{{_scales(inputs, job, gains)}}}"
+        f"{own.first.name}: all FRFs are {gain_size(*gains.mean)} than expected from those of {reference}, at all lines of all responses; "
+        "no bolt does that. Expected: one hammer with one sensitivity in both jobs. Verdicts, if any, allow for it, but there is no "
+        f"all-clear. Fix: compare the sensitivities entered for {job} and for {reference} (if all jobs say this, those of {reference} "
+        f"are wrong), and export again, or write jobs.{job}.scale: {{{_scales(inputs, job, gains)}}}"
     )
 
 
@@ -387,9 +387,9 @@ def level_text(inputs: Inputs, job: str, gains: Gains) -> str:
     else:
         size, likely = f"FRFs are higher or lower ({named})", "the sensors"
     return (
-        f"{inputs.campaign.jobs[job].first.name}: {size} than the model lets expect, at all lines; likely the sensitivity of "
+        f"{inputs.campaign.jobs[job].first.name}: {size} than expected from the model, at all lines. Probable cause: the sensitivity of "
         f"{likely}. It is allowed for: changes and verdicts do not rest on it, absolute stiffnesses do. Fix: compare the sensitivities "
-        "typed for hammer and sensors, and the weight of the structure with that of the model; then correct the model, or write scale: "
+        "entered for hammer and sensors, and the weight of the structure with that of the model; then correct the model, or write scale: "
         f"{{{_scales(inputs, job, gains)}}} in every job"
     )
 
@@ -407,7 +407,7 @@ def refuse_units(inputs: Inputs, measurement: Measurement, model: Complexes, job
         return
     texts = [_factor_text(inputs, common, [o.response for o in offsets], job) for common in grouped(offsets, _quantities(inputs))]
     raise DataError(
-        "measurement and model are in different units, it seems",
+        "measurement and model are probably in different units",
         file=inputs.campaign.jobs[job].first,
         place=f"job {job}",
         expected="FRFs that differ from the model's by its errors, not by one factor at all lines",

@@ -94,9 +94,9 @@ def off_level(
             continue
         names = " and ".join(inputs.responses[k].name for k in (i, *others))
         told[i] = (
-            f"{names} {'lie' if others else 'lies'} {abs(change[i]):.0f} dB {'below' if change[i] < 0 else 'above'} "
-            f"{'their' if others else 'its'} level in {reference}, the other responses do not: was the sensor or its cable off, or another "
-            f"range or sensitivity set? Measure it again, or take its record out of the file of {job}"
+            f"{names} {'are' if others else 'is'} {abs(change[i]):.0f} dB {'below' if change[i] < 0 else 'above'} "
+            f"{'their' if others else 'its'} level in {reference}, the other responses are not. Check whether the sensor or its cable was "
+            f"off, or another range or sensitivity was set. Measure it again, or remove its record from the file of {job}"
         )
     return told
 
@@ -294,10 +294,10 @@ def exchanged_text(inputs: Inputs, cycles: Sequence[Sequence[int]], job: str) ->
         fits.append(", ".join(f"{name} fits the model's {to}" for name, to in zip(names, following, strict=True)))
     each = "each fits the model's FRF of the other" if len(cycles[0]) == 2 else "; ".join(fits)
     exchange = f"{'exchange the places of' if len(cycles[0]) == 2 else 'give'} {'; '.join(places)}"
-    own = f"jobs.{job}.records: {{{', '.join(records)}}}"
+    own = f"write jobs.{job}.records: {{{', '.join(records)}}}"
     # Of one job alone the cables are wrong, of the reference job rather the campaign file.
-    fix = f"{exchange}, or {own}" if job == inputs.campaign.update.reference else f"{own}, or, where all jobs have it so, {exchange}"
-    return f"{'; '.join(said)} in each other's place, it seems: {each}: {fix}"
+    fix = f"{exchange}, or {own}" if job == inputs.campaign.update.reference else f"{own}, or, if all jobs are affected, {exchange}"
+    return f"{'; '.join(said)} are probably exchanged: {each}: {fix}"
 
 
 @dataclass(frozen=True)
@@ -353,12 +353,13 @@ def other_reading(inputs: Inputs, frequency_hz: Floats, measured: Complexes, sta
         return None
     if inverse:
         word = _INVERSE.get(moved(motion, power) or "", "force over response")
-        text = f"inverse FRFs, it seems ({word}): export {motion} over force, or take the reciprocal of every value"
-    return Reading(f"{text}; levels lie {before:.1f} dB from the model's as stated, {after:.1f} dB read so", before, after)
+        text = f"probably inverse FRFs ({word}): export {motion} over force, or take the reciprocal of every value"
+    change = f"from {before:.1f} to {after:.1f} dB (mean level of each response removed)"
+    return Reading(f"{text}. Read this way, the level misfit falls {change}", before, after)
 
 
 #: What to say of levels that are the model's without the weighting.
-_WEIGHTED = "levels that follow the A-weighting, it seems: switch the weighting of the microphones off in the analyser, and export again"
+_WEIGHTED = "levels probably follow the A-weighting: switch the weighting of the microphones off in the analyser, and export again"
 
 _INVERSE = {
     "displacement": "dynamic stiffness, force over displacement",
@@ -386,15 +387,15 @@ def _read_otherwise(measured: Complexes, job: str) -> Iterator[tuple[Complexes, 
     real = bool(np.abs(known.imag).max() <= REAL * np.abs(known).max())
     decibels = known.real if real else np.abs(known)
     if np.abs(decibels).max() < 1000.0:
-        fix = f"levels in decibels taken for magnitudes, it seems: jobs.{job}.format: {{representation: db-phase}}"
+        fix = f"levels in decibels probably read as magnitudes: set jobs.{job}.format: {{representation: db-phase}}"
         if real:
-            fix = "levels in decibels taken for real parts, it seems: export real and imaginary parts, or levels with a column of phases"
+            fix = "levels in decibels probably read as real parts: export real and imaginary parts, or levels with a column of phases"
         yield only(10.0 ** (decibels / 20.0)), fix, False
     if not real:
-        fix = f"magnitudes and phases taken for real and imaginary parts, it seems: jobs.{job}.format: {{representation: magnitude-phase}}"
+        fix = f"magnitudes and phases probably read as real and imaginary parts: set jobs.{job}.format: {{representation: magnitude-phase}}"
         yield only(known.real), fix, False
         if np.abs(known.real).max() < 1000.0:
-            fix = f"decibels and phases taken for real and imaginary parts, it seems: jobs.{job}.format: {{representation: db-phase}}"
+            fix = f"decibels and phases probably read as real and imaginary parts: set jobs.{job}.format: {{representation: db-phase}}"
             yield only(10.0 ** (known.real / 20.0)), fix, False
-    fix = "squared magnitudes, it seems (power spectra): export the FRFs, response over force, with their phases"
+    fix = "probably squared magnitudes (power spectra): export the FRFs, response over force, with their phases"
     yield only(np.sqrt(np.abs(known))), fix, False
