@@ -88,7 +88,7 @@ def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., Result]:
         ("config", 2, "a.yaml, line 3, x: wrong key\n"),
         ("data", 3, "k.mtx: damaged\n"),
         ("numerical", 4, "not reached\n"),
-        ("interrupt", 130, "\nlrbc: interrupted; what was finished is kept\n"),
+        ("interrupt", 130, "\nlrbc: interrupted; finished results are kept\n"),
         ("five", 5, ""),
         ("exit", 6, ""),
         ("nothing", 0, ""),
@@ -137,10 +137,10 @@ def test_verbosity(run, args: list[str], levels: list[str]) -> None:  # type: ig
         (["schem"], ["lrbc: no command 'schem'", "did you mean 'lrbc schema'?"]),
         (["--nonsense"], ["lrbc: no such option", "--nonsense", "lrbc --help"]),
         (["schema", "--nonsense"], ["lrbc schema: no such option", "lrbc schema --help"]),
-        (["plan", "c.yaml", "--draws", "x"], ["lrbc plan: invalid value for '--draws': 'x' is no whole number"]),
+        (["plan", "c.yaml", "--draws", "x"], ["lrbc plan: invalid value for '--draws': 'x' is not a whole number"]),
         (["update", "c.yaml", "--workers", "0"], ["lrbc update: invalid value for '--workers': 0 must be at least 1"]),
         (["rehearse", "c.yaml", "--noise", "1e9"], ["'--noise': 1000000000.0 must be from 0.0 to 1000.0"]),
-        (["update", "c.yaml", "tight"], ["lrbc update: got unexpected extra argument (tight)", "a job is named by --job NAME"]),
+        (["update", "c.yaml", "tight"], ["lrbc update: got unexpected extra argument (tight)", "select jobs with --job NAME"]),
         (["schema", "more"], ["lrbc schema: got unexpected extra argument"]),
     ],
 )
@@ -202,7 +202,7 @@ def test_init(run, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     load_campaign(tmp_path / "new" / "campaign.yaml")
     again = run("init", str(tmp_path / "new"), command=main)
     assert again.exit_code == 2
-    assert "exists already" in again.stderr
+    assert "already exists" in again.stderr
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no poll")
