@@ -270,7 +270,7 @@ def _require_one_place(table: Table, rows: NDArray[np.int64], node: NDArray[np.i
             "one place for each node",
             f"node {node[second]} at {_place(xyz[second])}",
             "one node lies at two places",
-            f"line {table.lines[first]} says {_place(xyz[first])}",
+            f"line {table.lines[first]} says {_place(xyz[first])}: correct one of them",
         )
 
 
