@@ -49,7 +49,7 @@ class ExtendedFrf:
     model : AffineModel
         Reduced model whose matrices depend on the global factors.
     s : (F,) complex array
-        i omega of the lines.
+        s of the lines, see ``FrfModel``.
     parameters : Parameterisation
     nuisances : sequence of Nuisance
     responses : (R,) int array

@@ -25,7 +25,7 @@ class Sensitive(Protocol):
 
     @property
     def s(self) -> Complexes:
-        """(F,) i omega of the lines."""
+        """(F,) s of the lines: i omega, or sigma + i omega of smoothed spectra [rad/s]."""
 
     @property
     def parameters(self) -> Parameterisation:
@@ -54,7 +54,7 @@ class FrfModel:
     Attributes
     ----------
     s : (F,) complex array
-        i omega of the lines [rad/s].
+        s of the lines: i omega, or sigma + i omega of smoothed spectra [rad/s].
     parameters : Parameterisation
     values, linearised : callables
         From the dynamic values D (F, nt) of the terms to the FRFs y (F, R), and to y with dy/dD (F, R, nt). New arrays: they are

@@ -36,8 +36,8 @@ class ErrorModel:
         A gain is accepted if its 95 % interval is beyond this [dB]: 3.5 %, the accuracy to which hammers are calibrated. In 42 jobs
         without a gain, of the samples and of virtual rigs, the interval reached 0.24 dB, because loosened bolts change the damping, too.
     gain_shown : float
-        Share of a gain that the lines which are not compared must show, and share by which the misfit must fall with the gains of the
-        reference job. A choice.
+        Lines that are not compared must confirm a gain to within this share of it. With gains of the reference job the square of the misfit
+        must also fall by the square of this share of their rms. A choice.
     noise_window : int
         Number of lines over which the noise estimated from neighbouring lines is taken as constant. A choice: a few bandwidths of a peak.
     most_noise_db : float

@@ -50,7 +50,7 @@ class ResidualOptions:
 class DataResidual:
     """Whitened residuals of the data and their Jacobian, from the FRFs of the model and their logarithmic derivatives.
 
-    Immutable; methods return changed copies. Residuals are scaled by ``s``: a line without noise has the weight 1.
+    Immutable; methods return changed copies. Whitened residuals have the variance ``s²``: a line without noise keeps its difference in dB.
 
     Parameters
     ----------
