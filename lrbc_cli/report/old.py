@@ -30,7 +30,7 @@ def outdate(page: Path, why: str) -> None:
         before, found = page.stat(), _PLACE.search(page.read_bytes())
         if found is None:
             return
-        text = f"This page is old ({datetime.now().astimezone():%d %B %Y, %H:%M}): {why}"
+        text = f"This page is out of date ({datetime.now().astimezone():%d %B %Y, %H:%M}): {why}"
         size = found.end() - found.start() - len('<p id="old"></p>')
         while len(escape(text).encode()) > size:
             text = text[:-2] + "…"

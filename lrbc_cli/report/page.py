@@ -46,15 +46,15 @@ def render(content: Content, written: datetime | None = None, *, live: bool = Fa
     sections = [part for part in _sections(content) if part is not None]
     links = [tag("li", tag("a", re.split(":| of ", title)[0], href=f"#{anchor}")) for anchor, title, _ in sections]
     return document(
-        f"{content.campaign.campaign} – boundary conditions identified from FRFs",
+        f"{content.campaign.campaign} – bolts and boundary stiffness from FRFs",
         tag("a", "Skip to the verdicts", href="#verdicts", class_="skip"),
         header(content, written or datetime.now().astimezone()),
         tag("nav", tag("ul", *links), aria_label="Parts of this report"),
         tag("main", *(tag("section", tag("h2", title), *parts, id=anchor) for anchor, title, parts in sections)),
         tag(
             "footer",
-            f"Written by {content.tool} from the result files beside this page; nothing was computed for it anew. ",
-            "What each part means: lrbc guide page.",
+            f"Written by {content.tool} from the result files beside this page; nothing was recomputed. ",
+            "lrbc guide page explains each part.",
         ),
         colours=css(),
         scripts=["page.js", "structure.js", *(["live.js"] if live else [])],
@@ -77,7 +77,7 @@ def _sections(content: Content) -> Iterable[_Section | None]:
             calibration_parts(content.calibration, content.calibration_frf, content.campaign),
         )
     if content.plan is not None:
-        yield _part("plan", "Plan: what can be seen", plan_parts(content.plan))
+        yield _part("plan", "Plan: what can be detected", plan_parts(content.plan))
     yield _cost(content, paper=paper)
     yield _convergence(content)
     if content.reduction is not None:
@@ -95,11 +95,11 @@ def _profiles(content: Content) -> _Section | None:
     if not content.profiles:
         return None
     figures = [drawn(chart, beside((job, "profile.png"), (job, "profile.csv"))) for job, chart in content.profiles.items()]
-    text = "Identified values along the edge, all jobs on one scale (paper, Fig. 6). Bolts stand below the profile"
+    text = "Identified values along the edge, all jobs on one scale (paper, Fig. 6). Bolts are marked below the profile"
     if not content.along_edges:
         text = "Identified values of each bolt, all jobs on one scale"
-    text += "; stripes mark those that are judged loose or inconclusive"
-    text += ", and those outside, of which nothing is observable." if any(b.outside for job in content.done for b in job.bolts) else "."
+    text += "; stripes mark bolts that are judged loose or inconclusive"
+    text += ", and bolts outside (not observable)." if any(b.outside for job in content.done for b in job.bolts) else "."
     kinds = {group.kind for job in content.done for group in job.parameters.values()}
     title = f"Stiffness {'along the edge' if content.along_edges else 'of the joints'}" if kinds == {"stiffness"} else "Identified profiles"
     return "profiles", title, [tag("p", text), *_small_multiples(list(content.profiles.values()), figures, "profiles")]
@@ -118,16 +118,16 @@ def _convergence(content: Content) -> _Section | None:
     if made is None:
         return None
     text = (
-        "How sure is it that the best fit was found? The search begins at several starting points, as from one alone it may end at a state "
-        "that is only the best of its surroundings, and the best end is kept. The cost says how badly the computed FRFs fit the measured "
-        "ones; less is better. Others that end at nearly the same cost have found the same state again, or one that fits as well, which "
-        "the notes on the job then list; those of higher cost were left behind."
+        "The search begins at several starting points, because from a single one it may end in a local minimum; the result with the lowest "
+        "cost is kept. The cost measures how badly the computed FRFs fit the measured ones (lower is better). Searches that end at nearly "
+        "the same cost have found the same state again, or another state that fits as well, which the notes on the job then list. Results "
+        "of higher cost were discarded."
     )
     words = (
-        "Starting points: the values of the campaign file or of the calibration; “uniform”, one change of all values; “table of changes”, "
-        "the likeliest of many states with loosened bolts that were computed beforehand, with the change of each bolt in decades; “over "
-        "smoothed spectra”, a first search with the peaks blurred; “hop”, on from there with bolts in each "
-        "other's place; “without the n %”, the lines that fit worst set aside for a first search."
+        "Starting points: the values of the campaign file or of the calibration. “uniform”: one change of all values. “table of changes”: "
+        "the most probable of many precomputed states with loosened bolts, with the change of each bolt in decades. “over smoothed "
+        "spectra”: a first search with the peaks blurred. “hop”: continued from beyond a ridge of the cost beside the optimum found. "
+        "“without the n %”: a first search without the lines that fit worst."
     )
     return "convergence", "Search for the best fit", [tag("p", text), made, tag("p", words, class_="meta")]
 
@@ -136,9 +136,9 @@ def _l_curves(content: Content) -> _Section | None:
     if not content.l_curves:
         return None
     text = (
-        "Each point is the solution for one weight η of the penalty: the sum of squares of the data to the right, that of the penalised "
-        "departures upwards. Beyond the corner a smaller weight lets the parameters run and fits little better, a larger one costs fit. "
-        "A curve without such a corner chooses nothing, and the default weight was used."
+        "Each point is the solution for one weight η of the penalty. Horizontal axis: sum of squares of the data residuals; vertical axis: "
+        "sum of squares of the penalised departures. Beyond the corner, a smaller weight improves the fit little and lets the parameters "
+        "run away; a larger weight makes the fit worse. Without a corner the curve selects no weight, and the default was used."
     )
     figures = [drawn(chart, beside((job, "l-curve.png"))) for job, chart in content.l_curves.items()]
     return "l-curves", "Regularisation", [tag("p", text), *_small_multiples(list(content.l_curves.values()), figures, "L-curves")]
@@ -148,15 +148,15 @@ def _cost(content: Content, *, paper: bool) -> _Section | None:
     costs = tables.cost_table(content.jobs, content.reduction, paper=paper)
     if costs is None:
         return None
-    text = "Times of this machine. Seconds depend on it, multiples of one full line hardly do."
+    text = "Times on this machine. Seconds depend on the machine; multiples of the time for one full line hardly do."
     if paper:
         text += (
-            " Beside them those that the paper states (Table 4; laptop, 2.7 GHz, 23\u202f537 DOFs): it prints 4.90e4 s for the full model; "
-            "its own counts, 23\u202f762 × 0.206 s, give 4.90e3 s, which stands here."
+            " For comparison: the times stated in the paper (Table 4; laptop, 2.7 GHz, 23\u202f537 DOFs). It prints 4.90e4 s for the full "
+            "model, but its own counts, 23\u202f762 × 0.206 s, give 4.90e3 s, which is shown here."
         )
     missing = (
         None
         if content.reduction
-        else tag("p", "reduction.json is missing: `lrbc reduce` writes the reduced model's times and certificate.")
+        else tag("p", "reduction.json is missing. Run `lrbc reduce` to write the times and the certificate of the reduced model.")
     )
     return "cost", "Cost", [tag("p", text), missing, costs]

@@ -31,9 +31,7 @@ def read_results(output: Path, jobs: Sequence[str] | None = None) -> tuple[Campa
     """
     campaign = read(output / "campaign.json", CampaignRecord)
     if campaign is None:
-        raise DataError(
-            "there are no results here", file=output / "campaign.json", hint="run `lrbc update` first; the report only shows what it wrote"
-        )
+        raise DataError("no results here", file=output / "campaign.json", hint="run `lrbc update` first; the report only shows its results")
     for name in jobs or ():
         if name not in campaign.jobs:
             near = difflib.get_close_matches(name, campaign.jobs, n=1)
@@ -45,7 +43,7 @@ def read_results(output: Path, jobs: Sequence[str] | None = None) -> tuple[Campa
     # A job that has not run yet is no error, unless it was asked for.
     present = [job for job in wanted if jobs or (output / job / "result.json").exists()]
     if not present:
-        raise DataError("no job has results yet", file=output, hint="run `lrbc update` first; the report only shows what it wrote")
+        raise DataError("no job has results yet", file=output, hint="run `lrbc update` first; the report only shows its results")
     results = [read_job(output, job) for job in present]
     for name, job in zip(present, results, strict=True):
         if job is None:

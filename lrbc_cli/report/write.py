@@ -253,7 +253,7 @@ def _calibration(output: Path) -> tuple[CalibrationRecord | None, Frf | None]:
         calibration = read(output / "calibration.json", CalibrationRecord)
         return calibration, None if calibration is None else read_frf(output / calibration.frf)
     except DataError as error:
-        log.warning("calibration.json is left out: %s (lrbc calibrate writes it anew)", error.problem)
+        log.warning("calibration.json is left out: %s (run lrbc calibrate to write it again)", error.problem)
         return None, None
 
 

@@ -197,7 +197,7 @@ def test_loose_bolts_of_the_reference_job_are_seen_there(tmp_path: Path) -> None
     assert done.code == 7, done.stderr
     reference = folder.result("tight")
     assert reference["taken_as_tight"]["doubtful"] == ["B3", "B4"]
-    assert "probably not all tight (loose against the reference job: B3 (" in done.stderr
+    assert "probably not all tight (far below the other bolts: B3 (" in done.stderr
     assert "taken as tight; but B3, B4 far looser than the other bolts there" in done.stdout
     assert "B3, B4 far looser than the other bolts in the reference job" in folder.result("loose")["validity"]["unvalidated"]
     assert "B4 far looser than the other bolts there" in folder.run("status").stdout

@@ -62,7 +62,9 @@ def test_a_bolt_has_one_probability_on_the_page(rich: Path, tmp_path: Path) -> N
         assert row[rows[job][0].index("Probability of being loose")] == fmt.probability(bolt.probability_loose)
     strip_words = [item.text for item in strip_chart(campaign, jobs).panels[0].items if isinstance(item, Word)]
     assert "40" in strip_words
-    assert "below, the posterior probability of being loose (change below the threshold) in per cent" in " ".join(parsed(rich).texts)
+    assert "Number in a cell: posterior probability of being loose (change below the threshold), in per cent" in " ".join(
+        parsed(rich).texts
+    )
     write_campaign(tmp_path, (0, 4), lines=60)
     write_report(tmp_path, workers=1)
     assert "posterior probability" not in (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -109,13 +111,13 @@ def test_bolts_outside_are_counted_apart(rich: Path) -> None:
     assert tables.loose_of(jobs[1]) == "4 of 15 judged loose, 1 inconclusive, 2 outside"
     assert tables.hits(jobs) == (
         "Of 4 bolts known to be removed, 4 are judged loose, 0 inconclusive, 0 tight. "
-        "Of 26 bolts known to be in place, 25 are judged tight, 1 inconclusive, 0 loose. 4 more are outside, where nothing is observable."
+        "Of 26 bolts known to be in place, 25 are judged tight, 1 inconclusive, 0 loose. Outside (not observable): 4."
     )
     page = parsed(rich)
     text = " ".join(page.texts)
     assert "4 of 15 judged loose, 1 inconclusive, 2 outside" in text
     assert "n/c outside: no term reaches it, not observable" in text
-    rows = rows_of(page_text(rich), "What was found, job by job")
+    rows = rows_of(page_text(rich), "Results job by job")
     head = [cell.split()[0] for cell in rows[0]]
     assert head.index("Outside") == head.index("Inconclusive") + 1
     assert [row[head.index("Inconclusive")] for row in rows[1:]] == ["none", "B03", "–"]
@@ -141,7 +143,7 @@ def test_the_head_takes_no_job_for_clear(rich: Path, tmp_path: Path) -> None:
     """One of three has loose bolts, one has no verdict; bolts outside are no open ones."""
     head = head_of(page_text(rich))
     assert "Loose bolts in 1 of 3 jobs: B08–B11. Jobs without verdict: 1, with inconclusive bolts: 1." in head
-    assert "B08–B11 in 1 of 3 jobs, 4 of 4 observable bolts known to be removed are found" in re.sub(r"\s+", " ", head)
+    assert "B08–B11 in 1 of 3 jobs, 4 of 4 observable bolts known to be removed were found" in re.sub(r"\s+", " ", head)
     assert "1 of 30 verdicts" in head
     assert "1 job without verdict, outside, never observable: B01, B17" in head
     for job in jobs_of(rich)[1]:
@@ -166,7 +168,7 @@ def test_a_campaign_without_validation_channels_says_so(tmp_path: Path) -> None:
     campaign, jobs = jobs_of(tmp_path)
     assert all(job.explained and not job.validated and job.validity.held_out_db is None for job in jobs)
     page = page_text(tmp_path)
-    assert "bolts-00, bolts-04: not validated: no validation channel tests the updated model" in page
+    assert "bolts-00, bolts-04: not validated: the verdicts stand, but are no all-clear" in page
     assert ">passed<" not in page
     rows = rows_of(page, "Model validation")
     head = [re.sub(r"\s+", " ", cell) for cell in rows[0]]
@@ -174,7 +176,7 @@ def test_a_campaign_without_validation_channels_says_so(tmp_path: Path) -> None:
         assert row[head.index("Validation")] == "not validated"
         assert row[head.index("Validation channels [dB]")] == "–"
         assert row[head.index("What was compared")] == "misfit of these channels 1.6 dB"
-    assert all("not validated" in row[1] for row in rows_of(page, "What was found")[1:])
+    assert all("not validated" in row[1] for row in rows_of(page, "Results job by job")[1:])
     assert "Jobs not validated: 2" in page
     assert strip_chart(campaign, jobs).subtitle == "not validated: bolts-00, bolts-04"
     assert "not validated" in figures.changes_of(jobs[1])
@@ -186,15 +188,15 @@ def test_validated_jobs_are_not_marked(rich: Path) -> None:
     assert strip_chart(campaign, jobs).subtitle == ""
     assert "not validated" not in page_text(rich)
     assert rows_of(page_text(rich), "Model validation")[1][3] == "1.60"
-    assert "Lines per independent one: neighbouring lines are alike" in page_text(rich)
+    assert "Lines per independent line: neighbouring lines share errors" in page_text(rich)
 
 
 def test_the_starts_are_those_of_the_results(rich: Path, tmp_path: Path) -> None:
     """Per job the start that is kept, and its cost; words beside the table say what the columns are."""
     _, jobs = jobs_of(rich)
-    assert "The cost says how badly the computed FRFs fit" in page_text(rich)
+    assert "The cost measures how badly the computed FRFs fit" in page_text(rich)
     assert "“over" in page_text(rich)
-    rows = rows_of(page_text(rich), "The best fit of each job")
+    rows = rows_of(page_text(rich), "Best fit of each job")
     assert [row[:2] for row in rows[1:]] == [[job.job, "start 0"] for job in jobs]
     for job, row in zip(jobs, rows[1:], strict=True):
         assert row[2] == f"{job.cost.initial:.3f} → {job.optimiser.starts[0].cost:.3f}"
@@ -202,7 +204,7 @@ def test_the_starts_are_those_of_the_results(rich: Path, tmp_path: Path) -> None
     write_campaign(tmp_path, (4,), lines=40)
     spoil(tmp_path / "bolts-04" / "result.json", "optimiser", "starts", value=[])
     write_report(tmp_path, workers=1)
-    assert "The best fit of each job" not in page_text(tmp_path)
+    assert "Best fit of each job" not in page_text(tmp_path)
 
 
 def test_the_legend_of_the_strip_shows_what_is_drawn(rich: Path) -> None:
@@ -525,7 +527,7 @@ def test_a_calibration_that_is_not_used_says_so(tmp_path):
     write_campaign(tmp_path, (4,), responses=("mic01",), used=("mic01",), lines=40, calibration=True)
     spoil(tmp_path / "calibration.json", "used", value=False)
     write_report(tmp_path, workers=1)
-    assert "NOT used by the jobs" in " ".join(parsed(tmp_path).texts)
+    assert "The jobs of this report do NOT use it" in " ".join(parsed(tmp_path).texts)
 
 
 def test_the_summary_names_the_least_probability(rich):

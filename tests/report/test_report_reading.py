@@ -184,7 +184,7 @@ def test_a_page_that_cannot_be_written_anew_says_that_it_is_old(output, monkeypa
     assert caught.value.hint.startswith("make room on this disk, then run the command again")
     now = page.stat()
     assert (now.st_size, now.st_mtime_ns, now.st_ino) == (before.st_size, before.st_mtime_ns, before.st_ino)
-    assert "This page is old (" in outdated(page)
+    assert "This page is out of date (" in outdated(page)
     assert "No space left on device; make room on this disk" in outdated(page)
     # Whatever is said fits, whole characters of it.
     outdate(page, "<&>€" * 500)
@@ -204,7 +204,7 @@ def test_a_page_that_cannot_be_written_anew_says_that_it_is_old(output, monkeypa
 
 
 def test_a_guessed_reference_job_is_said_at_the_top(output):
-    text = "The reference job bolts-00 was guessed from names"
+    text = "Reference job not confirmed: `lrbc init --from` guessed bolts-00 from names"
     assert text not in write_report(output, workers=1, draw=False).read_text(encoding="utf-8")
     spoil(output / "campaign.json", "reference_guessed", value=True)
     assert text in write_report(output, workers=1, draw=False).read_text(encoding="utf-8").partition("</header>")[0]

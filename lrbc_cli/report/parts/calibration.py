@@ -38,12 +38,12 @@ def calibration_parts(calibration: CalibrationRecord, frf: Frf | None, campaign:
     state = (
         "All jobs use this model."
         if serves(calibration, campaign)
-        else "It is NOT used by the jobs of this report: its hash does not fit them, or it was left out on purpose."
+        else "The jobs of this report do NOT use it: its hash does not match theirs, or it was left out on purpose."
     )
     boundary = ", with the boundary held at its start values" if calibration.boundary_held else " together with the boundary stiffness"
     text = (
         f"Global factors of the reference model, identified from job {calibration.job}{boundary}. {state} "
-        "They absorb errors of the model as well, so they need not be the true values of the materials."
+        "The factors also absorb errors of the model, so they need not be the true material values."
     )
     charts = calibration_charts(calibration, frf, campaign)
     figures = [drawn(chart) for chart in charts]

@@ -30,11 +30,11 @@ from lrbc_cli.results.model import ReductionRecord
 _STATES = {
     "free": "without the terms",
     "loose": "a hundredth of the local stiffness of the structure",
-    "local": "equal to it",
-    "clamped": "10⁴ times it",
-    "beyond": "10⁹ times it",
-    "random": "drawn for each term, from 10⁻⁴ to 10⁶ times",
-    "resonant": "raised from free until a mode of the structure lies on the very line",
+    "local": "equal to the local stiffness",
+    "clamped": "10⁴ times the local stiffness",
+    "beyond": "10⁹ times the local stiffness",
+    "random": "drawn for each term, from 10⁻⁴ to 10⁶ times the local stiffness",
+    "resonant": "raised from free until a mode of the structure lies exactly on the line",
 }
 
 
@@ -49,21 +49,23 @@ def certificate_parts(reduction: ReductionRecord, jobs: Sequence[Job] = ()) -> l
     if measured.held_out:
         vectors = "" if measured.vectors is None else f" and {fmt.count(measured.vectors)} parameter vectors"
         text += (
-            f"Against full solves at {len(measured.held_out)} lines outside the basis{vectors} the worst measured error is "
+            f"The largest error, measured against full solves at {len(measured.held_out)} lines outside the basis{vectors}, is "
             f"{fmt.small(measured.worst)} of the line's norm. "
         )
     bound, share, sure = measured.unseen, measured.unseen_share, measured.unseen_confidence
     if bound is not None and share is not None and sure is not None:
-        text += f"At {fmt.percent(share)} % of all other lines it is below {fmt.small(bound)}, with {fmt.percent(sure)} % confidence"
-        text += ": that is above the tolerance. " if bound > reduction.tolerance else ". "
+        text += f"At {fmt.percent(share)} % of all other lines the error is below {fmt.small(bound)}, with {fmt.percent(sure)} % confidence"
+        text += ". This bound is above the tolerance. " if bound > reduction.tolerance else ". "
     text += f"The tolerance of {fmt.small(reduction.tolerance)} is {'reached' if reduction.reached else 'NOT reached'}."
     parts: list[Markup | None] = [tag("p", text)]
     kinds = list(dict.fromkeys(kind for line in measured.held_out for kind in line.errors))
     if told := [f"{kind}: {_STATES[kind]}" for kind in kinds if kind in _STATES]:
-        parts.append(tag("p", "States of the updated terms at which it is measured: " + "; ".join(told) + "."))
+        parts.append(tag("p", "States of the updated terms at which the error is measured: " + "; ".join(told) + "."))
     if others := [job.job for job in jobs if _key(job) not in (None, reduction.cache.key)]:
         names = names_of(others)
-        parts.append(tag("p", tag("strong", f"The results of {names} rest on another reduced model"), "; lrbc update runs them again."))
+        parts.append(
+            tag("p", tag("strong", f"The results of {names} rest on another reduced model"), ". Run `lrbc update` to identify them again.")
+        )
     # As many decimals as tell lines of a narrow band apart.
     digits = max(1, math.ceil(2 - math.log10(high - low))) if high > low else 1
     charts = [chart for chart in (certificate_chart(reduction), trace_chart(reduction)) if chart is not None]
@@ -75,7 +77,7 @@ def certificate_parts(reduction: ReductionRecord, jobs: Sequence[Job] = ()) -> l
             for line in measured.held_out
         ]
         made = table("Measured relative error at held-out lines, by kind of parameter vector", ["Line", *kinds], rows)
-        parts.append(details("The figures as a table", made))
+        parts.append(details("Measured errors as a table", made))
     if reduction.expansion_points:
         points: list[list[str | Cell]] = [
             [f"{fmt.fixed(point.frequency_hz, digits)} Hz", fmt.count(point.order), fmt.count(point.added)]
@@ -106,7 +108,7 @@ def certificate_chart(reduction: ReductionRecord) -> Chart | None:
         [mark.y for mark in items if isinstance(mark, Marks) and mark.y is not None] + [np.array([_log10(reduction.tolerance)])]
     )
     y_axis = decade_axis("measured relative error", low - 0.3, high + 0.3)
-    worst = "" if np.isnan(worst_error) else f" The worst is {worst_error:.1e}, the tolerance {reduction.tolerance:.0e}."
+    worst = "" if np.isnan(worst_error) else f" The largest is {worst_error:.1e}, the tolerance {reduction.tolerance:.0e}."
     alt = f"Measured error of the reduced model at {len(held_out)} held-out lines, parameter vectors {', '.join(kinds)}.{worst}"
     panel = Panel(
         x=linear_axis("frequency [Hz]", float(reduction.band_hz[0]), float(reduction.band_hz[1]), 8), y=y_axis, items=tuple(items)

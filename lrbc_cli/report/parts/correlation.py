@@ -73,14 +73,14 @@ def correlation_parts(campaign: CampaignRecord, jobs: Sequence[JobRecord], maps:
     if not shown and not maps and modes is None:
         return None
     text = (
-        "FRAC is 1 where two FRFs differ by a factor only; it weighs lines by their magnitude, so that a shift of a sharp peak by its own "
-        "width costs most of it. FDAC compares the shapes over all responses, every measured line against every line of the model: "
-        "1 on the diagonal is agreement, a ridge beside it a shift in frequency. Peaks are matched one to one by frequency (within 5 %) "
+        "FRAC is 1 if two FRFs differ only by a factor. It weights lines by their magnitude, so a shift of a sharp peak by its own width "
+        "costs most of it. FDAC compares the shapes over all responses, every measured line with every line of the model: 1 on the "
+        "diagonal is agreement, a ridge beside the diagonal a shift in frequency. Peaks are matched one to one by frequency (within 5 %) "
         "and shape."
     )
     pictures = [drawn(chart, beside((job, "fdac.png"), (job, "fdac.csv"))) for job, chart in list(maps.items())[:_MAPS]]
     further = list(maps)[_MAPS:]
-    links = [tag("p", f"Maps of {len(further)} further jobs stand in their folders as fdac.png.")] if further else []
+    links = [tag("p", f"The maps of {len(further)} further jobs are in their folders (fdac.png).")] if further else []
     first = next(iter(maps.values()), None)
     parts: list[Markup | None] = [tag("p", text)]
     if shown:
@@ -116,8 +116,8 @@ def _modes(jobs: Sequence[JobRecord]) -> Markup | None:
     if not tables:
         return None
     text = (
-        "Of the reduced model in its band; the loss factor of a mode is 2ζ. The MAC compares the shapes over the whole model, weighted "
-        "by kinetic energy; modes with a MAC below 0.5 have no counterpart."
+        "Modes of the reduced model in its band; the loss factor of a mode is 2ζ. The MAC compares the shapes over the whole model, "
+        "weighted by kinetic energy. Modes with a MAC below 0.5 have no counterpart."
     )
     count = f"{len(tables)} job{'' if len(tables) == 1 else 's'}"
     return details(f"Natural frequencies and damping, {count}", tag("p", text), tag("div", *tables, class_="grid peaks"))

@@ -83,11 +83,11 @@ def damping_parts(jobs: Sequence[JobRecord], chart: Chart | None, *, paper: bool
     if made is None:
         return None
     text = (
-        "The exponent is p_damp of eq. (33); the factor 10^p_damp multiplies β, or the loss factor, of the identified stiffness. "
-        "Where nothing is loose the FRFs hardly depend on it."
+        "The exponent is p_damp of eq. (33). The factor 10^p_damp multiplies β, or the loss factor, of the identified stiffness. "
+        "If nothing is loose, the FRFs hardly depend on it."
     )
     if paper:
-        text += " The paper's values are of another structure, its own SoundBox; they are stated without intervals."
+        text += " The values of the paper are for another structure, its SoundBox, and are stated without intervals."
     pictures: list[Markup | None] = []
     if chart is not None:
         pictures = [tag("div", legend(chart), drawn(chart, beside(("", "damping.png"), ("", "campaign.csv"))), class_="single")]

@@ -252,7 +252,12 @@ def channel_chart(job: JobRecord) -> Chart | None:
     )
     panel = Panel(x=x, y=linear_axis("misfit [dB]", 0.0, 1.05 * high, 4), items=tuple(items))
     return Chart(
-        title=f"Misfit by channel · {job.job}", subtitle=f"mean of those used {mean}", alt=alt, panels=(panel,), width=_WIDTH, height=190.0
+        title=f"Misfit by channel · {job.job}",
+        subtitle=f"mean of channels used {mean}",
+        alt=alt,
+        panels=(panel,),
+        width=_WIDTH,
+        height=190.0,
     )
 
 

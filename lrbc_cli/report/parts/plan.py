@@ -25,7 +25,7 @@ _BOLTS, _BAR, _BARS = 190.0, 15.0, 40
 _NAME = 24
 _ALL = "with the planned responses and with all"
 #: What the columns of responses are.
-_BITS = "bits: what a response tells of the bolts, if added to the planned ones or left out of them; alone: by itself"
+_BITS = "bits: information about the bolts that a response adds to the planned ones, or that is lost without it; alone: by itself"
 #: Share of a bolt's place that its bars fill.
 _FILLED = 0.78
 
@@ -92,7 +92,7 @@ def plan_chart(plan: PlanRecord) -> Chart:
     ranked = 20.0 + _BAR * max(len(shown), 1)
     panels = (_bolts(plan, (width - left - RIGHT) / count, _BOLTS), _ranking(shown, ranked))
     how = f"{_draws(plan.draws)} each" if plan.rehearsed else "linearised"
-    subtitle = f"{_counts(plan)} · {how} · errors of {number(plan.noise.sigma_db, 2)} dB a line"
+    subtitle = f"{_counts(plan)} · {how} · errors of {number(plan.noise.sigma_db, 2)} dB per line"
     alt = " ".join(f"{word}: {', '.join(b.name for b in plan.bolts if b.verdict == word) or 'none'}." for word in VERDICTS)
     title = f"Each bolt {_moved(plan)} alone: right verdicts · {fmt.shortened(plan.campaign, 40)}"
     return Chart(title=title, subtitle=subtitle, alt=alt, panels=panels, width=width, height=_BOLTS + ranked + TOP + 2 * BOTTOM, left=left)
@@ -100,9 +100,9 @@ def plan_chart(plan: PlanRecord) -> Chart:
 
 def _state(plan: PlanRecord) -> str:
     if plan.state_job is not None:
-        return f"about the result of {plan.state_job}"
-    words = {"initial": "about the start values", "clamped": "about the upper bounds", "free": "about the lower bounds"}
-    return words.get(plan.state, f"about {plan.state}")
+        return f"around the result of {plan.state_job}"
+    words = {"initial": "around the start values", "clamped": "around the upper bounds", "free": "around the lower bounds"}
+    return words.get(plan.state, f"around {plan.state}")
 
 
 def _bolts(plan: PlanRecord, cell: float, weight: float) -> Panel:
@@ -163,8 +163,8 @@ def _ranking(shown: Sequence[Worth], weight: float) -> Panel:
         boxes[entry.planned].append((0.0, max(end, 0.002 * top), row + 0.82, row + 0.18))
         words.append(Word(role="text", x=end + 0.012 * top, y=row + 0.5, text=f"{entry.gain_bits:.2f}", size=7.5, anchor="start"))
     items: list[Item] = [
-        Tiles("plan-candidate", np.array(boxes[False]).reshape(-1, 4), "below: a candidate, what it would add" if boxes[False] else ""),
-        Tiles("plan-planned", np.array(boxes[True]).reshape(-1, 4), "below: a planned one, what is lost without it" if boxes[True] else ""),
+        Tiles("plan-candidate", np.array(boxes[False]).reshape(-1, 4), "below: a candidate, bits it would add" if boxes[False] else ""),
+        Tiles("plan-planned", np.array(boxes[True]).reshape(-1, 4), "below: a planned one, bits lost without it" if boxes[True] else ""),
     ]
     x_axis = linear_axis("worth of each response: information about the bolts [bits]", 0.0, 1.12 * top, 6)
     y_axis = Axis(
@@ -201,10 +201,10 @@ def plan_text(output: Path) -> str:
     asked = ", ".join(f"{decades:g}" for decades in plan.losses)
     lines = [
         f"{_state(plan)}, {plan.lines.count} lines; one bolt at a time {_moved(plan)} by {asked} decades",
-        f"errors of {plan.noise.sigma_db:.2g} dB a line, {plan.noise.correlation_factor:.2g} lines as good as one ({plan.noise.source})",
+        f"errors of {plan.noise.sigma_db:.2g} dB per line, {plan.noise.correlation_factor:.2g} lines count as one ({plan.noise.source})",
         _means(plan),
-        f"d': standard deviations by which the FRFs then differ from what other bolts can imitate, {_ALL}",
-        "std: how well a small change is known [decades]",
+        f"d': distance of the changed FRFs from what other bolts can imitate [standard deviations], {_ALL}",
+        "std: standard deviation of a small change [decades]",
         "",
     ]
     head = ["bolt", "verdict", *(f"right at {decades:g}" for decades in plan.losses)]
@@ -223,7 +223,7 @@ def plan_text(output: Path) -> str:
     ]
     lines += _columns(head, rows, left=2)
     lines += [
-        f"with {bolt.name} loosened a tight bolt was called loose: {', '.join(_alarmed(bolt))}" for bolt in plan.bolts if _alarmed(bolt)
+        f"with {bolt.name} loosened, a tight bolt was called loose: {', '.join(_alarmed(bolt))}" for bolt in plan.bolts if _alarmed(bolt)
     ]
     notes: dict[str, list[str]] = {}
     for bolt in plan.bolts:
@@ -235,7 +235,7 @@ def plan_text(output: Path) -> str:
     if plan.excitations:
         lines += ["", *_worths("excitation", plan.excitations, None)]
     best = ", ".join(f"{entry.name} ({entry.bits:.1f})" for entry in plan.order[:8])
-    lines += ["", f"the best one, the best beside it, and so on (bits of all up to there): {best}"]
+    lines += ["", f"best response, then the best addition to it, and so on (bits of all so far): {best}"]
     lines += ["", "assumes:", *(f"- {text}" for text in plan.assumes)] if plan.assumes else []
     lines += [f"note: {note}" for note in plan.notes]
     return "\n".join(lines)
@@ -282,22 +282,23 @@ def _columns(head: Sequence[str], rows: Sequence[Sequence[str]], left: int, last
 
 def _means(plan: PlanRecord) -> str:
     """What the figures are."""
-    asked = f"right: probability that the bolt is called {'tight' if plan.tightened else 'loose'} where it alone has changed so"
+    asked = f"right: probability that the bolt is called {'tight' if plan.tightened else 'loose'} if it alone has changed by this much"
     if not plan.rehearsed:
         return f"{asked}, by d' (linearised, not rehearsed)"
-    return f"{asked} (95 % interval), draws in which it was; missed: draws with it called tight; alarm: with a tight one called loose"
+    return f"{asked} (95 % interval), and draws in which it was; missed: draws with it called tight; alarm: with a tight bolt called loose"
 
 
 def plan_parts(plan: PlanRecord) -> list[Markup | None]:
     """Return the parts of the section: what it means, the figure, bolts, responses, excitations."""
     chart = plan_chart(plan)
     text = (
-        f"From the model alone, {_state(plan)}, with errors of {number(plan.noise.sigma_db, 3)} dB a line "
-        f"({number(plan.noise.correlation_factor, 3)} lines as good as one; {plan.noise.source}) on {plan.lines.count} lines: "
-        f"each bolt in turn is {_moved(plan)} alone. {_means(plan)[0].upper()}{_means(plan)[1:]}. "
-        "A bolt is detectable where a right verdict has a "
-        f"probability of at least {100 * plan.limits.detectable:.0f} % at {_decades(plan.loss)}. d' tells how many standard deviations "
-        "the FRFs then lie from what the other unknowns can imitate; std is that of a small change in the present state, prior included. "
+        f"Predicted from the model alone, {_state(plan)}, with errors of {number(plan.noise.sigma_db, 3)} dB per line "
+        f"({number(plan.noise.correlation_factor, 3)} lines count as one; {plan.noise.source}) on {plan.lines.count} lines. "
+        f"Each bolt in turn is {_moved(plan)} alone. {_means(plan)[0].upper()}{_means(plan)[1:]}. "
+        "A bolt is detectable if a right verdict has a "
+        f"probability of at least {100 * plan.limits.detectable:.0f} % at {_decades(plan.loss)}. d': distance of the "
+        "changed FRFs from what the other unknowns can imitate, in standard deviations. Std: that of a small change in the present state, "
+        "prior included. "
         f"{_BITS[0].upper()}{_BITS[1:]}." + (f" {_wrong(plan)}." if plan.rehearsed else "")
     )
     rows: list[list[str | Cell]] = [
@@ -330,13 +331,13 @@ def plan_parts(plan: PlanRecord) -> list[Markup | None]:
         ]
         for entry in plan.responses
     ]
-    titles = ["Response", "Role", "Bits when added, or left out", "Bits alone", "Hardest bolt then"]
+    titles = ["Response", "Role", "Bits added, or lost without it", "Bits alone", "Hardest bolt then"]
     parts: list[Markup | None] = [
         tag("p", text),
         legend(chart),
         tag("div", drawn(chart, beside(("", "plan.png"), ("", "plan.csv"))), style=own_size(chart)),
-        table("What the planned responses can tell of each bolt", head, rows, text_columns=2),
-        table("What each response is worth", titles, worth, text_columns=2),
+        table("Detectability of each bolt with the planned responses", head, rows, text_columns=2),
+        table("Information from each response", titles, worth, text_columns=2),
     ]
     if plan.excitations:
         points: list[list[str | Cell]] = [

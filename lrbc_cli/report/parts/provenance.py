@@ -23,7 +23,7 @@ def provenance(campaign: CampaignRecord, jobs: Sequence[Job], reduction: Reducti
         _inputs(jobs),
         *_documents("Resolved configuration", {job.job: job.provenance.configuration for job in jobs}, len(jobs)),
         *_documents(
-            "Certificate that the job rests on",
+            "Certificate of the reduced model used",
             {job.job: job.provenance.certificate.tree() for job in jobs if job.provenance.certificate is not None},
             len(jobs),
         ),
@@ -38,7 +38,7 @@ def _settings(campaign: CampaignRecord, reduction: ReductionRecord | None) -> Ma
         facts |= {f"Machine: {key}": str(value) for key, value in reduction.machine.items()}
         facts |= {
             "Factorisation": reduction.backend or fmt.MISSING,
-            "Reduced model made": reduction.date or fmt.MISSING,
+            "Reduced model built": reduction.date or fmt.MISSING,
             "Cache": f"{'hit' if reduction.cache.hit else 'miss'}: {reduction.cache.reason or 'no reason given'}",
             "Cache key": reduction.cache.key,
         }

@@ -11,13 +11,13 @@ from lrbc_cli.results.job import Estimate, JobRecord
 from lrbc_cli.results.model import CampaignRecord
 
 UNEXPLAINED = "the model does not explain the measurement: no verdict"
-UNVALIDATED = "not validated: no validation channel tests the updated model, so the verdicts rest on the fit alone"
+UNVALIDATED = "not validated: the verdicts stand, but are no all-clear (reason: see the sentence of the job, or “Confidence and notes”)"
 _OUTCOMES = {True: ("passed", "passed"), False: ("NOT passed", "failed"), None: ("not validated", "stopped")}
 _COLUMNS = (
-    "Validation channels are responses that the fit did not see: where the updated model meets them to within the limit, it is trusted. "
-    "Scatter is what a measured level still deviates by on one line (standard deviation). Lines per independent one: neighbouring lines "
-    "are alike, so that as many count as one. Validation over used: by how much worse the validation channels are met than those that "
-    "were fitted (1: no worse); intervals and verdicts allow for errors so many times the scatter."
+    "Validation channels: responses that the fit did not use. If the updated model reproduces them within the limit, it is trusted. "
+    "Scatter: standard deviation of the remaining difference in level on one line. Lines per independent line: neighbouring lines share "
+    "errors, so this many lines count as one. Validation over used: how much worse the model reproduces the validation channels than the "
+    "channels used (1: no worse); intervals and verdicts allow for errors of this many times the scatter."
 )
 #: A table of notes with more rows is folded away.
 _MANY = 12
@@ -63,21 +63,21 @@ def _validity(jobs: Sequence[JobRecord]) -> Markup | None:
         "What was compared",
         Cell("Validation", tag("br"), "channels [dB]"),
         "Limit [dB]",
-        Cell("Scatter [dB]", title="standard deviation of the residuals that the confidence rests on"),
+        Cell("Scatter [dB]", title="standard deviation of the residuals, the basis of the confidence"),
         Cell(
             "Lines per",
             tag("br"),
-            "independent one",
-            title="lines over their effective sample size: neighbouring lines are alike, so many count as one",
+            "independent line",
+            title="number of lines over their effective sample size: neighbouring lines share errors, so this many count as one",
         ),
         Cell(
             "Validation",
             tag("br"),
             "over used",
-            title="misfit of the validation channels over that of the channels used, at least 1: errors are so many times the scatter",
+            title="misfit of the validation channels over that of the channels used, at least 1: errors are this many times the scatter",
         ),
     ]
-    return table("Model validation: misfit against its limit, and what the confidence rests on", head, rows, text_columns=3)
+    return table("Model validation: misfit and its limit, and the basis of the confidence", head, rows, text_columns=3)
 
 
 def _nuisances(jobs: Sequence[JobRecord]) -> Markup | None:
@@ -87,7 +87,7 @@ def _nuisances(jobs: Sequence[JobRecord]) -> Markup | None:
     keys = list(dict.fromkeys(key for found in shown.values() for key in found))
     head: list[str | Cell] = ["Job", *(Cell(title, tag("br"), tag("small", of or "\u00a0")) for title, of in keys)]
     rows: list[list[str | Cell]] = [[job, *(_nuisance(found.get(key)) for key in keys)] for job, found in shown.items()]
-    caption = "Estimated beside the parameters, ± standard deviation"
+    caption = "Nuisance parameters (estimated with the other parameters), ± standard deviation"
     return table(caption, head, rows, class_="misfits")
 
 

@@ -49,7 +49,7 @@ def strip_chart(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Chart | 
     every = max(1, int(np.ceil((GLYPH * SMALL * max(len(name) for name in names) + 3.0) / cell)))
     ticks = tuple((column[name] + 0.5, name) for edge in edges for name in edge[::every])
     along = any(group.arc_length is not None for job in shown for group in job.parameters.values())
-    x_axis = Axis("" if len(names) < 2 else "bolts in order along the edge" if along else "bolts", 0.0, count, ticks)
+    x_axis = Axis("" if len(names) < 2 else "bolts, in order along the edge" if along else "bolts", 0.0, count, ticks)
     y_axis = Axis("", float(len(shown)), 0.0, tuple((row + 0.5, label) for row, label in enumerate(labels)))
     alt = " ".join(
         f"{job.job}: " + (f"loose {', '.join(job.names('loose')) or 'none'}." if job.explained else f"no verdict, {job.status}.")
@@ -59,9 +59,7 @@ def strip_chart(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Chart | 
     width, height = left + cell * count + RIGHT, TOP + _HIGH * len(shown) + 36.0
     unsure = [job.job for job in shown if not job.validated]
     subtitle = f"not validated: {names_of(unsure)}" if unsure else ""
-    return Chart(
-        title="Loosening over the configurations", subtitle=subtitle, alt=alt, panels=(panel,), width=width, height=height, left=left
-    )
+    return Chart(title="Verdicts job by job", subtitle=subtitle, alt=alt, panels=(panel,), width=width, height=height, left=left)
 
 
 def _cells(shown: Sequence[JobRecord], column: Mapping[str, float], cell: float) -> list[Item]:
@@ -116,7 +114,7 @@ def verdict_key(jobs: Sequence[JobRecord]) -> list[Item]:
     bolts = [bolt for job in jobs for bolt in job.bolts]
     words = [(0, "tight"), (PROBABILITIES - 1, "loose")]
     if any(bolt.probability_loose is not None for bolt in bolts):
-        words = [(0, "probability loose 0 %"), (PROBABILITIES // 2, "50 %"), (PROBABILITIES - 1, "100 %")]
+        words = [(0, "probability of being loose: 0 %"), (PROBABILITIES // 2, "50 %"), (PROBABILITIES - 1, "100 %")]
     key: list[Item] = [Tiles(f"p{step}", np.empty((0, 4)), text) for step, text in words]
     if any(bolt.outside for bolt in bolts):
         key.append(Tiles("outside", np.empty((0, 4)), f"{NOT_COVERED} outside: no term reaches it, not observable"))

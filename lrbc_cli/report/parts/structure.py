@@ -33,13 +33,13 @@ _GRID = 10_000
 _ROOM = 1_200_000
 
 _SHAPES = (
-    "Shapes are those of the updated model under the excitation, at the largest peaks of its mean spectrum: dots are measured, "
-    "rings the model at the same sensors, in one scale; pressures stand upwards, in shares of the largest. FDAC compares both over "
-    "all responses: 1 is the same shape at the same phase, which turns quickly at a sharp peak."
+    "Shapes: deflection of the updated model under the excitation, at the largest peaks of its mean spectrum. Dots: measured; rings: the "
+    "model at the same sensors, to the same scale. Pressures are drawn upwards, as shares of the largest. FDAC compares both over all "
+    "responses: 1 is the same shape at the same phase; the phase turns quickly at a sharp peak."
 )
 _ABOUT = (
-    "Drag to turn, or use the arrow keys; + and − zoom, 0 returns to the first view. Names stand where there is room: point at a symbol, "
-    "tap it, or step along them with n, to see its own."
+    "Drag to turn, or use the arrow keys; + and − zoom, 0 returns to the first view. Names appear where there is room. To see the name of "
+    "a symbol, point at it, tap it, or step along the symbols with n."
 )
 
 
@@ -87,7 +87,7 @@ def structure_parts(
     choose = tag("label", "Job ", tag("select", *options, name="shown")) if len(jobs) > 1 else None
     buttons = [
         tag("button", text, type="button", data_do=do, title=about)
-        for text, do, about in (("First view", "0", "Back to the first view"), ("+", "+", "Nearer"), ("−", "-", "Farther"))
+        for text, do, about in (("First view", "0", "Back to the first view"), ("+", "+", "Zoom in"), ("−", "-", "Zoom out"))
     ]
     switches = [("names", "Names")] + ([("air", "Air")] if "air" in scene.dots else [])
     boxes = [
@@ -107,7 +107,7 @@ def structure_parts(
     text = "" if shown is None else f"{shown.job}: {sentence(shown.finding)}"
     thinned = f" {'; '.join(record.notes)}." if record.notes else ""
     return [
-        tag("p", "Bolts in the colours of the verdicts: ✕ judged loose, ? inconclusive, a dot judged tight.") if jobs else None,
+        tag("p", "Verdicts of the bolts: ✕ judged loose, ? inconclusive, a dot judged tight.") if jobs else None,
         legend(chart),
         tag(
             "div",

@@ -27,11 +27,11 @@ WORDS = {"undecided": "inconclusive"}
 #: What the probability of a bolt is of; result files state that of any change too, which the page leaves to them.
 OF_LOOSE = "posterior probability of being loose (change below the threshold)"
 #: What stands behind two columns.
-COMPUTED = "how many times the FRFs of the model were computed on all lines until the best fit was found"
+COMPUTED = "how often the FRFs of the model were computed on all lines until the best fit was found"
 DAMPING = "exponent p_damp of eq. (33): the springs are damped 10^p_damp times as much as stated in the campaign file"
 #: What is said where nothing tells whether a record is as it was written.
 UNSEALED = "not sealed"
-_UNSEALED = "of an earlier version, or changed by hand: no digest tells that it is as it was written"
+_UNSEALED = "written by an earlier version, or changed by hand: no digest shows that it is as it was written"
 
 
 def status_badge(job: Job) -> Markup:
@@ -97,10 +97,8 @@ def verdict_table(campaign: CampaignRecord, jobs: Sequence[Job], anchors: Mappin
     words = len(head)
     head += [Cell("Damping", tag("br"), "p_damp (factor)", title=DAMPING)] if damped else []
     head += [
-        Cell(
-            "Misfit, channels", tag("br"), "used [dB]", title="mean difference between measured and computed levels where they were fitted"
-        ),
-        Cell("Misfit, validation", tag("br"), "channels [dB]", title="the same of the channels that the fit did not see"),
+        Cell("Misfit, channels", tag("br"), "used [dB]", title="mean absolute difference of measured and computed levels"),
+        Cell("Misfit, validation", tag("br"), "channels [dB]", title="the same for channels that the fit did not use"),
         Cell("FRFs", tag("br"), "computed", title=COMPUTED),
         "Time",
     ]
@@ -135,7 +133,7 @@ def verdict_table(campaign: CampaignRecord, jobs: Sequence[Job], anchors: Mappin
             fmt.seconds(job.seconds["total"]),
         ]
         rows.append(row)
-    return table("What was found, job by job; misfits before → after", head, rows, class_="verdicts", text_columns=words)
+    return table("Results job by job; misfits before → after updating", head, rows, class_="verdicts", text_columns=words)
 
 
 def _loose_cells(campaign: CampaignRecord, job: JobRecord) -> list[str | Cell]:
@@ -251,7 +249,7 @@ def hits(jobs: Iterable[JobRecord]) -> str | None:
             parts.append(f"Of {seen} bolt{plural} known to be {what}, {judged}, {others}")
     outside = (removed + tight).count("outside")
     if outside:
-        parts.append(f"{outside} more are outside, where nothing is observable.")
+        parts.append(f"Outside (not observable): {outside}.")
     return " ".join(parts)
 
 
@@ -305,19 +303,19 @@ def starts_table(jobs: Sequence[JobRecord]) -> Markup | None:
             "Cost",
             tag("br"),
             "before → after",
-            title="how badly computed FRFs fit the measured ones, eq. (29) of the paper: less is better",
+            title="how badly computed FRFs fit the measured ones, eq. (29) of the paper: lower is better",
         ),
-        Cell("Starting", tag("br"), "points", title="how many were tried"),
+        Cell("Starting", tag("br"), "points", title="number of starting points tried"),
         Cell(
-            "Cost where the",
+            "Cost from the",
             tag("br"),
-            "others ended",
-            title="near the cost of the best fit: the same state again, or one that fits as well",
+            "other starts",
+            title="near the cost of the best fit: the same state again, or another that fits as well",
         ),
         Cell("FRFs", tag("br"), "computed", title=COMPUTED),
     ]
     return (
-        table("The best fit of each job, and where the search ended from other starting points", head, rows, text_columns=2, class_="notes")
+        table("Best fit of each job, and cost reached from the other starting points", head, rows, text_columns=2, class_="notes")
         if rows
         else None
     )
@@ -382,15 +380,15 @@ def cost_table(jobs: Sequence[Job], reduction: ReductionRecord | None, *, paper:
     time("One frequency line, full model", line, PAPER["full_line"])
     time("One frequency line, reduced model", spent.get("reduced_line"), PAPER["reduced_line"])
     time("One frequency line, interface FRFs", spent.get("port_line"))
-    time("Calculation of the reduced basis", spent.get("basis"), PAPER["basis"])
+    time("Computation of the reduced basis", spent.get("basis"), PAPER["basis"])
     time("Projection", spent.get("projection"), PAPER["projection"])
     time("Verification: measured error", spent.get("certificate"))
     time("Reduction, total", spent.get("total"), PAPER["basis"] + PAPER["projection"])
     if whole is not None:
         hardest = max((job for job in jobs if isinstance(job, JobRecord)), key=lambda job: job.line_evaluations)
         one = account([hardest], reduction) or whole
-        note = f"{hardest.job}, the one with most line evaluations" + ("; paper: four bolts removed" if paper else "")
+        note = f"{hardest.job}, the job with the most line evaluations" + ("; paper: four bolts removed" if paper else "")
         part("One job", note, one, PAPER)
         part("Whole campaign", f"{whole.jobs} job{'' if whole.jobs == 1 else 's'}", whole, {})
     head = ["What", "This campaign", "in full lines", *(["Paper", "in full lines"] if paper else [])]
-    return table("Time, against the full model", head, rows, class_="cost")
+    return table("Times compared with the full model", head, rows, class_="cost")

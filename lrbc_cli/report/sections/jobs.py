@@ -25,10 +25,10 @@ def job_parts(content: Content) -> list[Markup | None] | None:
         responses = {entry.response: entry.used for entry in sorted(content.frfs, key=lambda entry: not entry.used)}
         used, unseen = [name for name, flag in responses.items() if flag], [name for name, flag in responses.items() if not flag]
         text = (
-            f"Used for updating: {', '.join(used) or 'none'}. Validation channels, which test the result: {', '.join(unseen) or 'none'}. "
+            f"Responses used for updating: {', '.join(used) or 'none'}. Validation channels (not fitted): {', '.join(unseen) or 'none'}. "
         )
-        text += "Ticks at the foot of an FRF mark the lines that the updating uses (paper, Fig. 7). "
-        text += "Point at a curve, tap it, or step along it with the arrow keys to read its values."
+        text += "Ticks at the foot of an FRF mark the lines used for updating (paper, Fig. 7). "
+        text += "To read values, point at a curve, tap it, or use the arrow keys."
         parts += [tag("p", text), _filter(responses)]
     parts += [_job(content, job, figures.get(job.job, [])) for job in content.jobs]
     return parts

@@ -28,7 +28,10 @@ def methods_parts(content: Content) -> list[Markup | None]:
         sentence for sentence in (_measured(content), _model(content), _updating(content), _judged(content), _tools(content)) if sentence
     )
     return [
-        tag("p", "A paragraph on what was done here, and what to cite; figures for print: lrbc report --figures pdf,svg."),
+        tag(
+            "p",
+            "A paragraph on the method with the numbers of this campaign; what to cite. Figures for print: lrbc report --figures pdf,svg.",
+        ),
         _copied("p", text, "paragraph"),
         tag("h3", "Reference"),
         _copied("p", f"[1] {CITATION}", "reference"),
@@ -47,9 +50,10 @@ def _measured(content: Content) -> str:
     states = len(content.jobs)
     # What the data are is quoted along with what was done to them.
     text = f"{said.rstrip('.')}. " if (said := content.campaign.description.strip()) else ""
-    text += f"FRFs are of {states} state{'' if states == 1 else 's'} of the structure ({ranges([job.job for job in content.jobs])})"
-    text += f" at {len(content.campaign.responses)} responses, of which {len(used)} were used for updating"
-    text += f" and {len(unseen)} served as validation channels." if unseen else "."
+    text += f"The data are FRFs of {states} state{'' if states == 1 else 's'} of the structure "
+    text += f"({ranges([job.job for job in content.jobs])})"
+    text += f" at {len(content.campaign.responses)} responses, of which {len(used)} served for updating"
+    text += f" and {len(unseen)} for validation." if unseen else "."
     return text
 
 
@@ -65,7 +69,7 @@ def _model(content: Content) -> str:
             f"at most {fmt.small(model.certificate.worst)})."
         )
     if calibration is not None and serves(calibration, content.campaign):
-        text += f" Global factors of the model ({', '.join(calibration.factors)}) were identified from state {calibration.job} beforehand."
+        text += f" Global factors of the model ({', '.join(calibration.factors)}) were identified beforehand from state {calibration.job}."
     return text
 
 
@@ -79,12 +83,12 @@ def _updating(content: Content) -> str:
     damping = " and a damping exponent" if job.damped else ""
     what = f"In each state {values}{damping} were identified"
     if job.prior is not None and job.prior.unknowns == "bolts":
-        what = f"In state {job.prior.of} {values}{damping} were identified, in every other state a change of stiffness at each of "
+        what = f"In state {job.prior.of} {values}{damping} were identified, and in every other state a change of stiffness at each of "
         what += f"{len(job.observable)} bolts{damping},"
     method = _OPTIMISERS.get(job.optimiser.method, job.optimiser.method)
     return (
-        f"{what} from {lines} spectral lines per response by minimising the differences of magnitude in dB with a regularising prior, "
-        f"by {method} from several starts."
+        f"{what} from {lines} spectral lines per response by minimising the magnitude differences in dB with a regularising prior, "
+        f"using {method} from several starting points."
     )
 
 
@@ -94,8 +98,8 @@ def _judged(content: Content) -> str:
         return ""
     sure = fmt.percent(rule["confidence"])
     return (
-        f"Changes of the stiffness at each bolt against state {content.campaign.reference} were judged: loose where the posterior "
-        f"probability of a change below the threshold is at least {sure} %, tight where that of the opposite is, inconclusive otherwise."
+        f"The change of stiffness at each bolt relative to state {content.campaign.reference} was judged loose if the posterior "
+        f"probability of a change below the threshold is at least {sure} %, tight if that of the opposite is, and inconclusive otherwise."
     )
 
 

@@ -23,7 +23,7 @@ NO_RESULT = "no result, not judged"
 
 #: Of a job whose files are there and cannot be used, without and with a result.
 CANNOT_BE_USED = "no verdict: its files cannot be used"
-EARLIER = "of an earlier measurement; the files that are there now cannot be used"
+EARLIER = "result of an earlier measurement; the present files cannot be used"
 
 #: Sentences beyond this number are folded away.
 _SENTENCES = 24
@@ -40,7 +40,7 @@ def header(content: Content, written: datetime) -> Markup:
     return tag(
         "header",
         room(),
-        tag("p", "Boundary conditions identified from measured FRFs", class_="eyebrow"),
+        tag("p", "Bolts and boundary stiffness from measured FRFs", class_="eyebrow"),
         tag("h1", campaign.campaign),
         tag("p", campaign.description, class_="description") if campaign.description else None,
         tag("p", " · ".join(part for part in about if part), class_="meta"),
@@ -67,7 +67,7 @@ def _files(content: Content) -> Markup | None:
         return None
     return tag(
         "div",
-        tag("p", "Files that are not judged, or not there any more:"),
+        tag("p", "Files that were not judged, or that no longer exist:"),
         tag("ul", *(tag("li", line) for line in lines)),
         class_="warning",
     )
@@ -76,16 +76,17 @@ def _files(content: Content) -> Markup | None:
 def unsealed_text(names: Sequence[str]) -> str:
     """Say what is not known of records that do not vouch for themselves."""
     return (
-        f"Not sealed: {listing(list(names), 6)}. No digest tells that what they say is what was written: they are of an older version, or "
-        "were changed by hand. `lrbc update` writes results anew; `lrbc reduce`, `lrbc plan` and `lrbc calibrate --force` write theirs."
+        f"Not sealed: {listing(list(names), 6)}. No digest shows that their content is as it was written: they were written by an older "
+        "version or changed by hand. Run `lrbc update` to write results again; `lrbc reduce`, `lrbc plan` and `lrbc calibrate --force` "
+        "write their own files."
     )
 
 
 def _guessed(reference: str | None) -> str:
     return (
-        f"The reference job {reference} was guessed from names by `lrbc init --from`, and nobody confirmed it: all verdicts rest on it. "
-        "Where all bolts were tight there, remove `update.reference_guessed` from the campaign file, else name another job; then "
-        "`lrbc run`."
+        f"Reference job not confirmed: `lrbc init --from` guessed {reference} from names, and all verdicts rest on it. If all bolts were "
+        "tight in this job, remove `update.reference_guessed` from the campaign file; otherwise set `update.reference` to another job. "
+        "Then run `lrbc run`."
     )
 
 
@@ -136,7 +137,7 @@ def _tiles(content: Content) -> Iterable[Markup]:
     known = [job.misfit_db for job in done if math.isfinite(job.misfit_db.initial)]
     if known:
         value = fmt.change(float(np.mean([entry.initial for entry in known])), float(np.mean([entry.final for entry in known]))) + " dB"
-        yield _tile("Model against measurement", value, "mean difference before → after updating, of all lines, responses used and jobs")
+        yield _tile("Misfit of the model", value, "before → after updating; mean over all lines, responses used and jobs")
     times = tables.account(jobs, content.reduction)
     if times is not None:
         parts = [f"{times.jobs} job{'' if times.jobs == 1 else 's'} and the reduction {fmt.seconds(times.spent)}"]
@@ -154,7 +155,7 @@ def _loose(content: Content, judged: list[JobRecord], count: int) -> Markup:
     notes = [f"in {len(loose)} of {count} job{'' if count == 1 else 's'}"]
     if removed:
         found = sum(bolt.verdict == "loose" for bolt in removed)
-        notes.append(f"{found} of {len(removed)} observable bolts known to be removed are found")
+        notes.append(f"{found} of {len(removed)} observable bolts known to be removed were found")
     names = tables.ranges(_union(judged), content.campaign.bolt_names) or "none"
     return _tile("Loose bolts", names if judged else fmt.MISSING, ", ".join(notes))
 

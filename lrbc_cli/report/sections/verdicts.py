@@ -30,9 +30,9 @@ def verdict_parts(content: Content) -> list[Markup | None]:
             aria_label="Verdicts",
         )  # fmt: skip
         bolts = [bolt for job in done for bolt in job.bolts]
-        text = "Each row is a job, each cell a bolt: ✕ judged loose, ? inconclusive, a dot judged tight"
+        text = "One row per job, one cell per bolt: ✕ judged loose, ? inconclusive, a dot judged tight"
         text += f", {tables.NOT_COVERED} not covered by the identified terms" if any(bolt.outside for bolt in bolts) else ""
-        text += f"; below, the {tables.OF_LOOSE} in per cent." if any(bolt.probability_loose is not None for bolt in bolts) else "."
+        text += f". Number in a cell: {tables.OF_LOOSE}, in per cent." if any(bolt.probability_loose is not None for bolt in bolts) else "."
         files = tag("p", beside(("", "verdicts.png"), ("", "campaign.csv")), class_="files")
         parts += [tag("p", text), legend(content.strip), drawing, files, tag("p", hits) if hits else None]
     parts.append(tables.verdict_table(content.campaign, content.jobs, content.anchors))
