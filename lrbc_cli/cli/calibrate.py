@@ -26,7 +26,7 @@ from lrbc_cli.study import Study
 def calibrate(
     config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool, force: bool, dry_run: bool, accept_tolerance: bool
 ) -> None:
-    """Identify the global factors of the reference model. `reduce`, `update`, `simulate` and `check` use them while they fit the inputs."""
+    """Identify the global factors of the reference model. `reduce`, `update`, `simulate` and `check` use them while the inputs match."""
     inputs = load(config, overrides, calibration=None)
     settings = require_calibration(inputs)
     folder = cache_folder(cache)
@@ -48,8 +48,8 @@ def calibrate(
             )
         else:
             say(f"calibration from {settings.job}: {'runs' if runs else 'kept'} ({reason})")
-            say(f"factors: {', '.join(settings.names)}; boundary {'held' if settings.boundary == 'held' else 'identified too'}")
-            say(f"reduced model: {'in the cache' if decision.hit else 'is built'} ({decision.reason})")
+            say(f"factors: {', '.join(settings.names)}; boundary {'held' if settings.boundary == 'held' else 'also identified'}")
+            say(f"reduced model: {'in the cache' if decision.hit else 'to be built'} ({decision.reason})")
         return
     record, kept = Study(inputs, folder, progress()).calibrate(force=force, accept=accept_tolerance)
     if as_json:
@@ -79,7 +79,7 @@ def describe(record: CalibrationRecord, kept: bool) -> list[str]:
         lines.append(f"  {name:<{width}}  {entry.value:.5g}  95 % {limit(entry.lower95)} to {limit(entry.upper95)}")
     rounds = len(record.rounds)
     lines.append(
-        f"error of the reduced model at these factors: at most {reduction.worst:.1e} (tolerance {reduction.tolerance:.0e}) at "
+        f"error of the reduced model with these factors: at most {reduction.worst:.1e} (tolerance {reduction.tolerance:.0e}) at "
         f"{len(reduction.held_out)} full lines; {rounds} round{'s' if rounds > 1 else ''}, {record.seconds:.1f} s"
     )
     lines += [f"note: {note}" for note in record.notes]

@@ -25,7 +25,7 @@ from lrbc_cli.errors import LrbcError
 def check(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool, calibration: bool, *, picture: bool) -> int:
     """Check all inputs and print what will be done. Nothing is changed; with --picture, the picture is written.
 
-    If the model cannot be built, all files that cannot be read are named.
+    If the model cannot be built, all files that cannot be read are listed.
     """
     campaign, unfilled = load_unfilled(config, overrides)
     if unfilled:
@@ -61,7 +61,7 @@ def _once(errors: Iterable[LrbcError]) -> list[str]:
         told.setdefault((error.problem, *(str(part) for part in (error.expected, error.found, error.hint))), []).append(error)
     return [
         first.message
-        + (f"\n  the same: {', '.join(Path(error.file).name if error.file else str(error.place) for error in others)}" if others else "")
+        + (f"\n  same error: {', '.join(Path(error.file).name if error.file else str(error.place) for error in others)}" if others else "")
         for first, *others in told.values()
     ]
 
@@ -91,5 +91,5 @@ def _without_model(campaign: Campaign, first: LrbcError, as_json: bool) -> int:
     for message in errors:
         complain(message)
     if len(errors) > 1 and not as_json:
-        say(f"{len(errors)} things to fix; all other files can be read by themselves")
+        say(f"{len(errors)} errors to fix; all other files can be read on their own")
     return first.exit_code

@@ -21,5 +21,5 @@ def guide(topic: str | None) -> None:
             click.echo(f"  {name:{width}}  {text}")
         return
     if topic not in pages.TOPICS:
-        raise ConfigError(f"no page '{topic}' in the guide", place="lrbc guide", expected=f"one of {', '.join(pages.TOPICS)}", found=topic)
+        raise ConfigError(f"the guide has no page '{topic}'", place="lrbc guide", expected=f"one of {', '.join(pages.TOPICS)}", found=topic)
     click.echo(pages.page(topic), nl=False)

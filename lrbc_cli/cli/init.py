@@ -14,14 +14,14 @@ from lrbc_cli.config.skeleton import FILE, write_skeleton
 @click.command(short_help="Write a commented campaign file to fill in.")
 @click.argument("directory", metavar="[DIR]", type=click.Path(path_type=Path), default=Path())
 @click.option(
-    "--from", "source", type=click.Path(path_type=Path), help="Fill in the file from the files of this folder, as far as possible."
+    "--from", "source", type=click.Path(path_type=Path), help="Fill in the campaign file from the files in this folder, as far as possible."
 )
 @verbosity_options
 def init(directory: Path, source: Path | None) -> None:
     """Write a commented campaign file and its schema for editors into DIR (default: the current folder). Nothing is overwritten.
 
-    With --from, the file names the matrices, tables and FRF files of a folder. Files are recognised by their content, and their roles
-    by name and content. Without --from, folders and tables to fill in are written too.
+    With --from, the file lists the matrices, tables and FRF files of a folder. Files are recognised by their content, their roles by name
+    and content. Without --from, folders and tables to fill in are written too.
     """
     if source is None:
         for path in write_skeleton(directory):

@@ -28,14 +28,14 @@ from lrbc_cli.errors import ConfigError, LrbcError, NumericalError
 COMMANDS: dict[str, tuple[str, str]] = {
     "init": ("lrbc_cli.cli.init:init", "Write a commented campaign file to fill in."),
     "check": ("lrbc_cli.cli.check:check", "Check all inputs and print what will be done; change nothing."),
-    "plan": ("lrbc_cli.cli.plan:plan", "Predict which bolts the responses can show, before measuring."),
+    "plan": ("lrbc_cli.cli.plan:plan", "Predict, before measuring, which loose bolts can be detected."),
     "rehearse": ("lrbc_cli.cli.rehearse:rehearse", "Write a campaign of simulated measurements with loose bolts."),
     "reduce": ("lrbc_cli.cli.reduce:reduce", "Build the reduced model, or load it from the cache."),
     "calibrate": ("lrbc_cli.cli.calibrate:calibrate", "Identify the global factors of the reference model."),
-    "update": ("lrbc_cli.cli.update:update", "Identify and judge all jobs, or the named ones."),
+    "update": ("lrbc_cli.cli.update:update", "Identify and judge all jobs, or those given by --job."),
     "watch": ("lrbc_cli.cli.watch:watch", "Judge and report measurements as their files arrive."),
     "report": ("lrbc_cli.cli.report:report", "Draw figures, tables and report.html from the results."),
-    "run": ("lrbc_cli.cli.run:run", "Calibrate if configured, update, report; print the result."),
+    "run": ("lrbc_cli.cli.run:run", "Calibrate (if configured), update and report; print the result."),
     "status": ("lrbc_cli.cli.status:status", "Show which jobs are done, and the time left."),
     "simulate": ("lrbc_cli.cli.simulate:simulate", "Compute FRFs of the model and write them to a file."),
     "schema": ("lrbc_cli.cli.schema:schema", "Print the JSON Schema of the campaign or result files."),
@@ -168,9 +168,9 @@ def _nearest(word: str, candidates: Mapping[str, Any]) -> str:
 _CLEARER = {
     r"is not in the range x>=(\S+?)\.?$": r"must be at least \1",
     r"is not in the range (\S+?)<=x<=(\S+?)\.?$": r"must be from \1 to \2",
-    r"is not a valid integer(?: range)?": "is no whole number",
-    r"is not a valid float(?: range)?": "is no number",
-    r"requires an argument": "needs a value behind it",
+    r"is not a valid integer(?: range)?": "is not a whole number",
+    r"is not a valid float(?: range)?": "is not a number",
+    r"requires an argument": "needs a value",
 }
 
 
@@ -191,13 +191,13 @@ def _usage_error(error: click.ClickException) -> str:
     command = context.command_path if context is not None else _command(sys.argv[1:])
     hint = f"'{command} --help' shows the usage"
     if "extra argument" in text and context is not None and any("--job" in option.opts for option in context.command.params):
-        hint = f"one campaign file at a time; a job is named by --job NAME; {hint}"
+        hint = f"give one campaign file; select jobs with --job NAME; {hint}"
     return ConfigError(text[:1].lower() + text[1:].rstrip("."), place=command, hint=hint).message
 
 
 def _defect(error: BaseException) -> str:
     problem = f"{type(error).__name__}: {error}".splitlines()[0][:300]
-    return f"lrbc: internal error ({problem})\n  fix:      run with -vv for the traceback, and report it"
+    return f"lrbc: internal error ({problem})\n  fix:      run with -vv for the traceback, and report the error"
 
 
 def _complete_streams() -> None:
@@ -255,15 +255,15 @@ def _told(error: BaseException) -> tuple[str, int]:
     if isinstance(error, click.ClickException):
         return _usage_error(error), error.exit_code
     if isinstance(error, KeyboardInterrupt | click.Abort):
-        return "lrbc: interrupted; what was finished is kept", INTERRUPTED
+        return "lrbc: interrupted; finished results are kept", INTERRUPTED
     if isinstance(error, MemoryError):
         error = NumericalError(
             f"not enough memory ({str(error).rstrip('.') or 'no details'})",
-            hint="a coarser model, fewer terms or responses, or more memory; lrbc check predicts what is needed",
+            hint="use a coarser model, fewer terms or responses, or more memory; lrbc check predicts the memory needed",
         )
     elif isinstance(error, OSError) and error.errno in NO_SPACE:
-        hint = "free space where stdout and the results go, or choose another place"
-        error = ConfigError(f"what was found cannot be written ({error.strerror})", file=error.filename, hint=hint)
+        hint = "free disk space where stdout and the results are written, or choose another place"
+        error = ConfigError(f"the results cannot be written ({error.strerror})", file=error.filename, hint=hint)
     return (error.message, error.exit_code) if isinstance(error, LrbcError) else (_defect(error), DEFECT)
 
 

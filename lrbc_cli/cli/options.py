@@ -74,7 +74,7 @@ calibration_option = click.option(
 )
 accept_tolerance_option = click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
 lines_option = click.option(
-    "--lines", metavar="LINES", help="Spectral lines [Hz], as 20:400:1 or 33.3,71.7. Default: every 1 Hz in the band."
+    "--lines", metavar="LINES", help="Frequency lines [Hz], e.g. 20:400:1 or 33.3,71.7. Default: every 1 Hz in the band."
 )
 
 
@@ -92,7 +92,7 @@ def campaign_options(function: F) -> F:
             "--cache",
             type=click.Path(path_type=Path, file_okay=False),
             envvar="LRBC_CACHE",
-            help="Folder of the cache (or set LRBC_CACHE). Default: the user's cache folder.",
+            help="Cache folder (or set LRBC_CACHE). Default: the user's cache folder.",
         ),
         click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout."),
         verbosity_options,

@@ -18,12 +18,12 @@ from lrbc_cli.study import Study
 @campaign_options
 @calibration_option
 @click.option(
-    "--noise", type=click.FloatRange(min=1e-3), metavar="DB", help="Standard deviation of the noise of a line in dB, at least 0.001."
+    "--noise", type=click.FloatRange(min=1e-3), metavar="DB", help="Standard deviation of the noise per line in dB, at least 0.001."
 )
 @click.option(
     "--state",
     metavar="STATE",
-    help="State that is planned for: initial, clamped, free or job:NAME. Default: result of the reference job, else initial.",
+    help="State to plan for: initial, clamped, free or job:NAME. Default: result of the reference job, else initial.",
 )
 @click.option(
     "--by", type=click.Choice(["auto", "bolts", "values"]), default="auto", show_default=True, help="What is loosened, one at a time."
@@ -32,8 +32,8 @@ from lrbc_cli.study import Study
     "--draws",
     type=click.IntRange(min=0),
     metavar="N",
-    help="Rehearsals of each bolt and loss, identified and judged as by `lrbc update`; 0: linearised figures only. Default: 1 to 5, "
-    "about 150 in all.",
+    help="Rehearsals per bolt and loss, identified and judged as by `lrbc update`; 0: linearised figures only. Default: 1 to 5, "
+    "about 150 in total.",
 )
 @accept_tolerance_option
 def plan(
@@ -59,4 +59,4 @@ def plan(
         say_json(record.tree())
     else:
         say(plan_text(output))
-        say(f"plan in {output}: plan.json, plan.csv, plan.png")
+        say(f"plan written to {output}: plan.json, plan.csv, plan.png")

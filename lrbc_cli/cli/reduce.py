@@ -36,7 +36,7 @@ from lrbc_cli.study import Study
     metavar="FILE",
     help="Write the reduced model for other programs: .h5, .hdf5 or .mat; repeatable. Replaces earlier exports.",
 )
-@click.option("--overwrite", is_flag=True, help="Let --export replace any file that is not an input of the campaign.")
+@click.option("--overwrite", is_flag=True, help="Allow --export to replace any file that is not an input of the campaign.")
 @click.option(
     "--state-space", is_flag=True, help="Also export a first-order state space, at the start values unless --job or --set is given."
 )
@@ -66,11 +66,11 @@ def reduce(
 ) -> None:
     """Build the reduced model, or load it from the cache. With --export, also export it."""
     if state_space and not exports:
-        raise ConfigError("--state-space belongs to --export", expected="--export FILE.h5 or --export FILE.mat", found="no --export")
+        raise ConfigError("--state-space needs --export", expected="--export FILE.h5 or --export FILE.mat", found="no --export")
     if (job is not None or assignments) and not state_space:
         option = "--job" if job is not None else "--set"
         raise ConfigError(
-            f"{option} gives the parameters of --state-space", expected="--export FILE --state-space", found="no --state-space"
+            f"{option} needs --state-space: it sets its parameters", expected="--export FILE --state-space", found="no --state-space"
         )
     inputs = load(config, overrides, calibration=calibration)
     check_targets(exports, inputs, replace_foreign=overwrite)
@@ -95,7 +95,7 @@ def reduce(
         say("\n".join([*describe(record, stage.seconds), *[describe_export(item, record) for item in written]]))
     unstable = written[0].get("state_space", {}).get("unstable_poles", 0) if written else 0
     if unstable and verbosity.level >= 0:
-        remark(f"{unstable} poles of the state space lie in the right half plane: it grows without bounds", kind="warning")
+        remark(f"{unstable} poles of the state space lie in the right half plane: it is unstable", kind="warning")
 
 
 def _dry_run(inputs: Inputs, folder: Path, exports: tuple[Path, ...], *, force: bool, as_json: bool) -> None:
@@ -143,7 +143,7 @@ def describe(record: ReductionRecord, seconds: float) -> list[str]:
         lines.append(f"  {line.frequency_hz:{digits + 6}.{digits}f} Hz  {errors}")
     lines.append(
         f"built {record.date} with {record.backend}: {len(record.expansion_points)} expansion points, {spent['total']:.1f} s, "
-        f"the time of {spent['full_lines_worth']:.0f} full lines ({spent['full_line']:.2g} s each)"
+        f"equal to {spent['full_lines_worth']:.0f} full lines ({spent['full_line']:.2g} s each)"
     )
     return lines
 

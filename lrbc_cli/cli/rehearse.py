@@ -23,7 +23,7 @@ DECLARED = ". Default: as in `update.nuisances`."
 
 @click.command()
 @campaign_options
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the rehearsal.")
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder to write the rehearsal to.")
 @click.option(
     "--loose",
     multiple=True,
@@ -43,9 +43,9 @@ DECLARED = ". Default: as in `update.nuisances`."
     default=Settings.noise,
     show_default=True,
     metavar="S",
-    help="Noise of a line, relative to the rms of the response.",
+    help="Noise per line, relative to the rms of the response.",
 )
-@click.option("--depth", type=STD, default=Settings.depth, show_default=True, metavar="DECADES", help="Stiffness that a loose bolt loses.")
+@click.option("--depth", type=STD, default=Settings.depth, show_default=True, metavar="DECADES", help="Loss of stiffness of a loose bolt.")
 @click.option("--reach", type=STD, metavar="M", help="Radius of a bolt's patch along the edge. Default: half the bolt pitch.")
 @click.option("--level", type=float, metavar="LOG10", help="Stiffness of a tight term. Default: the start value of the campaign.")
 @click.option(
@@ -57,12 +57,12 @@ DECLARED = ". Default: as in `update.nuisances`."
     help="Scatter of the log stiffness of tight bolts from job to job.",
 )
 @click.option(
-    "--perturb", type=STD, default=Settings.perturb, show_default=True, metavar="S", help="Errors of stiffness and mass of the model."
+    "--perturb", type=STD, default=Settings.perturb, show_default=True, metavar="S", help="Errors of the stiffness and mass of the model."
 )
-@click.option("--damping", type=STD, default=Settings.damping, show_default=True, metavar="S", help="Errors of the log of the damping.")
-@click.option("--temperature", type=STD, metavar="K", help=f"Drift of the air between jobs{DECLARED}")
-@click.option("--hammer", type=STD, metavar="M", help=f"Drift of the hits along the surface{DECLARED}")
-@click.option("--gain", type=STD, metavar="DB", help=f"Drift of each response's gain{DECLARED}")
+@click.option("--damping", type=STD, default=Settings.damping, show_default=True, metavar="S", help="Error of the log of the damping.")
+@click.option("--temperature", type=STD, metavar="K", help=f"Drift of the air temperature between jobs{DECLARED}")
+@click.option("--hammer", type=STD, metavar="M", help=f"Drift of the hammer point along the surface{DECLARED}")
+@click.option("--gain", type=STD, metavar="DB", help=f"Drift of the gain of each response{DECLARED}")
 @lines_option
 @click.option("--force", is_flag=True, help="Replace the files of an earlier rehearsal.")
 def rehearse(

@@ -23,7 +23,7 @@ def _kinds(ctx: click.Context, param: click.Parameter, value: str) -> tuple[str,
     kinds = tuple(dict.fromkeys(part.strip().lower() for part in value.split(",") if part.strip()))
     unknown = [kind for kind in kinds if kind not in VECTORS]
     if unknown:
-        raise click.BadParameter(f"{', '.join(unknown)}: give {' or '.join(VECTORS)}, or both with a comma between.")
+        raise click.BadParameter(f"{', '.join(unknown)}: give {' or '.join(VECTORS)}, or both separated by a comma.")
     return kinds
 
 

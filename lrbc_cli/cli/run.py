@@ -26,7 +26,7 @@ from lrbc_cli.study import Study
 @calibration_option
 @click.option("--open", "opened", is_flag=True, help="Open the report in the browser.")
 @click.option("--job", "jobs", multiple=True, metavar="NAME", help="Run only this job; repeatable.")
-@click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Number of jobs that run at a time.")
+@click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Number of jobs run in parallel.")
 @click.option("--force", is_flag=True, help="Calibrate again, and run finished jobs again.")
 @click.option("--fail-on-loose", is_flag=True, help=FAIL_HELP)
 @accept_tolerance_option
@@ -77,7 +77,7 @@ def run(
         _tell(output, finished(inputs.campaign, outcome), page)
         tell_clearance(outcome, code, fail_on_loose)
     if opened and page is not None and not webbrowser.open(page.resolve().as_uri()):
-        remark(f"no browser could be opened; the page is {page}", kind="warning")
+        remark(f"no browser could be opened; open {page}", kind="warning")
     return code
 
 

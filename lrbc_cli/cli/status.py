@@ -24,7 +24,7 @@ def status(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json
     """Show which jobs are done, and the time left; change nothing.
 
     A job is done, out of date, without a file, with files that cannot be used, failed or not run yet. A report page that is missing
-    or older than the results is mentioned.
+    or older than the results is reported too.
     """
     inputs = load(config, overrides, calibration=calibration, warn=False)
     found = examine(inputs, cache_folder(cache))

@@ -24,12 +24,12 @@ from lrbc_cli.updating.judging.clearance import once_more, sentence
 if TYPE_CHECKING:
     from lrbc_cli.campaign.reading.inputs import Inputs
 
-FAIL_HELP = """Exit with 6 if all jobs ran and a bolt is judged loose, with 7 where none is but not every bolt that can be seen is judged
-tight in every job, or nothing was compared. Exit code 0 is an all-clear."""
+FAIL_HELP = """Exit with 6 if all jobs ran and a bolt is judged loose; with 7 if no bolt is judged loose but not every observable bolt is
+judged tight in every job, or nothing was compared. Exit code 0 is an all-clear."""
 
 #: What an exit code of ``--fail-on-loose`` says.
 CLEARANCE = {
-    0: "all clear: every bolt that can be seen is tight",
+    0: "all clear: every observable bolt is tight",
     6: "a bolt is loose",
     7: "no bolt is judged loose, but this is no all-clear",
 }
@@ -39,9 +39,9 @@ CLEARANCE = {
 @campaign_options
 @calibration_option
 @click.option("--job", "jobs", multiple=True, metavar="NAME", help="Run only this job; repeatable.")
-@click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Number of jobs that run at a time.")
+@click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Number of jobs run in parallel.")
 @click.option(
-    "--scheduler", metavar="ADDRESS", help="Identify on the workers of this Dask scheduler, with as many jobs at a time as they can run."
+    "--scheduler", metavar="ADDRESS", help="Identify on the workers of this Dask scheduler, with as many jobs in parallel as they can run."
 )
 @click.option("--force", is_flag=True, help="Run finished jobs again.")
 @click.option("--dry-run", is_flag=True, help="Print which jobs would run, and why; change nothing.")
@@ -62,15 +62,15 @@ def update(
     fail_on_loose: bool,
     accept_tolerance: bool,
 ) -> int:
-    """Identify and judge all jobs, or the named ones. Finished jobs whose inputs did not change are kept.
+    """Identify and judge all jobs, or those given by --job. Finished jobs whose inputs did not change are kept.
 
     Exit codes: 0 success, 2 error in the campaign file or command line, 3 error in the input data, 4 numerical failure, 5 some jobs
-    failed; with --fail-on-loose also 6 a bolt is loose, 7 none is judged loose but not all that can be seen is judged tight.
+    failed; with --fail-on-loose also 6 a bolt is loose, 7 none is judged loose but not every observable bolt is judged tight.
     """
     if dry_run and fail_on_loose:
-        raise click.UsageError("--dry-run judges no bolt: leave out --fail-on-loose")
+        raise click.UsageError("--dry-run judges no bolts: leave out --fail-on-loose")
     if scheduler is not None and workers > 1:
-        raise click.UsageError("--workers counts the jobs of this machine: leave it out with --scheduler")
+        raise click.UsageError("--workers sets the number of jobs on this machine: leave it out with --scheduler")
     campaign, folder = load_campaign(config, overrides), cache_folder(cache)
     require_own_output(campaign)
     if dry_run:
@@ -129,7 +129,7 @@ def _dry_run(inputs: Inputs, folder: Path, jobs: tuple[str, ...], *, force: bool
         )
         return
     if not inputs.method.full_order:
-        say(f"reduced model: {'in the cache' if decision.hit else 'is built'} ({decision.reason})")
+        say(f"reduced model: {'in the cache' if decision.hit else 'to be built'} ({decision.reason})")
         if decision.missed:
             say(f"{decision.missed}; --accept-tolerance accepts it")
     for p in plans:

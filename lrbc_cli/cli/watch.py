@@ -22,17 +22,17 @@ from lrbc_cli.watch.verdict import Hook, Verdict
 @campaign_options
 @calibration_option
 @click.option("--folder", type=click.Path(path_type=Path, file_okay=False), help="Watch this folder instead of watch.folder.")
-@click.option("--pattern", "patterns", multiple=True, metavar="GLOB", help="Which files in the folder are measurements; repeatable.")
-@click.option("--once", is_flag=True, help="Judge the files that are there, then end.")
+@click.option("--pattern", "patterns", multiple=True, metavar="GLOB", help="Pattern of the measurement files in the folder; repeatable.")
+@click.option("--once", is_flag=True, help="Judge the files that are present, then exit.")
 @click.option("--fail-on-loose", is_flag=True, help="With --once: exit with 6 or 7 as `lrbc update` does.")
-@click.option("--bell", is_flag=True, help="Ring the bell of the terminal at each verdict.")
+@click.option("--bell", is_flag=True, help="Ring the terminal bell at each verdict.")
 @click.option("--hook", metavar="COMMAND", help="Run this program at each verdict, with job, verdict and exit code as arguments.")
 @click.option(
     "--interval",
     type=click.FloatRange(min=0.05),
     default=2.0,
     show_default=True,
-    help="Seconds between two looks at the folder if no file event arrives.",
+    help="Seconds between scans of the folder if no file event arrives.",
 )
 @accept_tolerance_option
 def watch(
@@ -51,13 +51,13 @@ def watch(
     interval: float,
     accept_tolerance: bool,
 ) -> int:
-    """Identify, judge and report FRF files as they arrive: those of the campaign's jobs, and those in a folder (each is a job of its name).
+    """Identify, judge and report FRF files as they arrive: those of the campaign's jobs, and those in a folder (one job per file).
 
     Calibrates if the campaign file says so. Runs until Ctrl+C. Finished results are kept, and all commands can use them.
     With --json each verdict is one JSON document on a line of its own (JSON lines).
     """
     if fail_on_loose and not once:
-        raise click.UsageError("--fail-on-loose needs --once: without it this command has no end")
+        raise click.UsageError("--fail-on-loose needs --once: without --once this command never ends")
     given: list[tuple[str, str | list[str]]] = [("watch.folder", str(folder.absolute()))] if folder is not None else []
     given += [("watch.pattern", list(patterns))] if patterns else []
     overrides = (*overrides, *(f"{key}={json.dumps(value, ensure_ascii=False)}" for key, value in given))
@@ -81,7 +81,7 @@ def watch(
 
     _begin(session.campaign.watch, page, once)
     if given:
-        remark("for the other commands the campaign file has to name the folder: watch: {folder: ..., pattern: ...}")
+        remark("other commands do not know this folder; enter it in the campaign file: watch: {folder: ..., pattern: ...}")
     run = Watch(
         session=session, tell=tell, say=remark, pace=Pace(interval=interval, settle=min(Pace.settle, interval), retry=10 * interval)
     )
@@ -98,9 +98,10 @@ def watch(
 def _begin(watched: WatchConfig | None, page: Path, once: bool) -> None:
     """Say what is watched, and that its folder is not there."""
     place = "the files of its jobs" if watched is None else f"{watched.folder} for {', '.join(watched.patterns)}"
-    remark(f"watching {place}; the page is {page}" + ("" if once else "; Ctrl+C ends"))
+    remark(f"watching {place}; the page is {page}" + ("" if once else "; Ctrl+C to end"))
     if watched is not None and not watched.in_reach:
-        later = "" if once else " Files are taken up as soon as it is there"
+        later = "" if once else " Its files are judged as soon as it is available"
         remark(
-            f"{watched.folder}, the watched folder, cannot be looked into: is the path right, the drive connected?{later}", kind="warning"
+            f"the watched folder {watched.folder} cannot be read: check the path, and whether the drive is connected.{later}",
+            kind="warning",
         )

@@ -312,9 +312,9 @@ def test_inputs_are_not_overwritten(box: Folder) -> None:
 @pytest.mark.parametrize(
     ("options", "part"),
     [
-        (["--state-space"], "--state-space belongs to --export"),
-        (["--export", "m.h5", "--set", "springs=3"], "--set gives the parameters of --state-space"),
-        (["--export", "m.h5", "--job", "loose"], "--job gives the parameters of --state-space"),
+        (["--state-space"], "--state-space needs --export"),
+        (["--export", "m.h5", "--set", "springs=3"], "--set needs --state-space"),
+        (["--export", "m.h5", "--job", "loose"], "--job needs --state-space"),
         (["--export", "m.h5", "--state-space", "--set", "spring=3"], "GROUP one of springs"),
         (["--export", "m.h5", "--state-space", "--job", "none"], "no job 'none'"),
     ],

@@ -95,7 +95,7 @@ def test_interrupted(tmp_path: Path, undisturbed: Folder, after: int | str, paus
     folder = many_jobs(tmp_path / "frame")
     code, lines = interrupt_after(folder, signal.SIGINT, after, pause, *args)
     assert code == 130, lines
-    assert lines[-1] == "lrbc: interrupted; what was finished is kept"
+    assert lines[-1] == "lrbc: interrupted; finished results are kept"
     assert not any("Traceback" in line for line in lines)
     assert folder.leftovers() == []
     assert_whole(folder)
@@ -183,7 +183,7 @@ def test_an_interruption_that_is_swallowed_stops_the_run_at_its_next_step(tmp_pa
         command = [sys.executable, "deaf.py", "listen", "--steps", steps]
         found = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
         assert (found.returncode, found.stdout.split("\n")) == (130, ["goes on", ""]), found.stderr
-        assert "interrupted; what was finished is kept" in found.stderr
+        assert "interrupted; finished results are kept" in found.stderr
         assert "Traceback" not in found.stderr
 
 
@@ -201,7 +201,7 @@ def test_a_thread_that_does_not_end_does_not_hold_an_interrupted_run(tmp_path: P
     )
     found = subprocess.run([sys.executable, "hanging.py", "hang"], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
     assert found.returncode == 130
-    assert "interrupted; what was finished is kept" in found.stderr
+    assert "interrupted; finished results are kept" in found.stderr
 
 
 @pytest.mark.parametrize(("asked", "code", "says"), [("True", 130, "lrbc: interrupted"), ("False", 1, "release unlocked lock")])

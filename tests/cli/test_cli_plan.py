@@ -164,7 +164,7 @@ def test_the_plan_says_what_it_assumes(bare: Folder) -> None:
     linearised = planned(bare)
     assert said(linearised, "not rehearsed (--draws 0)")
     assert said(planned(bare, "--by", "values", draws=1), "not rehearsed (values")
-    assert said(planned(bare, "--state", "free", draws=1), "not rehearsed (it judges no bolts that are tightened)")
+    assert said(planned(bare, "--state", "free", draws=1), "not rehearsed (bolts that are tightened are not judged)")
     assert bare.run("plan", "--draws", "-1").code == 2
 
 
@@ -173,7 +173,7 @@ def test_the_table_says_what_the_file_says(bare: Folder) -> None:
     assert outcome.code == 0
     assert outcome.stdout.isascii()
     # What the columns are.
-    for word in ("d': standard deviations", "std: how well", "bits: what a response tells", "alone: by itself"):
+    for word in ("d': distance of the changed FRFs", "std: standard deviation", "bits: information about the bolts", "alone: by itself"):
         assert word in outcome.stdout
     tree = json.loads((bare.out / "plan.json").read_text())
     for bolt in tree["bolts"]:
@@ -341,7 +341,7 @@ def test_the_report_shows_it(box: Folder) -> None:
     assert picture.read_bytes().startswith(b"\x89PNG")
     page = (box.out / "report.html").read_text()
     assert 'id="plan"' in page
-    assert "What each response is worth" in page
+    assert "Information from each response" in page
     assert "These figures assume" in page
     assert all(html.escape(text) in page for text in tree["assumes"])
     (box.out / "plan.json").write_text('{"format": "lrbc-plan", "version": 1}')

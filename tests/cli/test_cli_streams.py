@@ -43,7 +43,7 @@ def test_closed_streams_do_not_break_a_run(frame: Folder, closed: str) -> None:
 def test_a_full_stdout_is_told_once(args: str) -> None:
     done = shell(f"lrbc {args} > /dev/full")
     assert done.returncode == 2
-    assert done.stderr.startswith("what was found cannot be written (")
+    assert done.stderr.startswith("the results cannot be written (")
     assert done.stderr.count("\n") == 2
     assert "defect" not in done.stderr
 

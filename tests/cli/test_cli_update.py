@@ -520,7 +520,7 @@ def test_an_all_clear(frame: Folder) -> None:
         assert told.code == told.json["exit_code"] == 0
         assert told.json["not_clear"] == {}
         assert told.json["findings"] == {"tight": "the reference job, taken as tight", "again": "no loose bolt found: 6 tight"}
-    assert "\nall clear: every bolt that can be seen is tight\n" in folder.run("update", "--fail-on-loose").stdout
+    assert "\nall clear: every observable bolt is tight\n" in folder.run("update", "--fail-on-loose").stdout
     assert table(folder)["again"]["finding"] == "no loose bolt found: 6 tight"
     assert folder.run("update", "--fail-on-loose", "--job", "again").code == 0
 
@@ -554,15 +554,15 @@ def test_measurements_that_nobody_took_are_no_all_clear(frame: Folder) -> None:
     folder.write(tree)
     told = folder.run("update", "--fail-on-loose", "--json")
     assert (told.code, list(told.json["not_clear"])) == (7, ["again", "later"])
-    assert "job later: the measurement of again once more; was another file meant?" in folder.run("update").stderr
+    assert "job later: the same measurement as again: check whether another file was meant" in folder.run("update").stderr
     assert folder.run("update", "--fail-on-loose", "--job", "again").code == 0
 
     del tree["jobs"]["later"]
     folder.write(tree | {"watch": {"folder": "measured"}})
     told = folder.run("update", "--fail-on-loose", "--json")
     assert told.code == 7
-    assert told.json["not_clear"] == {"": [f"{folder.path / 'measured'}, the watched folder, is not there"]}
-    assert "measured, the watched folder, is not there" in folder.run("update").stderr
+    assert told.json["not_clear"] == {"": [f"the watched folder {folder.path / 'measured'} is not there"]}
+    assert "measured is not there" in folder.run("update").stderr
     (folder.path / "measured").mkdir()
     assert folder.run("update", "--fail-on-loose").code == 0
     shutil.copy(folder.data / "frf" / "again.csv", folder.path / "measured" / "again.dat")
@@ -597,8 +597,8 @@ def test_a_plan_is_no_all_clear(frame: Folder) -> None:
 
 def test_the_help_tells_the_codes() -> None:
     text = " ".join(lrbc("update", "--help").stdout.split())
-    assert "with 7 where none is" in text
-    assert "7 none is judged loose but not all that can be seen is judged tight" in text
+    assert "with 7 if no bolt is judged loose" in text
+    assert "7 none is judged loose but not every observable bolt is judged tight" in text
 
 
 # -- changes nothing, says nothing --------------------------------------------------------------------------------------
@@ -631,7 +631,7 @@ def test_a_program_that_changed_keeps_results_and_says_so(box: Folder) -> None:
     tree["provenance"]["program"] = "0" * 64
     path.write_text(json.dumps(tree | {"digest": digest_of(tree)}), encoding="utf-8")
     told = box.run("update", "--dry-run").stdout
-    assert "loose: kept (nothing that it rests on changed; the program or its libraries did, --force identifies it again)" in told
+    assert "loose: kept (its inputs did not change, but the program or its libraries did; --force identifies it again)" in told
     assert "tight: kept (nothing changed)" in told
 
 
