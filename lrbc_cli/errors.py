@@ -33,7 +33,7 @@ def disk_is_full(error: OSError) -> bool:
 
 def room_or(error: OSError, hint: str) -> str:
     """What to do where a file cannot be written: make room where the disk is full, else the hint."""
-    return "make room on this disk, then run the command again: what is finished is kept" if disk_is_full(error) else hint
+    return "make room on this disk, then run the command again (finished results are kept)" if disk_is_full(error) else hint
 
 
 class LrbcError(Exception):

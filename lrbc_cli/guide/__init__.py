@@ -13,11 +13,11 @@ TOPICS: dict[str, str] = {
     "export": "matrices and coordinates from Abaqus, Ansys, CalculiX, COMSOL, Nastran and others; units",
     "measure": "what to export from Testlab, PULSE, Head, PAK, Dewesoft and Python; several files, roving hammer",
     "sensors": "choosing responses before anything is measured: lrbc plan",
-    "rehearsal": "measurements of your own model with loosened bolts: lrbc rehearse",
+    "rehearsal": "simulated measurements of your own model with loosened bolts: lrbc rehearse",
     "formats": "files that are read and written; the reduced model in other programs",
     "calibration": "global factors of the reference model",
     "watch": "judging while you measure: lrbc watch",
-    "machines": "many jobs at a time: lrbc update --workers, and --scheduler for other machines",
+    "machines": "many jobs in parallel: lrbc update --workers, and --scheduler for other machines",
     "results": "result files",
     "page": "reading report.html; what inconclusive means; figures for print",
     "verdicts": "reading a verdict; exit codes for scripts",
@@ -26,7 +26,7 @@ TOPICS: dict[str, str] = {
     "api": "the interface for Python, from its docstrings",
     "troubleshooting": "messages and their causes",
     "limits": "what the method and this version cannot do",
-    "glossary": "the words, one line each",
+    "glossary": "the terms, one line each",
 }
 
 
@@ -57,7 +57,7 @@ def campaign_page(schema: Mapping[str, Any]) -> str:
     lines = [
         "# The campaign file",
         "",
-        "YAML; paths are relative to the file, units are SI unless `units` or an input file says otherwise, unknown keys are errors.",
+        "YAML. Paths are relative to the file. Units are SI unless `units` or an input file says otherwise. Unknown keys are errors.",
         "`lrbc init` writes a commented file, `lrbc init --from DIR` one for the files of a folder (`lrbc guide formats`), both with",
         "the JSON Schema beside it, for completion and help in editors. `configs/frame.yaml` of the source is a complete one.",
         "",

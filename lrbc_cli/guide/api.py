@@ -10,9 +10,9 @@ import lrbc_cli
 
 _INTRODUCTION = """# The interface for Python
 
-`import lrbc_cli as lrbc`. What stands here is what `lrbc_cli.__all__` exports, with the docstrings of the installed version; all else may
-change. The commands do the same through the same functions. `data_samples/notebooks` of the source shows a campaign, and bare matrices.
-Errors are `LrbcError`s: one message with file, place, what was expected and found, and how to fix it.
+`import lrbc_cli as lrbc`. This page lists what `lrbc_cli.__all__` exports, with the docstrings of the installed version; everything else
+may change. The commands use the same functions. `data_samples/notebooks` of the source shows a campaign, and bare matrices. Errors are
+`LrbcError`s: one message with file, place, what was expected and found, and how to fix it.
 """
 
 

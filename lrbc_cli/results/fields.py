@@ -48,7 +48,7 @@ class StoredRecord(Record):
     """Base of the records that are files: they say what they are, and of which version."""
 
     #: How to come by another one.
-    HINT: ClassVar[str] = "run `lrbc update` to write the results anew (`--force` for finished jobs)"
+    HINT: ClassVar[str] = "run `lrbc update` to write the results again (`--force` for finished jobs)"
 
     format: str
     version: Literal[1]

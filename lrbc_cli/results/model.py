@@ -147,7 +147,7 @@ class Cache(Record):
 class ReductionRecord(SealedRecord):
     """The reduced model: sizes, certificate, costs, machine."""
 
-    HINT: ClassVar[str] = "run `lrbc reduce` to write it anew"
+    HINT: ClassVar[str] = "run `lrbc reduce` to write it again"
 
     format: Literal["lrbc-reduction"]
     size: int
@@ -223,7 +223,7 @@ class FactorCertificate(Record):
 class CalibrationRecord(SealedRecord):
     """The factors of the reference model, what they rest on (``key`` and its ``parts``), and how well the model then agrees."""
 
-    HINT: ClassVar[str] = "run `lrbc calibrate` to write it anew"
+    HINT: ClassVar[str] = "run `lrbc calibrate` to write it again"
 
     format: Literal["lrbc-calibration"]
     job: str

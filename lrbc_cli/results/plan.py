@@ -189,7 +189,7 @@ class PlanSeconds(Record):
 class PlanRecord(SealedRecord):
     """The whole plan; ``state_job`` is the job whose result the ``state`` is."""
 
-    HINT: ClassVar[str] = "run `lrbc plan` to write it anew"
+    HINT: ClassVar[str] = "run `lrbc plan` to write it again"
 
     format: Literal["lrbc-plan"]
     campaign: str

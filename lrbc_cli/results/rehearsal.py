@@ -19,7 +19,7 @@ class RehearsedJob(Record):
 class RehearsalRecord(SealedRecord):
     """What was asked for, and what was drawn; ``factors`` are those on the model's materials and damping."""
 
-    HINT: ClassVar[str] = "run `lrbc rehearse` with --force to write it anew"
+    HINT: ClassVar[str] = "run `lrbc rehearse` with --force to write it again"
 
     format: Literal["lrbc-rehearsal"]
     campaign: str

@@ -150,7 +150,7 @@ def read_job(output: Path, name: str, file: str = "result.json") -> Job | None:
 
     job = cast(Job, _records.of(text.encode(), parsed, JobRecord))
     if job.job != name:
-        raise DataError(f"it is that of job {job.job}", file=path, place="job", expected=name, found=job.job, hint=JobRecord.HINT)
+        raise DataError(f"this result belongs to job {job.job}", file=path, place="job", expected=name, found=job.job, hint=JobRecord.HINT)
     return job
 
 
@@ -223,7 +223,7 @@ def _tree(path: Path, kind: type[StoredRecord], text: str) -> dict[str, Any]:
         raise DataError(f"this result file is damaged: {str(error)[:100]}", file=path, hint=hint) from error
     if not isinstance(tree, dict) or tree.get("format") != expected:
         found = tree.get("format", "no such key") if isinstance(tree, dict) else "no object"
-        raise DataError("this is not a result file of this tool", file=path, place="format", expected=expected, found=found, hint=hint)
+        raise DataError("this is not a result file of lrbc", file=path, place="format", expected=expected, found=found, hint=hint)
     if type(tree.get("version")) is not int or tree["version"] != 1:
         problem = "this result file is of another version"
         raise DataError(problem, file=path, place="version", expected=1, found=tree.get("version", "none"), hint=hint)

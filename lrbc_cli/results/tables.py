@@ -138,7 +138,7 @@ def require_files(folder: Path, hashes: Mapping[str, str]) -> None:
     DataError
         Where a file is missing, or another.
     """
-    hint = "two runs are mixed, or the file was changed: run `lrbc update`, which identifies this job again"
+    hint = "files of two runs are mixed, or the file was changed: run `lrbc update` to identify this job again"
     for name, digest in hashes.items():
         file = folder / name
         if Path(name).name != name or name in ("", ".", ".."):

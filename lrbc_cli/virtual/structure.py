@@ -76,7 +76,7 @@ def moved_loads(inputs: Inputs, offset: tuple[float, float]) -> sp.csc_array:
         found = load_shifts(table, int(load.indices[0])) if table is not None and load.nnz == 1 else None
         if found is None:
             raise ConfigError(
-                "this hit cannot be moved",
+                "the hammer point of this excitation cannot be moved",
                 file=inputs.campaign.path,
                 place=f"excitation.{name}",
                 expected="a DOF UX, UY or UZ of the DOF table",
@@ -121,7 +121,7 @@ class VirtualStructure:
         rng, self._settle, self._noise, self._drift = (np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(4))
         self.patches = patches(inputs, settings.reach)
         if settings.scatter.kelvin and SOUND_SPEED not in inputs.recipe.names:
-            raise ConfigError("the model has no air to warm", place="--temperature", expected="DOFs PRES", hint="give --temperature 0")
+            raise ConfigError("the model has no air DOFs", place="--temperature", expected="DOFs PRES", hint="give --temperature 0")
         stage = obtain_reduction(inputs, cache, progress=progress)
         self.parameters = parameterise(inputs, frf_source(inputs, stage, evaluation="auto"), self.s)[0]
         draw = rng.standard_normal(5)
@@ -152,7 +152,7 @@ class VirtualStructure:
                     "the reduced model of the virtual structure does not reach its tolerance",
                     expected=f"{options.tolerance:.1e}",
                     found=f"{reduction.worst:.1e}",
-                    hint="raise reduction.tolerance",
+                    hint="increase reduction.tolerance",
                 )
             self._ports[key] = reduction.model.ports(self.s)
         return self._ports[key]

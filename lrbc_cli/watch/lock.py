@@ -65,11 +65,11 @@ class Lock:
                 hint=room_or(error, "choose another folder in `output`"),
             ) from error
         raise ConfigError(
-            "these results are watched already",
+            "another `lrbc watch` already watches these results",
             file=self.path,
-            expected="one `lrbc watch` for a campaign",
+            expected="one `lrbc watch` per campaign",
             found=other,
-            hint="end the other one; if there is none, remove this file",
+            hint="end the other one; if none is running, remove this file",
         )
 
     def _create(self, text: str) -> None:
@@ -92,7 +92,7 @@ class Lock:
         """
         owner = _read(self.path)
         if owner is not None and owner.get("token") != self.token:
-            raise ConfigError("another `lrbc watch` took over these results", file=self.path, hint="go on with that one, or end it first")
+            raise ConfigError("another `lrbc watch` took over these results", file=self.path, hint="use that one, or end it first")
         with suppress(OSError):
             if owner is None:
                 self.path.write_text(json.dumps({"token": self.token, "pid": os.getpid(), "host": socket.gethostname()}), encoding="utf-8")
@@ -114,7 +114,7 @@ class Lock:
             quiet = time.time() - self.path.stat().st_mtime
             if not owner:
                 # Being written just now, or left by a full disk or a crash.
-                return "one that begins just now" if quiet < BEGINS else None
+                return "one that is just starting" if quiet < BEGINS else None
             if host == socket.gethostname() and type(pid) is int:
                 return f"process {pid}" if psutil.pid_exists(pid) else None
             return f"one on {host}" if quiet < GONE else None

@@ -73,7 +73,7 @@ class Wake:
             for _ in watch(*folders, stop_event=stop, watch_filter=None, debounce=200, rust_timeout=500, recursive=False):
                 self._changed.set()
         except Exception as error:
-            log.debug("no events of %s (%s): looked at now and then", ", ".join(map(str, folders)), error)
+            log.debug("no file events from %s (%s): scanned at intervals instead", ", ".join(map(str, folders)), error)
             self._folders = set()
 
 
@@ -183,7 +183,7 @@ class Watch:
         try:
             self.session.reload()
         except (LrbcError, OSError) as error:
-            self._once(f"the campaign goes on as it was: {error}")
+            self._once(f"the campaign is not read again, its earlier state is kept: {error}")
             return
         self._known, campaign = now, self.session.campaign
         for name in old.jobs.keys() - campaign.jobs.keys():
@@ -220,7 +220,7 @@ class Watch:
         lacking = [other for other in self.session.needed(name) if not self.arrivals.through(other) or other in self.failed]
         if lacking:
             self.findings[name] = JobFinding(status="waiting")
-            self._once(f"{name}: waits for {', '.join(lacking)}, which tells what tight is")
+            self._once(f"{name}: waiting for {', '.join(lacking)}, which gives the tight state")
             self.arrivals.done(name)
             return
         now, patience = time.monotonic(), 2 * self.pace.settle if once else self.pace.patience
@@ -291,9 +291,9 @@ class Watch:
         assert cause is not None
         what = "the disk is full" if disk_is_full(cause) else f"the results cannot be written ({cause.strerror or cause})"
         if self.arrivals.later(name, time.monotonic(), self.pace.retry):
-            do = f"make room on the disk of {self.session.output}" if disk_is_full(cause) else f"fix that in {self.session.output}"
-            self.say(f"{name}: {what}; the measurement is kept where it is, and judged as soon as it can be: {do}")
-            self._outdate(f"{name} is measured and not judged, {what}: {do}, and it catches up by itself while lrbc watch runs")
+            do = f"make room on the disk of {self.session.output}" if disk_is_full(cause) else f"fix this in {self.session.output}"
+            self.say(f"{name}: {what}; {do}. The measurement is kept where it is, and judged as soon as possible")
+            self._outdate(f"{name} is measured but not judged, {what}: {do}; it is judged as soon as possible while lrbc watch runs")
         if once:
             self.arrivals.done(name)
             self.failed.add(name)
@@ -316,9 +316,9 @@ class Watch:
             self._undrawn = not figures or halt()
         except (LrbcError, OSError) as error:
             self._undrawn, self._page_again = True, time.monotonic() + self.pace.retry
-            self._once(f"the page is not written: {error}")
+            self._once(f"the page cannot be written: {error}")
             problem = error.problem if isinstance(error, LrbcError) else str(error)
-            self._outdate(f"{problem}; it is written anew as soon as that is fixed, while lrbc watch runs")
+            self._outdate(f"{problem}; it is written again once this is fixed, while lrbc watch runs")
 
     def _outdate(self, why: str) -> None:
         outdate(self.session.output / "report.html", why)

@@ -57,7 +57,7 @@ def verdict_of(record: Job, known: Mapping[str, JobFinding]) -> Verdict:
 
 def unusable(job: str, error: Exception) -> Verdict:
     """Of a job whose files cannot be read."""
-    return Verdict(job, "unusable", 3, f"{job}: no verdict, measure again or fix the file: {error}")
+    return Verdict(job, "unusable", 3, f"{job}: no verdict; measure again or fix the file: {error}")
 
 
 class Hook:
@@ -80,7 +80,7 @@ class Hook:
         try:
             self.words = shlex.split(command, posix=os.name != "nt")
         except ValueError as error:
-            raise ConfigError(f"not a command ({error})", place="--hook", found=command) from None
+            raise ConfigError(f"not a valid command ({error})", place="--hook", found=command) from None
         if os.name == "nt":
             self.words = [word.strip('"') for word in self.words]
         program = shutil.which(self.words[0]) if self.words else None
@@ -102,7 +102,7 @@ class Hook:
             # What it prints is no result of this command.
             done = subprocess.run(line, env={**os.environ, **told}, stdin=subprocess.DEVNULL, stdout=2, timeout=PATIENCE, check=False)
         except subprocess.TimeoutExpired:
-            return f"ended after {PATIENCE:g} s"
+            return f"stopped after {PATIENCE:g} s"
         except (OSError, ValueError) as error:
             return str(error)
         return f"exit code {done.returncode}" if done.returncode else None

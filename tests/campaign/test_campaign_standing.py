@@ -117,7 +117,7 @@ def test_the_same_reference_again(frame: Folder) -> None:
     (frame.out / "tight" / "fdac.csv").unlink()
     found = plans(frame)
     assert found["tight"][0]
-    assert found["loose-2"] == (False, "unless tight, which runs before it, comes out otherwise")
+    assert found["loose-2"] == (False, "unless tight, which runs before it, gives another result")
     assert frame.run("update", "--json").json["kept"] == OTHERS
 
 
@@ -167,7 +167,7 @@ def test_a_baseline_that_was_missing(tmp_path: Path) -> None:
     full = on_a_full_disk(folder, "again")
     assert full.returncode == 5, full.stderr
     assert folder.result("loose-2")["provenance"]["rests_on"]["baselines"] == {}
-    assert plans(folder)["loose-2"] == (False, "unless again, which runs before it, comes out otherwise")
+    assert plans(folder)["loose-2"] == (False, "unless again, which runs before it, gives another result")
     outcome = folder.run("update", "--json")
     assert (outcome.json["kept"], outcome.json["judged"]) == (["tight"], ["loose-2"])
     assert list(folder.result("loose-2")["provenance"]["rests_on"]["baselines"]) == ["again"]
@@ -464,7 +464,7 @@ def test_results_without_a_digest_are_judged_anew(frame: Folder) -> None:
     report = frame.run("report", "--job", "loose-2")
     assert report.code == 0
     assert "warning: Not sealed: loose-2. No digest" in report.stderr
-    assert plans(frame)["loose-2"] == (False, "the earlier result is not sealed: of an older version, or changed by hand")
+    assert plans(frame)["loose-2"] == (False, "the earlier result is not sealed: it is of an older version, or was changed by hand")
     assert "not sealed" in frame.run("status", "--json").json["jobs"]["loose-2"]["reason"]
     outcome = frame.run("update", "--json", "--fail-on-loose")
     assert (outcome.code, outcome.json["judged"], outcome.json["kept"]) == (6, ["loose-2"], ["tight"])
@@ -488,4 +488,4 @@ def test_a_confirmed_reference_changes_no_result(frame: Folder) -> None:
 
 def test_the_result_of_another_job(frame: Folder) -> None:
     change(frame.out / "loose-2" / "result.json", lambda tree: tree.update(job="loose-all"))
-    assert plans(frame)["loose-2"] == (True, "the earlier result is unusable (it is that of job loose-all)")
+    assert plans(frame)["loose-2"] == (True, "the earlier result is unusable (this result belongs to job loose-all)")

@@ -46,7 +46,7 @@ def begun(tmp_path_factory: pytest.TempPathFactory) -> Folder:
     shutil.copy(folder.path / "waiting" / "loose-2.csv", folder.data / "frf")
     early = folder.run("watch", "--once", "--fail-on-loose", "--interval", "0.1")
     assert early.code == 7
-    assert "loose-2: waits for tight" in early.stderr
+    assert "loose-2: waiting for tight" in early.stderr
     assert not (folder.out / "loose-2").exists()
     (folder.data / "frf" / "loose-2.csv").unlink()
 
@@ -138,7 +138,7 @@ def test_measurements_arrive(begun: Folder, tmp_path: Path) -> None:
         (frf / "loose-2.csv").rename(frf / "moved.csv")
         run.tells("moved: B3, B4 loose")
         # A copy is told as one, what was renamed is not.
-        run.says("third: the measurement of touch-x-after once more")
+        run.says("third: the same measurement as touch-x-after")
         assert "the measurement of loose-2" not in run.err.read_text()
         assert run.live
         assert run.err.read_text().count("\a") == 4
@@ -204,7 +204,7 @@ def test_what_cannot_be_used_is_on_the_page_until_it_is_fixed(begun: Folder, tmp
         found = folder.run("status", "--json").json
         return {name: (job["state"], job["reason"]) for name, job in found["jobs"].items()} | {"beside": found["passed_over"]}
 
-    assert "Files that are not judged" not in page()
+    assert "Files that were not judged" not in page()
     half = (waiting / "loose-2.csv").read_bytes()[:19]
     for name in ("loose-2.csv", "third.csv"):
         (frf / name).write_bytes(half)
@@ -224,13 +224,13 @@ def test_what_cannot_be_used_is_on_the_page_until_it_is_fixed(begun: Folder, tmp
     (frf / "third.csv").unlink()
     (frf / "other.dat").unlink()
     head = page()
-    assert "Files that are not judged" not in head
+    assert "Files that were not judged" not in head
     assert "cannot be used" not in head
     assert watch.failed == set()
     # Damaged anew: its result is that of an earlier measurement.
     (frf / "loose-2.csv").write_bytes(half)
     head = page()
-    assert "(of an earlier measurement; the files that are there now cannot be used)" in head
+    assert "(result of an earlier measurement; the present files cannot be used)" in head
     assert "with files that cannot be used: 1" in head
     assert "earlier measurement" in status()["loose-2"][1]
     # As it was: nothing is identified anew, and the page knows.
@@ -256,11 +256,11 @@ def test_files_that_stay_unusable_are_told(begun: Folder, tmp_path: Path) -> Non
     assert found.stderr.count("second.dat") == 1
     assert "add '*.dat' there" in found.stderr
     assert found.code == 5
-    assert "half: no verdict, measure again or fix the file" in found.stdout
+    assert "half: no verdict; measure again or fix the file" in found.stdout
     assert "loose-all: B1 to B6 loose" in found.stdout
     assert folder.result("loose-all")["removed"] == ["B1"]
     assert not (folder.out / "half").exists()
-    assert "the campaign file has to name the folder" in found.stderr
+    assert "other commands do not know this folder; enter it in the campaign file" in found.stderr
 
 
 @pytest.mark.slow
@@ -316,4 +316,4 @@ def test_a_folder_that_is_not_there_is_told(tmp_path: Path) -> None:
     folder.write(tree | {"jobs": {"tight": tree["jobs"]["tight"]}})
     nowhere = tmp_path / "nowhere"
     told = folder.run("watch", "--once", "--interval", "0.1", "--folder", nowhere).stderr
-    assert f"{nowhere}, the watched folder, cannot be looked into: is the path right" in told
+    assert f"the watched folder {nowhere} cannot be read: check the path" in told

@@ -73,5 +73,5 @@ class TestFeModel:
         model = fe_model(K, M, loads=unit(5, 0), outputs=unit(5, 4), left=unit(5, 2))
         pieces = {name: getattr(model, name) for name in ("K", "C", "M", "B", "L", "output_power", "is_acoustic", "terms")}
         pieces[which] = {"K": sp.csc_array((5, 4)), "B": sp.csc_array((4, 1)), "L": sp.csc_array((1, 6))}.get(which, sp.csc_array((4, 4)))
-        with pytest.raises(DataError, match=r"do not fit the other matrices"):
+        with pytest.raises(DataError, match=r"does not match the other matrices"):
             FeModel(**pieces)

@@ -256,7 +256,7 @@ def test_left_and_right_vectors_that_differ(log10, across):
 
 def test_clamped_forces_that_no_constraint_takes():
     model = cavity(left=unit(NS + NA, 0, 1), right=unit(NS + NA, 2, 2))
-    with pytest.raises(NumericalError, match="do not bind as many motions"):
+    with pytest.raises(NumericalError, match="do not constrain as many motions"):
         state_space(dense(model), values(np.array([np.inf, np.inf])), BAND)
 
 

@@ -187,7 +187,7 @@ def test_mistakes_are_told(study: Study) -> None:
         study.frf([5000.0])
     with pytest.raises(ConfigError, match="no job 'nobody'"):
         study.identify("nobody")
-    with pytest.raises(DataError, match="no measurement"):
+    with pytest.raises(DataError, match="this is not a measurement"):
         study.measurement(HZ, np.ones((HZ.size, 1)))
     with pytest.raises(ConfigError, match="decision rule"):
         study.judge(None, prior_std=1.0)  # type: ignore[arg-type]
@@ -290,18 +290,18 @@ def test_values_that_are_none_are_no_clamp(study: Study) -> None:
 
 def test_arguments_of_a_study_are_refused(study: Study) -> None:
     values = np.ones((HZ.size, 4), dtype=complex)
-    with pytest.raises(DataError, match="no measurement"):
+    with pytest.raises(DataError, match="this is not a measurement"):
         study.measurement(-HZ[::-1], values)
     with pytest.raises(ConfigError, match="the argument hz"):
         study.measurement(np.where(HZ > 100.0, np.nan, HZ), values)
-    with pytest.raises(DataError, match="no measurement"):
+    with pytest.raises(DataError, match="this is not a measurement"):
         study.measurement([], np.ones((0, 4)))
     with pytest.raises(ConfigError, match="the argument values"):
         study.measurement(HZ, [[1.0], [1.0, 2.0]])
     with pytest.raises(DataError, match="no line lies in the band"):
         study.measurement(HZ + 1e4, values)
     for coherence in (np.full(values.shape, 2.0), np.ones(HZ.size - 1)):
-        with pytest.raises(DataError, match="no coherence"):
+        with pytest.raises(DataError, match="this is not a coherence"):
             study.measurement(HZ, values, coherence)
     beyond = study.measurement(np.append(HZ, 1e4), np.vstack([values, values[:1]]))
     assert (beyond.frequency_hz.size, beyond.left_out) == (HZ.size, (0, 1))

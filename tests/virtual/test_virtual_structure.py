@@ -129,7 +129,7 @@ def test_drift_and_faults_change_the_measurement(settings: Settings, removed: tu
 
 
 def test_no_air_warms_in_a_frame() -> None:
-    with pytest.raises(ConfigError, match="no air to warm"):
+    with pytest.raises(ConfigError, match="the model has no air DOFs"):
         structure(replace(EXACT, scatter=Scatter(kelvin=2.0)))
 
 

@@ -180,7 +180,7 @@ def test_a_lock_that_was_not_written_whole_blocks_nobody(tmp_path: Path, monkeyp
     lock.path.parent.mkdir()
     # One that begins at this moment has not said yet who it is.
     lock.path.write_text("")
-    with pytest.raises(ConfigError, match="watched already"):
+    with pytest.raises(ConfigError, match="already watches"):
         lock.take()
     long_ago = time.time() - 60.0
     os.utime(lock.path, (long_ago, long_ago))
