@@ -38,10 +38,10 @@ def test_two_hammers_in_each_others_place() -> None:
     own = "records: {a1-h1: a1-h2, a2-h1: a2-h2, a3-h1: a3-h2, a4-h1: a4-h2, a1-h2: a1-h1, a2-h2: a2-h1, a3-h2: a3-h1, a4-h2: a4-h1}"
     assert own in text
     # Of the reference job the campaign file is wrong, of another one its records.
-    exchange = "exchange the places of excitation.h1 and excitation.h2"
-    assert text.endswith(f"{exchange}, or write jobs.tight.{own}")
+    exchange = "the places of excitation.h1 and excitation.h2"
+    assert text.endswith(f"Exchange {exchange}, or write jobs.tight.{own}")
     inputs.campaign = campaign("another")
-    assert hammers_text(seen(measured, states, inputs=inputs)).endswith(f"{own}, or, if all jobs are affected, {exchange}")
+    assert hammers_text(seen(measured, states, inputs=inputs)).endswith(f"{own}, or, if all jobs are affected, exchange {exchange}")
 
 
 def test_nothing_is_said_where_they_are_right_or_where_it_explains_nothing() -> None:
@@ -75,13 +75,13 @@ def test_cables_exchanged_are_one_finding_whatever_was_hit() -> None:
     assert one == ((0, 1), (4, 5))
     assert other == ((2, 3),)
     text = exchanged_text(inputs, one, "loose")
-    assert text.startswith("a1-h1 and a2-h1; a1-h2 and a2-h2 are probably exchanged: each fits the model's FRF of the other: ")
+    assert text.startswith("a1-h1 and a2-h1; a1-h2 and a2-h2 are probably exchanged: each fits the model's FRF of the other. Write ")
     assert "jobs.loose.records: {a2-h1: a1-h1, a1-h1: a2-h1, a2-h2: a1-h2, a1-h2: a2-h2}, or, if all jobs are affected, exchange" in text
     assert text.endswith("the places of responses.a1-h1 and responses.a2-h1; responses.a1-h2 and responses.a2-h2")
     # Three of them the other way round is another exchange.
     assert len(by_sensors(inputs, [(0, 1, 2), (4, 6, 5)])) == 2
     (three,) = by_sensors(inputs, [(0, 1, 2), (4, 5, 6)])
-    assert "give responses.a1-h1 the place of responses.a2-h1, responses.a2-h1 the place of responses.a3-h1, " in exchanged_text(
+    assert "Give responses.a1-h1 the place of responses.a2-h1, responses.a2-h1 the place of responses.a3-h1, " in exchanged_text(
         inputs, three, "tight"
     )
     assert "a1-h1 fits the model's a2-h1, a2-h1 fits the model's a3-h1, a3-h1 fits the model's a1-h1; a1-h2 fits" in exchanged_text(

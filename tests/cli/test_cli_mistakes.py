@@ -545,7 +545,7 @@ MISTAKES = [
         "frame",
         config((K, "K"), (M, K), ("stiffness: K ", f"stiffness: {M} ")),
         3,
-        "in each other's place",
+        "the stiffness and the mass matrix are exchanged",
         "exchange model.stiffness",
     ),
     Mistake(
@@ -609,7 +609,7 @@ MISTAKES = [
         "plate",
         text("bushings.csv", lambda t: t.replace(",5000\n", ",5000000\n").replace(",1000\n", ",1000000\n")),
         0,
-        "holds 0.001 times what bushings.csv says",
+        "contains 0.001 times the stiffness in bushings.csv",
         "are probably in N/m, not in N/mm: divide them by 1000",
     ),
     Mistake(
@@ -618,7 +618,7 @@ MISTAKES = [
         triplets_times("plate.mas.gz", 1e12),
         3,
         "far below the band",
-        "the mass matrix is 1e+12 times too large (density in kg/m³ where `units: mm-N-t` wants t/mm³, 7.85e-09 for steel)",
+        "the mass matrix is 1e+12 times too large (density in kg/m³, but `units: mm-N-t` requires t/mm³, 7.85e-09 for steel)",
     ),
     Mistake(
         "density in t/mm3 in SI",
@@ -628,7 +628,7 @@ MISTAKES = [
         "do not fit",
         "model.mass: {file: data/model/other.mtx, scale: 1e+12}",
     ),
-    Mistake("modulus in MPa in SI", "frame", matrix_times("stiffness.mtx", 1e-6), 3, "far below the band", "modulus in MPa where"),
+    Mistake("modulus in MPa in SI", "frame", matrix_times("stiffness.mtx", 1e-6), 3, "far below the band", "modulus in MPa, but"),
     Mistake("mass a thousand times too large", "frame", matrix_times("mass.mtx.gz", 1e3), 0, "1000 times too large", "masses in g"),
     Mistake(
         "weight density", "frame", matrix_times("mass.mtx.gz", 9.80665), 0, "9.807 times too large (a weight density", "scale: 0.101972}"
@@ -827,7 +827,7 @@ MISTAKES = [
         config(("loss_factor: 0.01}", "loss_factor: 0.01}\n    acoustic: {loss_factor: 0.02}")),
         0,
         "model.damping.acoustic has no effect",
-        "remove it",
+        "Remove it",
     ),
     Mistake(
         "point in mm",
@@ -835,7 +835,7 @@ MISTAKES = [
         config(("[0.16, 0.12, 0.0]", "[160, 120, 0]")),
         3,
         "excitation hammer lies outside the model",
-        "are these millimetres?",
+        "these are probably millimetres",
     ),
     Mistake(
         "DOF table with the lines of fixed DOFs",
@@ -880,7 +880,7 @@ MISTAKES = [
         all_of(*(numbers(name, exchanged) for name in FRFS)),
         0,
         "acc1 and acc2 are probably exchanged",
-        "exchange the places of responses.acc1 and responses.acc2",
+        "Exchange the places of responses.acc1 and responses.acc2",
     ),
     Mistake("sensor upside down", "frame", numbers(FRFS[1], times(-1, 3, 5)), 0, "reversed sign", "jobs.loose-2.scale: {acc2: -1}"),
     Mistake("g for m/s²", "frame", all_of(*(numbers(n, times(1 / 9.81, 1)) for n in FRFS)), 0, "g/N", "jobs.tight.format.unit: g/N"),
@@ -931,7 +931,7 @@ MISTAKES = [
         "acc1 differs from the model",
         "the place",
     ),
-    Mistake("loose reference", "frame", config(("reference: tight", "reference: loose-2")), 0, "taken as the tight state", "name a job"),
+    Mistake("loose reference", "frame", config(("reference: tight", "reference: loose-2")), 0, "taken as the tight state", "Give a job"),
     Mistake(
         "one file twice", "frame", config(("frf/loose-all.csv", "frf/loose-2.csv")), 0, "the same measurement as loose-2", "its own file"
     ),
@@ -941,14 +941,14 @@ MISTAKES = [
     Mistake("gaps", "frame", numbers(FRFS[1], gap), 3, "not a finite number", "measure it again"),
     Mistake("band too wide", "frame", config(("[30.0, 500.0]", "[30.0, 900.0]")), 0, "cover 54% of the band", "reduction.band: [30, 500]"),
     Mistake("band in kHz", "frame", config(("[30.0, 500.0]", "[0.03, 0.5]")), 3, "no frequency line", "write it in Hz: [30, 500]"),
-    Mistake("bolts in mm", "frame", numbers("model/bolts.csv", times(1e3)), 3, "outside the model", "are these millimetres?"),
+    Mistake("bolts in mm", "frame", numbers("model/bolts.csv", times(1e3)), 3, "outside the model", "these are probably millimetres"),
     Mistake(
         "bolts along another edge",
         "frame",
         numbers("model/bolts.csv", lambda r: r[:, [1, 0, 2]]),
         0,
         "B3, B4, B5, B6 of the bolts file lie beside all identified terms",
-        "with X and Y exchanged every bolt lies at some",
+        "with X and Y exchanged every bolt lies at terms",
     ),
     Mistake(
         "row of a bolt copied, its name not changed",
@@ -991,7 +991,7 @@ MISTAKES = [
         all_of(lambda f: shutil.copy(f.data / "model/stiffness.mtx", f.data / "model/M.mtx"), config((M, "data/model/M.mtx"))),
         3,
         "model.mass: M.mtx contains the same numbers as model.stiffness (stiffness.mtx)",
-        "was the stiffness exported twice?",
+        "check whether the stiffness was exported twice",
     ),
     Mistake(
         "stiffness copied as mass, in mm, N, t",
@@ -999,7 +999,7 @@ MISTAKES = [
         lambda f: shutil.copy(f.data / "plate.sti.gz", f.data / "plate.mas.gz"),
         3,
         "model.mass: plate.mas.gz contains the same numbers as model.stiffness (plate.sti.gz)",
-        "was the stiffness exported twice?",
+        "check whether the stiffness was exported twice",
     ),
     Mistake(
         "mass copied as damping",
@@ -1007,7 +1007,7 @@ MISTAKES = [
         lambda f: shutil.copy(f.data / "model/mass.mtx.gz", f.data / "model/damping.mtx.gz"),
         0,
         "model.damping: damping.mtx.gz contains the same numbers as model.mass (mass.mtx.gz)",
-        "was the mass exported twice?",
+        "check whether the mass was exported twice",
     ),
     Mistake(
         "input of an older mesh, which lacks the last nodes",
@@ -1022,7 +1022,7 @@ MISTAKES = [
         "frame",
         numbers("model/edge.csv", lambda r: r[:, [1, 0, 2]]),
         0,
-        "the places in edge.csv lie up to 523 mm from the DOFs that their vectors act on",
+        "the places in edge.csv are up to 523 mm from the DOFs that their vectors act on",
         "they fit with x and y exchanged",
     ),
     Mistake(
@@ -1033,7 +1033,7 @@ MISTAKES = [
             config(("bolts: data/model/bolts.csv", ""), ("    removed: [B3, B4]", ""), ("    removed: [B1, B2, B3, B4, B5, B6]", "")),
         ),
         0,
-        "the places in edge.csv lie up to 523 mm from the DOFs that their vectors act on",
+        "the places in edge.csv are up to 523 mm from the DOFs that their vectors act on",
         "they fit with x and y exchanged",
     ),
     Mistake(
@@ -1092,7 +1092,7 @@ MISTAKES = [
     Mistake("singular", "frame", config(("\njobs:", "\njob:")), 2, "'job'", "did you mean 'jobs'?"),
     Mistake("no logarithm", "frame", config(("initial: 6.5", "initial: 3.2e6")), 2, "left_edge.initial", "write 6.51"),
     Mistake("no logarithms", "frame", config(("bounds: [2.0, 8.0]", "bounds: [1e2, 1e9]")), 2, "left_edge.bounds", "write 2 for 100"),
-    Mistake("terms in mm", "frame", numbers("model/edge.csv", times(1e3)), 3, "outside the model", "are these millimetres?"),
+    Mistake("terms in mm", "frame", numbers("model/edge.csv", times(1e3)), 3, "outside the model", "these are probably millimetres"),
     Mistake(
         "bushing at no node",
         "plate",
@@ -1161,7 +1161,7 @@ MISTAKES = [
         numbers("model/bolts.csv", lambda r: r - [0.0, 0.2, 0.0]),
         0,
         "B1, B2, B3 of the bolts file lie beside all identified terms",
-        "with +0.2 m in Y added every bolt lies at some",
+        "with +0.2 m in Y added every bolt lies at terms",
     ),
     Mistake(
         "a measurement that no job names",
@@ -1251,7 +1251,7 @@ MISTAKES = [
         "frame",
         config(("loss_scale: 1.0", "loss_scale: 1.0\n  prior_std: 0.01")),
         0,
-        "-0.35 decades, is 35 standard deviations away",
+        "-0.35 decades, 35 standard deviations away",
         "write auto",
     ),
     Mistake(
@@ -1339,7 +1339,7 @@ MISTAKES = [
         "frame",
         numbers("model/edge.csv", lambda r: r[::-1]),
         0,
-        "the places in edge.csv lie up to 340 mm from the DOFs that their vectors act on",
+        "the places in edge.csv are up to 340 mm from the DOFs that their vectors act on",
         "in reverse order they fit; reverse the rows",
     ),
     Mistake(
@@ -1404,7 +1404,7 @@ MISTAKES = [
         config(("tolerance: 1.0e-3", "tolerance: 0.5")),
         0,
         "reduction.tolerance: 0.5 allows errors of 3.5 dB in the FRFs of the reduced model",
-        "write 1.0e-3",
+        "Write 1.0e-3",
     ),
     Mistake(
         "the responses to be left out listed as those used",
@@ -1671,7 +1671,7 @@ MISTAKES = [
         config(("smoothing: [0.333333, 0.666667, 0.333333]", "smoothing: [1, 1, 1]")),
         2,
         "1 in the middle, 2 beside it",
-        "leave smoothing out",
+        "remove smoothing",
     ),
     Mistake(
         "a list as one string",

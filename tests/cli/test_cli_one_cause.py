@@ -139,7 +139,7 @@ def test_sensors_exchanged_in_a_job_with_loose_bolts(tmp_path: Path) -> None:
     assert len(stated) == 2
     assert "job b3-half-b4-loose: acc1 and acc4 are probably exchanged" in only
     # All jobs do not have it so: what is wrong is this one's.
-    assert "each fits the model's FRF of the other: write jobs.b3-half-b4-loose.records: {acc4: acc1, acc1: acc4}, or, if all" in only
+    assert "each fits the model's FRF of the other. Write jobs.b3-half-b4-loose.records: {acc4: acc1, acc1: acc4}, or, if all" in only
 
 
 @pytest.mark.slow

@@ -121,7 +121,8 @@ def hammers_text(seen: Seen, fitted: Callable[[Complexes], Complexes | None] | N
                 only = f"write jobs.{seen.job}.records: {{{records}}}"
                 # Of one job alone the order of the blows was another, of the reference job rather the campaign file is wrong.
                 fix = f"{exchange}, or {only}" if seen.reference else f"{only}, or, if all jobs are affected, {exchange}"
-                return f"{first} and {second} are probably exchanged: the FRFs of each fit the model's FRFs of the other: {fix}"
+                fix = f"{fix[:1].upper()}{fix[1:]}"
+                return f"{first} and {second} are probably exchanged: the FRFs of each fit the model's FRFs of the other. {fix}"
     return ""
 
 

@@ -297,7 +297,7 @@ def exchanged_text(inputs: Inputs, cycles: Sequence[Sequence[int]], job: str) ->
     own = f"write jobs.{job}.records: {{{', '.join(records)}}}"
     # Of one job alone the cables are wrong, of the reference job rather the campaign file.
     fix = f"{exchange}, or {own}" if job == inputs.campaign.update.reference else f"{own}, or, if all jobs are affected, {exchange}"
-    return f"{'; '.join(said)} are probably exchanged: {each}: {fix}"
+    return f"{'; '.join(said)} are probably exchanged: {each}. {fix[:1].upper()}{fix[1:]}"
 
 
 @dataclass(frozen=True)
