@@ -41,7 +41,7 @@ def unnamed(campaign: Campaign, *, shown: int = 3) -> list[str]:
             beside = [path.name for path in there if path.resolve() not in known and not path.name.startswith(HIDDEN)]
             if beside:
                 named = ", ".join(beside[:shown]) + (f" and {len(beside) - shown} more" if len(beside) > shown else "")
-                found.append(f"no job names {named} in {folder}: where that is a measurement, add a job for it")
+                found.append(f"no job uses {named} in {folder}: if that is a measurement, add a job for it")
     return found
 
 
@@ -54,10 +54,10 @@ def outlived(campaign: Campaign) -> list[str]:
         if not (campaign.output / name / "result.json").is_file():
             continue
         if job is None:
-            ago = f"no job of {campaign.path.name} any more, the result is that of an earlier one: `lrbc update` leaves it out"
+            ago = f"no longer a job of {campaign.path.name}; the result is that of an earlier job. `lrbc update` leaves it out"
             found.append(f"{name}: {ago}")
         elif lacking := [file for file in job.all_files if not file.exists()]:
-            found.append(f"{name}: {lacking[0].name} is not there any more, the result is that of an earlier measurement")
+            found.append(f"{name}: {lacking[0].name} no longer exists; the result is that of an earlier measurement")
     return found
 
 
@@ -67,5 +67,5 @@ def unseen(campaign: Campaign) -> str:
     if watched is None:
         return ""
     if not watched.in_reach:
-        return f"{watched.folder}, the watched folder, is not there"
+        return f"the watched folder {watched.folder} is not there"
     return "; ".join(passed_over(campaign))

@@ -24,7 +24,7 @@ from lrbc_cli.campaign.identification.weights import left_out, line_sigma, out_o
 from lrbc_cli.campaign.jobs.finished import frf_rows, misfit_tree
 from lrbc_cli.campaign.jobs.results import write_campaign
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.campaign.reduced.stage import ReductionStage, affine_model, frf_source, obtain_reduction
+from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, affine_model, frf_source, obtain_reduction
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.factors import with_factors
 from lrbc_cli.reduction.outcome import HeldOut
@@ -160,7 +160,7 @@ def require_calibration(inputs: Inputs) -> Any:
         raise inputs.campaign.error(
             "this campaign has no block 'calibration'",
             expected="calibration: {job: NAME, factors: [...]}",
-            hint="`lrbc init` writes a commented example; the names of factors are in the README",
+            hint="`lrbc init` writes a commented example; `lrbc guide calibration` lists the names of factors",
         )
     return settings
 
@@ -179,7 +179,7 @@ def calibrate(
     watch = _Watch()
     stage = obtain_reduction(inputs, folder, accept=accept, progress=progress)
     watch.lap("reduction")
-    problem, notes = _first_problem(inputs, stage, measurement, progress)
+    problem, notes = first_problem(frf_source(inputs, stage, progress, evaluation="auto"), measurement)
     s, everything = 2j * np.pi * measurement.frequency_hz, np.arange(len(inputs.responses))
     initial = problem.frf(s, everything).frf(problem.start)
     refuse_units(inputs, measurement, initial, settings.job)
@@ -251,7 +251,7 @@ def _lifted(inputs: Inputs, fit: FactorFit) -> FactorFit:
     """
     problem = fit.problem
     if fit.solution.status == "failed":
-        raise NumericalError(f"the calibration from job {require_calibration(inputs).job} fails: {fit.solution.reason}")
+        raise NumericalError(f"the calibration from job {require_calibration(inputs).job} failed: {fit.solution.reason}")
     if problem.gains is not None:
         return fit
     rest = np.setdiff1d(np.arange(problem.frequency_hz.size), problem.selected)
@@ -287,12 +287,11 @@ class _Watch:
         self._clock = now
 
 
-def _first_problem(
-    inputs: Inputs, stage: ReductionStage, measurement: Measurement, progress: Callable[[str], None]
-) -> tuple[FactorProblem, tuple[str, ...]]:
+def first_problem(source: FrfSource, measurement: Measurement) -> tuple[FactorProblem, tuple[str, ...]]:
     """What is fitted, on the reduced model of the exported matrices; and notes."""
+    inputs, stage = source.inputs, source.stage
+    assert stage is not None
     settings, used = require_calibration(inputs), inputs.used
-    source = frf_source(inputs, stage, progress, evaluation="auto")
     parameters, _ = parameterise(inputs, source, 2j * np.pi * measurement.frequency_hz)
     values = out_of_noise(inputs, measurement, inputs.campaign.jobs[settings.job])
     selected = select_lines(inputs, replace(measurement, values=values), settings.job)
@@ -336,7 +335,7 @@ def calibration_record(inputs: Inputs, outcome: CalibrationOutcome, parts: dict[
     fit, last = outcome.fit, outcome.rounds[-1]
     status, reason = fit.solution.status, fit.solution.reason
     if not outcome.reached:
-        status, reason = "stopped", f"the reduced model misses its tolerance at these factors ({last.error:.1e})"
+        status, reason = "stopped", f"the reduced model does not reach its tolerance at these factors ({last.error:.1e})"
     return CalibrationRecord.checked(
         {
             "job": job,

@@ -29,7 +29,7 @@ def require_own_output(campaign: Campaign) -> None:
             "output",
             expected=f"results of '{campaign.name}' in {campaign.output}",
             found=f"those of '{record.campaign}'",
-            hint="choose another `output`, or remove the folder; if the campaign was only renamed, remove its campaign.json",
+            hint="choose another `output`, or remove the folder; if only the campaign was renamed, remove its campaign.json",
         )
 
 
@@ -47,6 +47,6 @@ def cache_folder(folder: Path | None) -> Path:
         (found / ("0" * 32) / "model.h5").is_file()
     except OSError as error:
         raise ConfigError(
-            f"the cache cannot be used ({error.strerror or error})", file=found, hint="name another folder with --cache or LRBC_CACHE"
+            f"the cache cannot be used ({error.strerror or error})", file=found, hint="give another folder with --cache or LRBC_CACHE"
         ) from error
     return found

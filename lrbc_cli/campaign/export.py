@@ -51,7 +51,7 @@ def check_targets(files: Sequence[Path], inputs: Inputs, *, replace_foreign: boo
             else None
         )
         if problem:
-            raise ConfigError(f"the file cannot be written: it {problem}", file=file, place="--export", hint="name another place")
+            raise ConfigError(f"the file cannot be written: it {problem}", file=file, place="--export", hint="give another place")
         if not replace_foreign and not is_export(file, ENCODING):
             require_new(file, "--export", "--overwrite")
 

@@ -41,7 +41,7 @@ def parse_lines(text: str | None, band: tuple[float, float]) -> Floats:
         )
 
     if text is None:
-        return band_lines(band, "--lines", "name the lines: START:STOP:STEP")
+        return band_lines(band, "--lines", "give the lines: START:STOP:STEP")
     number = r"\s*[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\s*"
     if re.fullmatch(f"{number}:{number}(:{number})?", text):
         values = [float(part) for part in text.split(":")]
@@ -54,7 +54,7 @@ def parse_lines(text: str | None, band: tuple[float, float]) -> Floats:
     elif re.fullmatch(f"{number}(,{number})*", text):
         lines = np.unique([float(part) for part in text.split(",")])
     else:
-        raise refuse("these are no lines", text)
+        raise refuse("these are not frequency lines", text)
     if lines[0] <= 0:
         raise refuse("lines start above 0 Hz", f"{lines[0]:g} Hz")
     return np.asarray(lines, dtype=np.float64)
@@ -136,9 +136,7 @@ def job_values(inputs: Inputs, name: str, parameters: Parameterisation) -> Float
         raise DataError(f"job {name} has no identified parameters", file=path, hint=f"run lrbc update {campaign.path.name} --job {name}")
     theta = theta_of(parameters, job.parameters)
     if theta is None:
-        raise DataError(
-            f"the result of job {name} does not fit the parameter groups as they are now", file=path, hint="run lrbc update again"
-        )
+        raise DataError(f"the result of job {name} does not match the current parameter groups", file=path, hint="run lrbc update again")
     return theta
 
 
@@ -218,7 +216,7 @@ def simulate(
 def _require_target(inputs: Inputs, out: Path, replace: bool) -> None:
     if out.suffix.lower() not in WRITERS:
         raise ConfigError(
-            "this ending of a file of FRFs is not known", file=out, place="--out", expected=", ".join(WRITERS), found=out.suffix or "none"
+            "this ending of an FRF file is not known", file=out, place="--out", expected=", ".join(WRITERS), found=out.suffix or "none"
         )
     require_no_input(out, inputs.campaign, "--out")
     if not replace:
@@ -230,7 +228,7 @@ def _records(inputs: Inputs, out: Path, frequency: Floats, y: NDArray[np.complex
         line, row = (int(index[0]) for index in np.nonzero(~np.isfinite(y)))
         raise NumericalError(
             f"the FRF of {inputs.responses[row].name} is not finite at {frequency[line]:g} Hz",
-            hint="less extreme values, or damping in the model",
+            hint="use less extreme values, or damping in the model",
         )
     records = []
     for i, response in enumerate(inputs.responses):

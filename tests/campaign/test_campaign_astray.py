@@ -23,7 +23,7 @@ def told(places: np.ndarray, order: list[int]) -> str:
 def test_a_ring_that_is_numbered_clockwise() -> None:
     text = told(RING, [0, *range(11, 0, -1)])
     assert "(B02 at the springs of B12, B03 at the springs of B11, B04 at the springs of B10, B05 at the springs of B09 ...)" in text
-    assert "the other way round, it seems; in the bolts file write the names in the order B01, B12, B11, B10 ... B02" in text
+    assert "numbers them in reverse order. In the bolts file write the names in the order B01, B12, B11, B10 ... B02" in text
 
 
 def test_a_row_from_its_other_end() -> None:
@@ -32,7 +32,7 @@ def test_a_row_from_its_other_end() -> None:
 
 def test_two_that_are_exchanged_are_no_direction() -> None:
     text = told(RING, [0, 2, 1, *range(3, 12)])
-    assert "those of others (B02 at the springs of B03, B03 at the springs of B02): exchange the names there" in text
+    assert "the places are those of other bolts (B02 at the springs of B03, B03 at the springs of B02): exchange the names there" in text
     assert told(RING, list(range(12))) == "None"
 
 
@@ -45,8 +45,8 @@ def test_a_square_about_another_origin() -> None:
         return str(beside_their_springs(PointTable(names, corners + shift), corners, names, 1.0))
 
     assert beside(np.array([-0.6, -0.4, 0.0])) == (
-        "all bolts lie 0.721 from their springs, by the same vector; the places are from another origin, it seems: add (0.6, 0.4, 0) to "
-        "all of them"
+        "all bolts lie 0.721 from their springs, by the same vector; the places are probably given from another origin: add "
+        "(0.6, 0.4, 0) to all of them"
     )
     # Heads above the sheet; and each off by itself.
     assert beside(np.array([0.0, 0.0, 0.02])) == "None"
@@ -82,9 +82,7 @@ def springs_of(*nodes: int) -> str:
 
 def test_a_spring_at_a_mistyped_node() -> None:
     text = springs_of(10, 20, 3, 40, 50, 60, 70)
-    assert text.startswith(
-        "line 4: node 3 lies 2.7 from B3, whose nearest node is 30; springs of the others lie 0 from their bolts at most"
-    )
+    assert text.startswith("line 4: node 3 lies 2.7 from B3, whose nearest node is 30; the other springs are at most 0 from their bolts. ")
 
 
 def test_springs_beside_their_bolts_are_no_mistyped_nodes() -> None:

@@ -114,7 +114,7 @@ def test_one_matrix_in_two_formats_is_no_stiffness_and_mass(tmp_path: Path) -> N
     scipy.io.savemat(tmp_path / "b.mat", {"x": K * (1 + 1e-9)})
     roles = draft(tmp_path / "new", recognise(tmp_path)).roles
     assert list(roles.operators) == ["stiffness"]
-    assert any("holds the matrix of" in text for text in roles.doubts)
+    assert any("contains the same matrix as" in text for text in roles.doubts)
 
 
 @pytest.mark.parametrize(("file", "names"), [("dmig.pch", ["KAAX", "MAAX"]), ("se_test_n11.op4.gz", ["KAA", "MAA"])])
@@ -275,13 +275,13 @@ def test_a_loose_measurement_is_never_the_reference(tmp_path: Path) -> None:
     tree = loose(tmp_path / "a", "B3-B4-loose-rest-tight.csv", "tight.csv")
     assert tree["update"]["reference"] == tree["calibration"]["job"] == "tight"
     assert "baselines" not in tree["update"]
-    for item in ("update.reference: tight, by its name; are all bolts tight there?", "calibration.job: tight too"):
+    for item in ("update.reference: tight, chosen by its name; check that all bolts are tight there", "calibration.job: tight too"):
         assert item in tree["todo"]
     assert any(item.startswith("model.damping: ") for item in tree["todo"])
     tree = loose(tmp_path / "b", "not-tight.csv", "gelöst.csv")
     assert "reference" not in tree["update"]
     assert "calibration" not in tree
-    assert any("which job is the tight state?" in item for item in tree["todo"])
+    assert any("give the job of the tight state" in item for item in tree["todo"])
     assert list(tree["responses"]) == ["acc1"]
     # The folder says it as well.
     assert loose(tmp_path / "c", "loose/ref.csv", "run/first.csv")["update"]["reference"] == "first"
@@ -317,7 +317,7 @@ def test_files_of_two_models_are_refused(tmp_path: Path) -> None:
             scipy.io.mmwrite(file, matrix, symmetry="general", precision=17)
     refused = lrbc("init", "--from", tmp_path / "files", tmp_path / "new")
     assert refused.code == 3
-    for text in ("two stiffness matrices, 12 and 20 DOFs", "model12/stiffness.mtx (12 DOFs)", "point --from at one of them"):
+    for text in ("two stiffness matrices, 12 and 20 DOFs", "model12/stiffness.mtx (12 DOFs)", "give --from one of them"):
         assert text in refused.stderr
     assert not (tmp_path / "new").exists()
     one = lrbc("init", "--from", tmp_path / "files" / "model12", tmp_path / "new")
@@ -325,7 +325,7 @@ def test_files_of_two_models_are_refused(tmp_path: Path) -> None:
     assert "recognised  stiffness: stiffness.mtx, 12 DOFs" in one.stdout
     file = lrbc("init", "--from", tmp_path / "files" / "model12" / "mass.mtx", tmp_path / "other")
     assert file.code == 2
-    assert "a file, no folder" in file.stderr
+    assert "a file, not a folder" in file.stderr
     assert f"--from {tmp_path / 'files' / 'model12'}" in file.stderr
 
 

@@ -38,8 +38,8 @@ def told(axial: list[tuple[int, ...]], rocking: list[tuple[int, ...]], *, one_bo
 def test_a_column_that_was_left_empty() -> None:
     (text,) = told([(1,), (2,)], [(1, 11), (2, 12)])
     assert text.startswith(
-        "parameters.axial: springs of bushings-axial.csv go to ground, those of rocking join the same nodes to others (node 1 to 11): "
-        "was node_b left empty?"
+        "parameters.axial: springs of bushings-axial.csv go to ground, but those of rocking join the same nodes to other nodes "
+        "(node 1 to 11). Check whether node_b was left empty, and fill it in."
     )
 
 

@@ -57,8 +57,8 @@ def test_springs_that_hold_rigid_rotations_are_told(tmp_path: Path) -> None:
     table = read_bushings(file)
     # Along the line that joins the nodes, and for rotations, a rigid piece turns freely.
     said = aside_text(table, TABLE)
-    assert said.startswith("the nodes of 1 spring lie up to 10 mm aside of its axis, those of the others on it: is a node mistyped?")
-    assert "Check line 5, B1 with nodes 1 (also of B2) and 3." in said
+    assert said.startswith("the nodes of 1 spring lie up to 10 mm off the spring axis; those of the other springs lie on it. ")
+    assert "Check whether a node is mistyped: line 5, B1 with nodes 1 (also of B2) and 3." in said
     np.testing.assert_allclose(bushing_vectors(table, TABLE)[1], [[0, 0, 0], *[[0, 0, 0.005]] * 3])
 
 
@@ -206,7 +206,7 @@ class TestOwnership:
                 {"select": {"dofs": "data/t.csv"}, "smoothing": [0.3, 0.4, 0.3]},
                 "dof,bolt\n0,A\n3,B\n",
                 ConfigError,
-                "smoothing ties values of different bolts",
+                "smoothing couples values of different bolts",
             ),
         ],
     )
@@ -236,4 +236,4 @@ class TestOwnership:
     def test_nodes_that_lie_apart_are_told(self, folder: Folder) -> None:
         (folder.data / "t.csv").write_text(f"bolt,node_a,node_b,component,stiffness\nA,{node(0, 0)},{node(1, 0)},UZ,1e5\n")
         with_groups(folder, {"t": {"select": {"bushings": "data/t.csv"}}})
-        assert any("the nodes of 1 spring lie up to 100 mm aside" in warning for warning in folder.inputs().warnings)
+        assert any("the nodes of 1 spring lie up to 100 mm off the spring axis" in warning for warning in folder.inputs().warnings)

@@ -22,23 +22,28 @@ from lrbc_cli.model.units import parse_system
             "mm-N-t",
             "mass",
             1e3,
-            "density in kg/mm³ where `units: mm-N-t` wants t/mm³, 7.85e-09 for steel; or masses in kg where it wants t",
+            "density in kg/mm³, but `units: mm-N-t` requires t/mm³, 7.85e-09 for steel; or masses in kg, but it requires t",
         ),
-        ("mm-N-t", "mass", 1e12, "density in kg/m³ where `units: mm-N-t` wants t/mm³, 7.85e-09 for steel"),
-        ("mm-N-t", "mass", 10.0, "density: `units: mm-N-t` wants t/mm³, 7.85e-09 for steel"),
-        ("mm-kg-ms", "mass", 1e9, "density in kg/m³ where `units: mm-kg-ms` wants kg/mm³, 7.85e-06 for steel"),
-        ("cm-kg-s", "mass", 1e6, "density in kg/m³ where `units: cm-kg-s` wants kg/cm³, 0.00785 for steel"),
+        ("mm-N-t", "mass", 1e12, "density in kg/m³, but `units: mm-N-t` requires t/mm³, 7.85e-09 for steel"),
+        ("mm-N-t", "mass", 10.0, "density: `units: mm-N-t` requires t/mm³, 7.85e-09 for steel"),
+        ("mm-kg-ms", "mass", 1e9, "density in kg/m³, but `units: mm-kg-ms` requires kg/mm³, 7.85e-06 for steel"),
+        ("cm-kg-s", "mass", 1e6, "density in kg/m³, but `units: cm-kg-s` requires kg/cm³, 0.00785 for steel"),
         (
             "in-lbf-s",
             "mass",
             386.0886,
-            "density in lbm/in³ where `units: in-lbf-s` wants lbf s²/in⁴, 0.0007345 for steel; or masses in lbm",
+            "density in lbm/in³, but `units: in-lbf-s` requires lbf s²/in⁴, 0.0007345 for steel; or masses in lbm",
         ),
-        ("SI", "mass", 1e-3, "density in g/cm³ or t/m³ where SI wants kg/m³, 7850 for steel; or masses in t where it wants kg"),
-        ("SI", "stiffness", 1e-6, "modulus in MPa where SI wants Pa, 2.1e+11 for steel"),
-        ("mm-N-t", "stiffness", 1e3, "springs in N/m where `units: mm-N-t` wants N/mm; it wants the modulus in MPa, 2.1e+05 for steel"),
-        ("in-lbf-s", "stiffness", 6894.7573, "modulus in Pa where `units: in-lbf-s` wants psi, 3.046e+07 for steel"),
-        ("mm-kg-ms", "stiffness", 1e9, "modulus in Pa where `units: mm-kg-ms` wants GPa, 210 for steel"),
+        ("SI", "mass", 1e-3, "density in g/cm³ or t/m³, but SI requires kg/m³, 7850 for steel; or masses in t, but it requires kg"),
+        ("SI", "stiffness", 1e-6, "modulus in MPa, but SI requires Pa, 2.1e+11 for steel"),
+        (
+            "mm-N-t",
+            "stiffness",
+            1e3,
+            "springs in N/m, but `units: mm-N-t` requires N/mm; it requires the modulus in MPa, 2.1e+05 for steel",
+        ),
+        ("in-lbf-s", "stiffness", 6894.7573, "modulus in Pa, but `units: in-lbf-s` requires psi, 3.046e+07 for steel"),
+        ("mm-kg-ms", "stiffness", 1e9, "modulus in Pa, but `units: mm-kg-ms` requires GPa, 210 for steel"),
     ],
 )
 def test_what_each_system_of_units_wants(units: str, matrix: str, factor: float, says: str) -> None:
@@ -48,7 +53,7 @@ def test_what_each_system_of_units_wants(units: str, matrix: str, factor: float,
 def test_the_units_are_those_of_the_campaign(frame: Folder) -> None:
     campaign = frame.inputs().campaign
     assert campaign.unit_system.text == "SI"
-    assert "where SI wants kg/m³, 7850 for steel; or masses in t where it wants kg)" in mistake_text(campaign, "mass", 1e-3)
+    assert ", but SI requires kg/m³, 7850 for steel; or masses in t, but it requires kg)" in mistake_text(campaign, "mass", 1e-3)
     assert "a weight density" in mistake_text(campaign, "mass", 9.80665)
     assert material_cause(campaign.unit_system, "damping", 10.0) is None
 

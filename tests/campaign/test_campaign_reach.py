@@ -22,7 +22,7 @@ def test_a_coupling_that_was_not_exported_is_told_as_one(tmp_path: Path) -> None
         matrix = scipy.io.mmread(path).toarray()
         matrix[:STRUCTURE, STRUCTURE:] = matrix[STRUCTURE:, :STRUCTURE] = 0.0
         scipy.io.mmwrite(path, matrix, symmetry="general", precision=17)
-    with pytest.raises(DataError, match="mic1 over hammer is zero: no entry of the matrices couples structure and air") as told:
+    with pytest.raises(DataError, match="mic1 to excitation hammer is zero: no entry of the matrices couples structure and air") as told:
         read_as_exported(load_campaign(folder.config))
     assert "export the matrices of the coupled model" in str(told.value)
 
@@ -34,7 +34,7 @@ def test_a_piece_of_the_air_alone_is_one_of_several(tmp_path: Path) -> None:
         matrix = scipy.io.mmread(path).toarray()
         matrix[:22, 22:] = matrix[22:, :22] = 0.0
         scipy.io.mmwrite(path, matrix, symmetry="general", precision=17)
-    with pytest.raises(DataError, match="mic3 over hammer is zero: nothing in the matrices connects them") as told:
+    with pytest.raises(DataError, match="mic3 to excitation hammer is zero: nothing in the matrices connects them") as told:
         read_as_exported(load_campaign(folder.config))
     assert "2 separate pieces" in str(told.value)
     assert "the DOF table is not in the order of the matrices" in str(told.value)

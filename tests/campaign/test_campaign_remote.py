@@ -86,7 +86,7 @@ def test_a_lost_scheduler_costs_time_only(frame: Folder, caplog: pytest.LogCaptu
         workers.close()
         result = found.identify(study.inputs, study.source, "tight", None)
     np.testing.assert_array_equal(result.solution.theta, expected)
-    assert "job tight: identified on this machine, the worker was lost" in caplog.text
+    assert "job tight: the worker was lost, identified on this machine" in caplog.text
 
 
 def test_jobs_of_a_campaign(frame: Folder, workers: Cluster) -> None:
@@ -125,7 +125,7 @@ class TestRefused:
 
     def test_another_version(self, address: str, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(remote, "IDENTIFICATION_VERSION", 0)
-        with pytest.raises(ConfigError, match="cannot identify as this machine does") as told, cluster(address):
+        with pytest.raises(ConfigError, match="does not have the version of this machine") as told, cluster(address):
             pass
         assert "identification 0-" in told.value.message
 

@@ -133,11 +133,11 @@ def test_coordinates_of_another_model_are_told(kind):
     xyz = places()
     K = build(xyz)
     for other, says in (
-        (xyz * [1.0, 1.1, 1.0], "give the nodes"),
+        (xyz * [1.0, 1.1, 1.0], "Give the nodes"),
         (xyz * [1.0, -1.0, 1.0], "with y mirrored"),
         (xyz[:, [1, 0, 2]], "with x and y exchanged"),
-        (places(1), "give the nodes"),
-        (np.roll(xyz, 1, axis=0), "give the nodes"),
+        (places(1), "Give the nodes"),
+        (np.roll(xyz, 1, axis=0), "Give the nodes"),
     ):
         text = places_doubt(K, table(other, labels))
         assert text is not None

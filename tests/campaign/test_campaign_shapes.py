@@ -101,7 +101,7 @@ def test_without_the_basis_there_are_no_shapes_and_no_error(found: tuple[Any, An
     job = next(iter(inputs.campaign.jobs))
     outcome = folder.run("update", "--job", job, "--force")
     assert outcome.code == 0
-    assert outcome.stderr.count("no deflection shapes: nothing of the basis is kept beside the reduced model") == 1
+    assert outcome.stderr.count("no deflection shapes: the basis of the reduced model is not kept in the cache") == 1
     assert "shapes.json" not in folder.result(job)["provenance"]["files"]
 
 

@@ -1244,7 +1244,7 @@ MISTAKES = [
         config(("baselines: [tight-2]", "baselines: [tight-2]\n  loose_change: -3")),
         0,
         "calls a bolt tight that lost up to 99.9 %",
-        "leave loose_change out",
+        "Remove loose_change",
     ),
     Mistake(
         "a prior that expects no change",

@@ -87,12 +87,12 @@ def test_lines(box: Folder, lines: str | None, frequency: list[float]) -> None:
 @pytest.mark.parametrize(
     ("lines", "parts"),
     [
-        ("abc", ["these are no lines"]),
-        ("20:400:1:2", ["these are no lines"]),
-        ("", ["these are no lines"]),
-        ("20,", ["these are no lines"]),
-        ("nan", ["these are no lines"]),
-        ("20:inf", ["these are no lines"]),
+        ("abc", ["these are not frequency lines"]),
+        ("20:400:1:2", ["these are not frequency lines"]),
+        ("", ["these are not frequency lines"]),
+        ("20,", ["these are not frequency lines"]),
+        ("nan", ["these are not frequency lines"]),
+        ("20:inf", ["these are not frequency lines"]),
         ("20:400:0", ["holds no line"]),
         ("20:400:-1", ["holds no line"]),
         ("400:20:1", ["holds no line"]),
@@ -246,7 +246,7 @@ def test_jobs_without_parameters(box: Folder) -> None:
     box.replace("- 1.5\n", "- 1.2\n")
     other = box.run("simulate", "--out", out, "--job", "loose")
     assert other.code == 3
-    assert "the result of job loose does not fit" in other.stderr
+    assert "the result of job loose does not match" in other.stderr
     assert not Path(out).exists()
 
 

@@ -326,7 +326,7 @@ def test_long_runs_take_linear_time(tmp_path):
 
 def test_lines_of_many_digits():
     child = start("import sys; from lrbc_cli.campaign.simulate import parse_lines; parse_lines('1' * 100_000 + 'x', (1.0, 2.0))")
-    assert "these are no lines" in finished(child)
+    assert "these are not frequency lines" in finished(child)
 
 
 @pytest.mark.parametrize(

@@ -136,12 +136,12 @@ class Draft:
         others = [name for name in jobs if not names_loose(states[name], bolts)]
         reference = next(iter([*tight, *numbered, *others]), None)
         if reference in (*tight, *numbered):
-            self.todo.append(f"update.reference: {reference}, by its name; are all bolts tight there?")
+            self.todo.append(f"update.reference: {reference}, chosen by its name; check that all bolts are tight there")
         elif reference:
-            self.todo.append(f"update.reference: no file name tells the tight state; {reference} is only the first")
+            self.todo.append(f"update.reference: no file name indicates the tight state; {reference} is only the first")
         elif jobs:
             self.todo.append(
-                "update.reference: which job is the tight state? every file name speaks of something loose, or of a single bolt"
+                "update.reference: give the job of the tight state; every file name indicates something loose, or a single bolt"
             )
         self.todo += [f"calibration.job: {reference} too"] if reference else []
         return reference, [name for name in tight if name != reference]
@@ -167,7 +167,7 @@ class Draft:
                 self.todo.append(f"model.{role}: no square matrix was found; `lrbc guide export` says how to export it")
         if "damping" not in operators:
             beta = 2.0 * ASSUMED_RATIO / (np.pi * (band[0] + band[1]))
-            self.todo.append(f"model.damping: no file holds it; {ASSUMED_RATIO:.0%} of critical at mid-band is assumed")
+            self.todo.append(f"model.damping: no file contains it; {ASSUMED_RATIO:.0%} of critical at mid-band is assumed")
             lines.append(f"  damping:                          # assumed: {ASSUMED_RATIO:.0%} of critical at mid-band; calibration fits it")
             fields = ["structure", *(["acoustic"] if self._acoustic else [])]
             lines += [f"    {name}: {{alpha: 0.0, beta: {beta:.3g}}}" for name in fields]
@@ -186,7 +186,7 @@ class Draft:
             return [f"  dofs: {self.path(path)}"]
         if not found.of("nodes"):
             self.todo.append(
-                "model.dofs: no table dof,node,component,x,y,z and no mesh was found; without it places are no use, only DOF numbers"
+                "model.dofs: no table dof,node,component,x,y,z and no mesh was found; without it only DOF numbers can be used, no places"
             )
             return [NO_DOFS]
         nodes = found.of("nodes")[0]
@@ -194,9 +194,7 @@ class Draft:
         if found.of("map"):
             return [f"  dofs: {{map: {self.path(found.of('map')[0])}, nodes: {self.path(nodes)}}}"]
         if stiffness is None or stiffness.labels is None:
-            self.todo.append(
-                "model.dofs: nothing says which DOF each row of the matrices is: add `map:` or `components:`, see `lrbc guide export`"
-            )
+            self.todo.append("model.dofs: the DOF of each matrix row is not given: add `map:` or `components:`, see `lrbc guide export`")
         return [f"  dofs: {{nodes: {self.path(nodes)}}}"]
 
     def _hammer(self, records: Sequence[FrfRecord]) -> list[str]:
@@ -207,10 +205,10 @@ class Draft:
             return ["excitation:", f"  hammer: {{vector: {self.matrix(self.roles.loads[0])}}}"]
         driven = {(r.reference_node, r.reference_direction) for r in records}
         if len(driven) > 1:
-            self.todo.append(f"excitation: the files hold {len(driven)} excitations; one is taken")
+            self.todo.append(f"excitation: the files contain {len(driven)} excitations; one is used")
         place = self._at_node(records[0].reference_node, records[0].reference_direction) if records and self._numbered(records) else None
         if place is None:
-            self.todo.append("excitation.hammer: where is it? no file says so")
+            self.todo.append("excitation.hammer: give its place; no file contains it")
         return ["excitation:", f"  hammer: {place or NOWHERE}" + ("" if place else "   # to do: its place")]
 
     def _near(self, point: PointFound) -> str:
@@ -267,11 +265,12 @@ class Draft:
             lost = []
         elif rows is not None:
             self.todo.append(
-                f"{self.found.called(rows.path)} holds {min(rows.matrix.shape)} vectors over the DOFs: rows of responses, a load, or terms?"
+                f"{self.found.called(rows.path)} contains {min(rows.matrix.shape)} vectors over the DOFs: check whether they are rows of "
+                "responses, a load, or terms"
             )
         if lost:
             which = listing([name for name, *_ in lost], 4)
-            self.todo.append(f"responses {which}: where are they? a table name,x,y,z,component of the points tells")
+            self.todo.append(f"responses {which}: give their places, or a table name,x,y,z,component of the points")
             for name, _, further in lost:
                 place = NOWHERE.replace("UZ", "PRES") if "pressure" in further else NOWHERE
                 lines.append(f"  {name}: {place[:-1]}{further}}}   # to do: its place")
@@ -310,9 +309,11 @@ class Draft:
         """The selection, and whether the matrices hold these springs."""
         held = holds_springs(path, self.roles, self.table)
         if held is None:
-            self.todo.append(f"parameters: baseline: 1.0 where the stiffness matrix holds the springs of {self.found.called(path)} already")
+            self.todo.append(f"parameters: baseline: 1.0 if the stiffness matrix already contains the springs of {self.found.called(path)}")
         elif held:
-            self.todo.append(f"parameters: baseline: 1.0, as the stiffness matrix seems to hold the springs of {self.found.called(path)}")
+            self.todo.append(
+                f"parameters: baseline: 1.0, as the stiffness matrix probably contains the springs of {self.found.called(path)}"
+            )
         return f"{{bushings: {self.path(path)}}}" + (
             "\n    baseline: 1.0                   # the stiffness matrix holds these springs" if held else ""
         )
@@ -323,11 +324,11 @@ class Draft:
         if self.roles.bolts is not None and self.table is not None:
             edge = edge_near(read_points(self.roles.bolts).xyz, self.table)
         if edge is None:
-            self.todo.append("parameters: which DOFs carry the bolts? a table of bushings, a list of DOFs or a box (`lrbc guide campaign`)")
+            self.todo.append("parameters: give the DOFs at the bolts: a table of bushings, a list of DOFs or a box (`lrbc guide campaign`)")
             return "edge", "{component: ROTY, box: [[x0, x1], [y0, y1], [z0, z1]]}   # to do"
         component, box = edge
         self.todo.append(
-            "parameters.edge: the line of nodes nearest to the row of bolts, turning about it; is that the edge that they hold?"
+            "parameters.edge: the line of nodes nearest to the row of bolts, rotating about it; check that this is the bolted edge"
         )
         return "edge", f"{{component: {component}, box: [{', '.join(f'[{low:.6g}, {high:.6g}]' for low, high in box)}]}}"
 
@@ -345,10 +346,10 @@ class Draft:
         lines += [guessed] if reference else []
         if reference and baselines:
             lines.append(f"  baselines: [{', '.join(map(quoted, baselines))}]   # further tight states: their scatter moves the threshold")
-            self.todo.append(f"update.baselines: {', '.join(baselines)}, by the name; all bolts tight there?")
+            self.todo.append(f"update.baselines: {', '.join(baselines)}, chosen by name; check that all bolts are tight there")
         if len(names) > 3:
             lines.append(f"  responses: [{', '.join(map(quoted, names[:-1]))}]   # the last one checks the result")
-            self.todo.append(f"update.responses: {names[-1]} is left out, as validation channel")
+            self.todo.append(f"update.responses: {names[-1]} is left out as validation channel")
         return [*lines, "  loss: soft                        # single wild lines count little", "  loss_scale: 1.0"]
 
     def _calibration(self, reference: str | None) -> list[str]:

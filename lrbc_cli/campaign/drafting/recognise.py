@@ -103,7 +103,7 @@ def recognise(folder: Path) -> FilesFound:
     if not folder.is_dir():
         there = folder.exists()
         raise ConfigError(
-            "a file, no folder" if there else "no such folder",
+            "a file, not a folder" if there else "no such folder",
             file=folder,
             place="--from",
             expected="the folder with the files of model and measurements",
@@ -117,7 +117,10 @@ def recognise(folder: Path) -> FilesFound:
         count += 1
         if count > MOST_FILES:
             raise ConfigError(
-                f"more than {MOST_FILES} files", file=folder, place="--from", hint="name the folder that holds model and measurements only"
+                f"more than {MOST_FILES} files",
+                file=folder,
+                place="--from",
+                hint="give the folder that contains model and measurements only",
             )
         _look_at(path, found)
     for path in list(found.rest) if found.size else ():

@@ -122,7 +122,7 @@ def _require_one_model(found: FilesFound) -> None:
         place="--from",
         expected="the files of one model, and its measurements",
         found="; ".join(f"{found.called(matrix.path)} ({size} DOFs)" for size, matrix in named.items()),
-        hint="point --from at one of them, in a folder of its own",
+        hint="give --from one of them, in a folder of its own",
     )
 
 
@@ -140,7 +140,7 @@ def _operators(found: FilesFound, roles: Roles) -> None:
         if matrix.matrix.shape == (n, n) and first is None:
             square.append(matrix)
         elif first is not None:
-            roles.doubts.append(f"{found.called(matrix.path)} holds the matrix of {found.called(first.path)} once more: left out")
+            roles.doubts.append(f"{found.called(matrix.path)} contains the same matrix as {found.called(first.path)}: left out")
     for role, pattern in OPERATORS.items():
         # A whole name counts before a part of one: K_x is no K.
         named = [m for m in square if pattern.search(m.name) or (m.group is None and pattern.search(m.path.name))]
@@ -154,14 +154,14 @@ def _operators(found: FilesFound, roles: Roles) -> None:
         if by_size:
             # The stiffness has the largest entries, whatever the units.
             taken[role] = by_size.pop(0 if role == "stiffness" else -1)
-            roles.doubts.append(f"model.{role}: taken by the size of its entries; nothing in its name says so")
+            roles.doubts.append(f"model.{role}: chosen by the size of its entries; its name does not say so")
     other = [matrix for matrix in found.matrices if n not in matrix.matrix.shape]
     roles.spare += [_called(found, matrix) for matrix in (*by_size, *other)]
     if {"stiffness", "mass"} <= set(taken):
         K, M = taken["stiffness"], taken["mass"]
         if highest_omega(K.matrix, M.matrix) < 1.0 < highest_omega(M.matrix, K.matrix) < np.inf:
             taken["stiffness"], taken["mass"] = M, K
-            roles.doubts.append("model.stiffness and model.mass: exchanged against their names, as frequencies would be near zero")
+            roles.doubts.append("model.stiffness and model.mass: exchanged against their names; otherwise frequencies would be near zero")
 
 
 def _vectors(found: FilesFound, roles: Roles) -> None:

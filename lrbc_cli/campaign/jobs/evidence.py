@@ -123,7 +123,8 @@ def _doubted(inputs: Inputs, result: Identification) -> str | None:
         return None
     again = [file for file in inputs.campaign.jobs[result.name].measurements[0] if own.hashes.get(file.as_posix()) in reference.inputs]
     if again:
-        return f"{', '.join(file.name for file in again)} holds the measurement of {reference.job} once more; was another file meant?"
+        files = ", ".join(file.name for file in again)
+        return f"{files} contain{'s' if len(again) == 1 else ''} the measurement of {reference.job} again; check whether another file was meant"
     if tight is None:
         return None
     limits, axis = inputs.statistics.validation, own.frequency_hz
@@ -133,7 +134,7 @@ def _doubted(inputs: Inputs, result: Identification) -> str | None:
     within = (tight.frequency_hz >= axis[0] * (1 - 1e-6)) & (tight.frequency_hz <= axis[-1] * (1 + 1e-6))
     if within.mean() < limits.least_span:
         whole = f"{tight.frequency_hz[0]:g} to {tight.frequency_hz[-1]:g} Hz"
-        return f"its lines reach from {axis[0]:g} to {axis[-1]:g} Hz, those of {reference.job} from {whole}; is the file complete?"
+        return f"its lines reach from {axis[0]:g} to {axis[-1]:g} Hz, those of {reference.job} from {whole}; check whether it is complete"
     if strange := interpolated(own.values):
         return strange
     wide = too_wide(*((each.frequency_hz, each.values[:, inputs.used]) for each in (own, tight)), rule=inputs.statistics.resolution)
@@ -346,10 +347,9 @@ def _alternatives(inputs: Inputs, result: Identification) -> tuple[tuple[tuple[f
 def guessed_text(name: str, limits: Saturation) -> str:
     """What ``auto`` stands for where the FRFs do not say between which stiffnesses they change, and what to do then."""
     return (
-        f"{name}: the FRFs do not show from which stiffness on a joint is as good as rigid or as good as gone, so that what `auto` stands "
-        f"for was guessed from the stiffness matrix (start {limits.start:.3g}, bounds {limits.lower:.3g} to {limits.upper:.3g}, log10). "
-        f"Where values end at one of these bounds, write `initial` and `bounds` of parameters.{name} instead of auto; else nothing is to "
-        "be done"
+        f"{name}: the FRFs do not show above which stiffness a joint is practically rigid, and below which practically free. `auto` was "
+        f"therefore guessed from the stiffness matrix (start {limits.start:.3g}, bounds {limits.lower:.3g} to {limits.upper:.3g}, log10). "
+        f"If values end at one of these bounds, write `initial` and `bounds` of parameters.{name} instead of auto; otherwise do nothing"
     )
 
 
@@ -370,15 +370,13 @@ def remarks(inputs: Inputs, result: Identification) -> list[str]:
             and group.damping is not None
             and not group.damping.bounds[0] < result.solution.theta[at] < group.damping.bounds[1]
         ):
-            found.append(
-                f"{group.name}: the damping exponent lies at its bound {result.solution.theta[at]:g}: the FRFs do not determine it"
-            )
+            found.append(f"{group.name}: the damping exponent is at its bound {result.solution.theta[at]:g}: the FRFs do not determine it")
     tie = near_tie(result.parameters, result.solution.starts)
     if tie is not None:
         best, second, apart = tie
         found.append(
-            f"near tie: the ends from '{best.description}' and '{second.description}' differ by {second.cost - best.cost:.3f} in cost "
-            f"and by {apart:.2f} decades (rms) in what they identify"
+            f"near tie: the results from '{best.description}' and '{second.description}' differ by {second.cost - best.cost:.3f} in cost "
+            f"and by {apart:.2f} decades (rms) in the identified values"
         )
     if result.relative:
         found.append("compared after correcting the measurement by the model discrepancy of the reference job")

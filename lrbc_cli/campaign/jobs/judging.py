@@ -164,17 +164,16 @@ def suspects(judgement: Judgement) -> list[str]:
     if judgement.fallen and any(bolt.suspect for bolt in judgement.bolts):
         named = ", ".join(f"{name} ({below:+.2f} decades)" for name, below in judgement.fallen.items())
         return [
-            f"not all tight, it seems: {named} lie far below the other bolts; bolts that are as loose in other jobs come out tight against "
-            "this one: tighten them and measure the reference job again; bolts that are softer by design want a group of their own "
+            f"probably not all tight (far below the other bolts: {named}). Bolts that are as loose in other jobs come out tight against "
+            "this one. Tighten them and measure the reference job again. Bolts that are softer by design need a group of their own "
             "(parameters), or a stiffness each (select: {bushings: FILE})"
         ]
     named = ", ".join(f"{bolt.name} ({bolt.change or 0.0:+.2f} decades)" for bolt in judgement.bolts if bolt.suspect)
     if not named:
         return []
     return [
-        f"not all tight, it seems: {named} come out loose against the "
-        "reference job; as a baseline it lowers the change at which bolts of the other jobs count as loose: take it out of "
-        "update.baselines, or measure it again"
+        f"probably not all tight (loose against the reference job: {named}). As a baseline it lowers the change at which bolts of the "
+        "other jobs count as loose. Remove it from update.baselines, or measure it again"
     ]
 
 
@@ -186,12 +185,13 @@ def contradicted(campaign: Campaign, name: str, judgement: Judgement) -> list[st
     if not tight:
         return []
     others = [bolt.name for bolt in judgement.bolts if bolt.name not in removed and bolt.verdict == LOOSE]
-    numbered = f"{', '.join(others)} come{'s' if len(others) == 1 else ''} out loose instead: are the bolts numbered otherwise at the rig, "
-    numbered += f"from the other end for instance? Correct the names in {campaign.bolts.name}; else " if campaign.bolts else "? Else "
+    numbered = f"{', '.join(others)} come{'s' if len(others) == 1 else ''} out loose instead: check whether the bolts are numbered "
+    numbered += "differently at the rig, for instance from the other end"
+    numbered += f", and correct the names in {campaign.bolts.name}. Otherwise check" if campaign.bolts else ". Otherwise check"
     return [
-        f"jobs.{name}.removed: {', '.join(tight)} {'is' if len(tight) == 1 else 'are'} stated to be missing, and judged tight against "
-        f"{update.reference}: {numbered if others else ''}are the files of the two jobs, or of others, exchanged? Correct `frf` or "
-        "`removed`; where both are right, these responses do not show it (`lrbc plan`)"
+        f"jobs.{name}.removed: {', '.join(tight)} {'is' if len(tight) == 1 else 'are'} stated to be missing, but judged tight against "
+        f"{update.reference}. {numbered if others else 'Check'} whether the files of the two jobs, or of others, are exchanged, and "
+        "correct `frf` or `removed`. If both are right, these responses do not show it (`lrbc plan`)"
     ]
 
 
@@ -201,7 +201,7 @@ def implausible(judgement: Judgement) -> list[str]:
         return []
     many = len(judgement.implausible) > 1
     names = ", ".join(judgement.implausible)
-    return [f"{names}: tighter than in the reference job; {'they were' if many else 'it was'} loose there, or the model errs"]
+    return [f"{names}: tighter than in the reference job; {'they were' if many else 'it was'} loose there, or the model is wrong"]
 
 
 def scatter_of_records(baselines: Iterable[JobRecord]) -> TightScatter:

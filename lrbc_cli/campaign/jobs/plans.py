@@ -151,7 +151,7 @@ def _alone(folder: Path, job: JobPlan) -> JobPlan:
     other = changed(None if rested is None else rested.parts, job.judgement.parts, JUDGED)
     if not stored.sealed:
         # Its verdicts may be anyone's; what they rest on is kept beside it.
-        other = "the earlier result is not sealed: of an older version, or changed by hand"
+        other = "the earlier result is not sealed: it is of an older version, or was changed by hand"
     return found if other is None else _judged(found, folder.parent, other)
 
 
@@ -159,7 +159,7 @@ def unchanged(stored: JobRecord | None) -> str:
     """That nothing changed on which a result rests; whoever edits the program learns that its code is no part of that."""
     if stored is None or stored.provenance.program in (None, program()):
         return "nothing changed"
-    return "nothing that it rests on changed; the program or its libraries did, --force identifies it again"
+    return "its inputs did not change, but the program or its libraries did; --force identifies it again"
 
 
 def _outdated(stored: JobRecord, job: JobPlan, folder: Path) -> str | None:
@@ -186,7 +186,7 @@ def _waiting(job: JobPlan, first: Sequence[str], reference: str | None) -> JobPl
     stored = None if job.record is None else job.record.provenance.rests_on
     if first[0] == reference and (stored is None or stored.reference is None):
         return replace(job, run=True, judge=False, reason=f"identified without {reference}, which runs before it", waits=True)
-    unless = f"unless {', '.join(first)}, which runs before it, comes out otherwise"
+    unless = f"unless {', '.join(first)}, which runs before it, gives another result"
     # What is judged anew in any case says why.
     return replace(job, reason=job.reason if job.judge else unless, waits=True)
 

@@ -68,7 +68,7 @@ class Cluster:
         except Exception as error:
             if self._closed:
                 raise
-            log.warning("job %s: identified on this machine, the worker was lost (%s)", name, on_one_line(error))
+            log.warning("job %s: the worker was lost, identified on this machine (%s)", name, on_one_line(error))
             with self._here:
                 return _identified(source, name, reference, measured)
         assert isinstance(found, Identification)
@@ -157,9 +157,9 @@ def _slots(client: Any, address: str) -> int:
     for worker, own in client.run(version, on_error="return").items():
         if own != version():
             raise ConfigError(
-                f"the worker {worker} cannot identify as this machine does",
+                f"the worker {worker} does not have the version of this machine",
                 expected=f"{version()}, installed there",
                 found=f"{type(own).__name__}: {own}" if isinstance(own, Exception) else own,
-                hint="install this version of lrbc with the extra [cluster] on every worker, then start it again",
+                hint="install this version of lrbc with the extra [cluster] on every worker, then restart it",
             )
     return sum(map(int, threads.values()))

@@ -406,13 +406,13 @@ def _linearised(inputs: Inputs, by: str, tightened: bool, draws: int | None, *, 
     update, values = inputs.campaign.update, inputs.statistics.values
     std = values.joint_std if joints else values.std
     if by == "values":
-        why = "values along the edges are not bolts that it judges"
+        why = "values along the edges are not judged as bolts"
     elif tightened:
-        why = "it judges no bolts that are tightened"
+        why = "bolts that are tightened are not judged"
     else:
         why = "--draws 0" if draws == 0 else "no bolt can be loosened"
     return [
         f"linearised, not rehearsed ({why}): `lrbc update` may find less",
         f"normal prior of {std:g} decades; loose below {threshold(inputs, joints):g} decades, with {100 * update.confidence:g} %",
-        "the model is right but for the noise, and nothing drifts but what update.nuisances names",
+        "no error of the model except the noise, and no drift except what update.nuisances lists",
     ]

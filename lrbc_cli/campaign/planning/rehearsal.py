@@ -352,22 +352,22 @@ def assumptions(rehearsal: Rehearsal, draws: int, origin: str) -> list[str]:
     values, mixture = rehearsal.inputs.statistics.values, mixes(rehearsal.inputs)
     std, scatter = (values.joint_std, prior.joint_tight_std) if joints else (values.std, prior.tight_std)
     beside = " (lower beside a bolt that is loose)" if mixture and not joints else ""
-    reference = [] if update.reference else ["a reference job with all bolts tight is measured too, though update.reference names none"]
+    reference = [] if update.reference else ["a reference job with all bolts tight is also measured, although update.reference gives none"]
     return [
         *reference,
         f"judged by rehearsal: measurements are drawn, identified and judged as `lrbc update` does, {draws} for each bolt and loss",
         f"prior of the verdicts: {'each bolt tight or loose (mixture)' if mixture else f'normal, {std:g} decades'}; loose "
         f"below {threshold(rehearsal.inputs, joints):g} decades{beside}, with "
         f"{100 * update.confidence:g} %",
-        f"a bolt alone loses {losses} decades{through}; tight ones scatter by {scatter:g}",
-        f"model discrepancy {rehearsal.noise.sigma:.2g} dB a line ({origin}), as of a structure whose frequencies lie "
-        f"{100 * rehearsal.detuned:.2g} % beside the model's",
+        f"a single bolt loses {losses} decades{through}; tight bolts scatter by {scatter:g}",
+        f"model discrepancy {rehearsal.noise.sigma:.2g} dB per line ({origin}), as of a structure whose frequencies differ by "
+        f"{100 * rehearsal.detuned:.2g} % from those of the model",
         f"errors of the changes that the model predicts: {100 * errors.shift_error:g} % of the shift of a resonance, "
         f"{100 * errors.change_error:g} % of the change of a level, at most about {np.sqrt(2.0) * rehearsal.noise.sigma:.2g} dB",
         f"noise of the measurement: {chain}",
         f"drift between the jobs, as update.nuisances allows: {drifts}"
         if drifts
-        else "no drift between the jobs: update.nuisances names none; gains or hammer points that vary all the same cost verdicts",
+        else "no drift between the jobs: update.nuisances lists none; gains or hammer points that vary nevertheless cost verdicts",
     ]
 
 

@@ -103,15 +103,15 @@ def numbering(source: Path | DofSource | None, stiffness: MatrixFile) -> Numberi
         components = source.components
         if components is None or node.size * len(components) != n:
             raise DataError(
-                "nothing says which DOF each row of the matrices is",
+                "the DOF of each matrix row is not given",
                 file=source.nodes,
-                expected=f"a map of the {n} rows, or `components:` of which each of the {node.size} nodes has all",
+                expected=f"a map of the {n} rows, or `components:`, the DOFs of each of the {node.size} nodes",
                 found="no map" if components is None else f"{node.size} nodes with {len(components)} components",
                 hint=f"add `map: FILE` under model.dofs{_guess(n, node.size)}; `lrbc guide export` says what each program writes",
             )
         order = np.sort(node)
         found.labels = DofLabels(np.repeat(order, len(components)), np.tile(np.array(components, dtype=np.str_), order.size))
-        found.notes.append(f"rows: nodes in rising order, each {', '.join(components)}; nothing in the files confirms it")
+        found.notes.append(f"rows: nodes in ascending order, each {', '.join(components)} (not confirmed by any file)")
     _place(found, node, xyz, source.nodes)
     return found
 
@@ -123,13 +123,13 @@ def _mapped(path: Path, source: DofSource, n: int) -> tuple[DofLabels, tuple[str
     order = read_vectors(source.order).matrix
     order = order.T.tocsc() if order.shape[0] == n else order
     if order.shape[1] != n or np.any(np.diff(order.indptr) != 1):
-        wrong = "" if order.shape[1] != n else f", {int((np.diff(order.indptr) != 1).sum())} rows do not hold one entry"
+        wrong = "" if order.shape[1] != n else f", {int((np.diff(order.indptr) != 1).sum())} rows do not have exactly one entry"
         raise DataError(
-            "the matrix of the order does not fit the matrices",
+            "the order matrix (`order:`) does not fit the model matrices",
             file=source.order,
-            expected=f"{n} rows with one entry each: the place of each row in the map",
+            expected=f"{n} rows with one entry each: the position of each row in the map",
             found=f"{order.shape[1]} x {order.shape[0]}{wrong}",
-            hint="export NOD2BCS of the same .full file; constraint equations and couplings have no single DOF: use HBMAT",
+            hint="export NOD2BCS from the same .full file; constraint equations and couplings have no single DOF: use HBMAT",
         )
     labels, notes = read_dof_map(path, order.shape[0], source.components)
     return DofLabels(labels.node[order.indices], labels.component[order.indices]), notes
@@ -194,10 +194,11 @@ def added_nodes(K: sp.csc_array, found: Numbering) -> tuple[str, str]:
     if 2 * at_rest > moved and not _EXPANDED.search(decode(file.read_bytes())):
         names = found.files[1].name if len(found.files) > 1 else "the stiffness matrix"
         return "", (
-            f"{names} names {nodes.size} nodes ({nodes[0]} to {nodes[-1]}) that {file.name} has not: is it the input that the matrices "
-            "were exported from? No point is found at these nodes: name the file that has them under model.dofs.nodes"
+            f"{names} contains {nodes.size} nodes ({nodes[0]} to {nodes[-1]}) that are missing in {file.name}, so no point is found at "
+            f"them. Check whether {file.name} is the input that the matrices were exported from. Give the file that contains these nodes "
+            "under model.dofs.nodes"
         )
-    return f"{int(inner.sum())} DOFs of {nodes.size} nodes beyond those of {file.name} are inner ones of the FE program", ""
+    return f"{int(inner.sum())} DOFs of {nodes.size} nodes that are not in {file.name} are internal DOFs of the FE program", ""
 
 
 def aligned(found: MatrixFile, labels: DofLabels | None, n: int, path: Path, what: str) -> sp.csc_array:
@@ -249,8 +250,8 @@ def order_doubt(K: sp.csc_array, dofs: DofTable, source: Path | DofSource | None
     for text, order in _other_orders(dofs) if own < FEW else ():
         if _at_rest(K, dofs.component[order]) > MANY:
             return (
-                f"the rows of the matrices go {text}, it seems, not as the DOF table does: a rigid translation would meet forces at "
-                f"{1 - own:.0%} of all DOFs; sort the DOF table so, and number its column dof anew from 0"
+                f"probably the rows of the matrices are in another order ({text}) than the DOF table: in the order of the table a rigid "
+                f"translation would cause forces at {1 - own:.0%} of all DOFs. Sort the table {text}, and renumber its column dof from 0"
             )
     # What an FE program adds by itself lies anywhere.
     given = np.flatnonzero(~np.char.startswith(dofs.component, "INNER"))
@@ -269,8 +270,8 @@ def order_doubt(K: sp.csc_array, dofs: DofTable, source: Path | DofSource | None
     places = np.unique(xyz, axis=0)
     spacing = float(np.median(cKDTree(places).query(places, k=2)[0][:, 1]))
     return (
-        f"the stiffness connects DOFs that lie {near:.3g} m apart, as far as any two of the model, where nodes are {spacing:.3g} m "
-        f"apart: {_solver_order(source) or 'the DOF table is of another model or in another order; export matrices and table in one run'}"
+        f"the stiffness matrix connects DOFs that are {near:.3g} m apart, as far as any two of the model (node spacing {spacing:.3g} m): "
+        f"{_solver_order(source) or 'the DOF table is of another model or in another order. Export matrices and table in one run'}"
     )
 
 
@@ -287,14 +288,17 @@ def _sorted_anew(dofs: DofTable, given: Integers, connected: tuple[Integers, Int
     if mean[text] > NEARER * own:
         return None
     causes = (
-        "was the table sorted in a spreadsheet, and its column dof filled down anew? Take the table as it was exported, or sort its rows "
-        "so, and number the column dof from 0 then"
+        "Check whether the table was sorted in a spreadsheet and its column dof filled down again. Use the table as it was exported, or "
+        f"sort its rows {text} and then number the column dof from 0"
     )
     if meshed:
-        causes = "is the file of nodes that of another mesh, or its mapping of another run? Export matrices, mapping and nodes of one model"
+        causes = (
+            "Check whether the file of nodes belongs to another mesh, or the mapping to another run. Export matrices, mapping and nodes "
+            "of one model"
+        )
     return (
-        f"the rows of the matrices are sorted {text}, it seems, the DOF table is not: DOFs that the stiffness connects lie {own:.3g} m "
-        f"apart in the mean, sorted so {mean[text]:.3g} m; {causes}"
+        f"probably the rows of the matrices are sorted {text}, but the DOF table is not: DOFs that the stiffness matrix connects are "
+        f"{own:.3g} m apart on average, sorted {text} {mean[text]:.3g} m. {causes}"
     )
 
 
@@ -305,8 +309,9 @@ def _solver_order(source: Path | DofSource | None) -> str | None:
     if not source.map.read_bytes()[:14].lower().startswith(b"%%matrixmarket"):
         return None
     return (
-        f"the rows of the matrices stand in the solver's order, it seems, {source.map.name} names nodes in that of the model: export "
-        "NOD2BCS of the same .full file too, and name it as model.dofs: {map: ..., order: NOD2BCS.mtx, nodes: ...} (`lrbc guide export`)"
+        f"probably the rows of the matrices are in the solver's order, but {source.map.name} lists nodes in the order of the model. Also "
+        "export NOD2BCS from the same .full file, and give it as model.dofs: {map: ..., order: NOD2BCS.mtx, nodes: ...} "
+        "(`lrbc guide export`)"
     )
 
 
@@ -336,13 +341,13 @@ def _distances(xyz: Floats, one: Integers, two: Integers) -> Floats:
 
 def unfitting(lines: int, rows: int) -> str:
     """What to do about a DOF table with so many lines beside matrices with so many rows."""
-    other = "else export matrices and DOF table of one model in one run"
+    other = "otherwise export matrices and DOF table of one model in one run"
     if lines > rows:
         return (
-            f"it has {lines - rows} lines more than the matrices have rows: those of fixed or tied DOFs, it seems, which matrices do not "
-            f"hold. Take these lines out and number the others from 0, in the order of the rows; {other}"
+            f"it has {lines - rows} lines more than the matrices have rows: probably those of fixed or tied DOFs, which matrices do not "
+            f"contain. Remove these lines and number the others from 0, in the order of the rows; {other}"
         )
     return (
-        f"it has {rows - lines} lines fewer than the matrices have rows: it lacks DOFs, as of nodes or fields that were left out, or the "
-        f"matrices hold fixed ones. List every row; {other}"
+        f"it has {rows - lines} lines fewer than the matrices have rows: it lacks DOFs (of nodes or fields that were left out), or the "
+        f"matrices contain fixed DOFs. List every row; {other}"
     )

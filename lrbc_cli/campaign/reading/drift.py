@@ -26,17 +26,17 @@ def check_drift(campaign: Campaign, acoustic: bool) -> None:
     reference = campaign.update.reference is not None or not campaign.jobs
     if drift and resolve(campaign.update, Facts(reference, True)).approach == "paper":
         raise campaign.error(
-            "drift since a reference job that results are not compared with",
+            "drift is given, but results are not compared with a reference job",
             "update",
             "nuisances",
             drift[0],
             expected="update.reference: the job with all bolts tight, and approach: bolts",
-            hint="name it, or remove `nuisances`",
+            hint="give it, or remove `nuisances`",
         )
     for key in ("temperature", "sound_speed"):
         if getattr(campaign.update.nuisances, key) is not None and not acoustic:
             raise campaign.error(
-                "no air in this model whose speed of sound could vary",
+                "the model has no air whose speed of sound could vary",
                 "update",
                 "nuisances",
                 key,
@@ -56,7 +56,7 @@ def load_shift(campaign: Campaign, dofs: DofTable | None, dof: int, name: str) -
     found = load_shifts(dofs, dof) if dofs is not None and dof >= 0 else None
     if found is None:
         raise campaign.error(
-            f"what excitation {name} becomes beside its node is unknown",
+            f"the effect of a shift of excitation {name} away from its node is unknown",
             "update",
             "nuisances",
             "hammer",

@@ -42,22 +42,20 @@ def by_edges(campaign: Campaign, groups: Sequence[TermGroup], bolts: PointTable 
         tied = _tied(campaign, group, at, bolts) if at.size else None
         if tied is None:
             if at.size:
-                notes.append(f"parameters {group.name}: {_jumps(group, at)}; nothing ties the values across them")
+                notes.append(f"parameters {group.name}: {_jumps(group, at)}; the values across them are not coupled")
             parts = [group]
         elif _ordered_here(group) and at.size + 1 == len(edges_of(group.xyz)):
             parts = _split(campaign, group, at)
-            notes.append(
-                f"parameters {group.name}: {len(parts)} edges, groups of their own: nothing ties values of one to those of another"
-            )
+            notes.append(f"parameters {group.name}: {len(parts)} edges, made into separate groups: their values are not coupled")
         else:
             raise campaign.error(
-                f"the terms of {group.name} do not lie along one edge, and {tied} across the jumps",
+                f"the terms of {group.name} do not lie along one edge, but {tied} across the jumps",
                 "parameters",
                 group.name,
                 "select",
                 expected=f"each term next to the one before, within {JUMP:g} times the distance of neighbours",
                 found=_jumps(group, at),
-                hint="make one group of each edge, and list its terms in their order along it; or select by `box`, which orders them",
+                hint="make one group for each edge, and list its terms in order along the edge; or select by `box`, which orders them",
             )
         notes += [line for part in parts if (line := _preview(part))]
         found += parts
@@ -80,14 +78,14 @@ def _require_own_weight(campaign: Campaign, *, rounding: float = 1e-3) -> None:
         if own >= (1.0 - rounding) * (sum(weights) - own):
             continue
         raise campaign.error(
-            "smoothing so wide that bolts beside a loose one come out loose, too",
+            "smoothing so wide that bolts beside a loose bolt come out loose too",
             "parameters",
             name,
             "smoothing",
-            expected="a weight in the middle that is at least as large as all others together",
+            expected="a middle weight that is at least as large as all others together",
             found=f"{own:g} in the middle, {sum(weights) - own:g} beside it",
-            hint="leave smoothing out (changes at bolts reach from bolt to bolt anyway), or write [0.333333, 0.666667, 0.333333]; "
-            "update.approach: paper takes any",
+            hint="remove smoothing (changes at bolts extend from bolt to bolt anyway), or write [0.333333, 0.666667, 0.333333]; "
+            "update.approach: paper accepts any weights",
         )
 
 
@@ -106,11 +104,11 @@ def _no_line(campaign: Campaign, group: TermGroup, at: Integers, bolts: PointTab
     at_bolts = bolts is not None and group.config.kind == "stiffness" and campaign.update.approach != "paper"
     low, high = group.xyz.min(axis=0), group.xyz.max(axis=0)
     found = f"{group.count} values from {_place(low)} to {_place(high)} that fill a face or a body"
-    hint = "take the border of a flat field by `boundary: true`, make the box smaller, or select by `along`"
+    hint = "select the border of a flat field with `boundary: true`, make the box smaller, or select by `along`"
     if smoothed or at_bolts:
-        tied = "smoothing mixes neighbours" if smoothed else "changes at bolts reach"
+        tied = "smoothing mixes neighbours" if smoothed else "changes at bolts extend"
         raise campaign.error(
-            f"the terms of {group.name} lie on no line, and {tied} along it",
+            f"the terms of {group.name} do not lie on a line, but {tied} along it",
             "parameters",
             group.name,
             "select",
@@ -118,7 +116,7 @@ def _no_line(campaign: Campaign, group: TermGroup, at: Integers, bolts: PointTab
             found=found,
             hint=hint,
         )
-    return f"parameters {group.name}: {found}, no edge: {hint}"
+    return f"parameters {group.name}: {found}, not an edge: {hint}"
 
 
 def _ordered_here(group: TermGroup) -> bool:
@@ -175,7 +173,7 @@ def _jumps(group: TermGroup, at: Integers) -> str:
     usual = np.median(np.delete(steps, at)) if at.size < steps.size else np.median(steps)
     return (
         f"{at.size} jump{'s' if at.size > 1 else ''}, the largest {steps[worst]:.3g} m from {before} to {after}; "
-        f"other steps are {usual:.3g} m, all make {group.arc_length[-1]:.3g} m"
+        f"other steps are {usual:.3g} m, the total is {group.arc_length[-1]:.3g} m"
     )
 
 
@@ -192,7 +190,7 @@ def _tied(campaign: Campaign, group: TermGroup, at: Integers, bolts: PointTable 
     distance = np.linalg.norm(group.xyz[None] - bolts.xyz[:, None], axis=2)
     # Bolts of other edges do not count.
     nearest = np.argmin(distance, axis=1)[distance.min(axis=1) <= np.median(steps)]
-    return None if np.isin(at, nearest).all() and np.isin(at + 1, nearest).all() else "changes at bolts reach"
+    return None if np.isin(at, nearest).all() and np.isin(at + 1, nearest).all() else "changes at bolts extend"
 
 
 def _place(point: Floats) -> str:

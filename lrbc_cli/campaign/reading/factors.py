@@ -69,10 +69,10 @@ def factor_groups(
             whole = operators[operator]
             if matrix.nnz == 0 or (np.iscomplexobj(matrix.data) and not np.iscomplexobj(whole.data)):
                 raise DataError(
-                    f"the {operator} of group {name} is {'empty' if matrix.nnz == 0 else 'complex, that of the model is not'}",
+                    f"the {operator} of group {name} is {'empty' if matrix.nnz == 0 else 'complex, but that of the model is not'}",
                     file=ref.path,
                     place=ref.group,
-                    expected="a share of the model's matrix",
+                    expected="a part of the model's matrix",
                 )
             # Only entries that the model's matrix has can be a share of it; a few may have cancelled.
             outside = abs(matrix).sum() - abs(matrix).multiply(abs(whole).sign()).sum()
@@ -82,7 +82,7 @@ def factor_groups(
                     file=ref.path,
                     place=ref.group,
                     expected=f"a part of the model's {operator} matrix, in the same order of DOFs",
-                    hint="export the group from the same model; the model's matrix has to contain it once",
+                    hint="export the group from the same model; the model's matrix must contain it once",
                 )
             _weigh_share(reader, ref, name, operator, matrix, whole)
             found[name][operator] = lossy(matrix) if operator == "stiffness" else matrix
@@ -104,15 +104,15 @@ def _weigh_share(reader: ModelReader, ref: MatrixRef, name: str, operator: str, 
             place=ref.group,
             expected=f"a part of the model's {operator} matrix, in the same units",
             found=f"a norm of {norm(matrix):.3g}, the model's there {norm(there):.3g}",
-            hint="export the group from the same model and in its units; the model's matrix has to contain it once",
+            hint="export the group from the same model and in its units; the model's matrix must contain it once",
         )
     own, all_ = np.real(matrix.diagonal()), np.real(whole.diagonal())
     shown = np.abs(own) > 1e-6 * np.abs(own).max(initial=0.0)
     wrong = shown & ((own * all_ < 0) | (np.abs(own) > np.abs(all_) * (1 + 1e-6)))
     if wrong.any():
         reader.warnings.append(
-            f"calibration.groups.{name}: its {operator} exceeds the model's, or has the opposite sign, at {int(wrong.sum())} of "
-            f"{int(shown.sum())} entries of the diagonal: the rest of the model is negative there, as only prestress makes it"
+            f"calibration.groups.{name}: its {operator} exceeds that of the model, or has the opposite sign, at {int(wrong.sum())} of "
+            f"{int(shown.sum())} diagonal entries: the rest of the model is negative there, which only prestress causes"
         )
 
 
@@ -137,9 +137,9 @@ def left_behind(exported: sp.csc_array, campaign: Campaign) -> list[str]:
     if not held or (not isinstance(campaign.model.damping, MatrixRef) and not np.iscomplexobj(exported.data)):
         return []
     return [
-        f"parameters {', '.join(held)}: the matrices hold these springs, and {given} their damping, of unknown share: a spring that "
-        "loosens leaves it behind. Export without the springs (no baseline), or give a real stiffness and model.damping as alpha, beta and "
-        "loss_factor"
+        f"parameters {', '.join(held)}: the matrices contain these springs, and {given} contains an unknown share of their damping: this "
+        "damping stays when a spring loosens. Export without the springs (no baseline), or give a real stiffness and model.damping as "
+        "alpha, beta and loss_factor"
     ]
 
 
@@ -199,7 +199,7 @@ def require_fields(campaign: Campaign, recipe: Recipe) -> None:
                 "factors",
                 index,
                 expected=f"one of {', '.join(recipe.names)}",
-                hint="a loss factor takes model.damping.FIELD.loss_factor above 0, or a complex stiffness"
+                hint="a loss factor needs model.damping.FIELD.loss_factor above 0, or a complex stiffness"
                 if name.startswith("loss_factor.")
-                else "acoustic DOFs are those of component PRES in the DOF table",
+                else "acoustic DOFs are those with component PRES in the DOF table",
             )

@@ -111,7 +111,7 @@ class GroupReader(ModelReader):
         parts.require()
         for text, tables in self.beside.items():
             tables = list(dict.fromkeys(tables))
-            names = f"{' and '.join(tables)} name{'' if len(tables) > 1 else 's'} the nodes"
+            names = f"nodes given in {' and '.join(tables)}"
             self.warn(f"bolts: {self.campaign.bolts.name if self.campaign.bolts else ''}: {text} ({names})")
         power = np.concatenate([np.full(f.group.terms.size, KIND_POWER[f.group.config.kind]) for f in found])
         baseline = np.concatenate([np.full(f.group.terms.size, f.group.config.baseline) for f in found])
@@ -187,7 +187,7 @@ class GroupReader(ModelReader):
         along = arc_length(xyz) if xyz is not None and own.bolt is None else None
         if own.bolt is not None and config.smoothing is not None and sum(weight > 0 for weight in config.smoothing) > 1:
             hint = "remove smoothing"
-            raise self.campaign.error("smoothing ties values of different bolts", "parameters", name, "smoothing", hint=hint)
+            raise self.campaign.error("smoothing couples values of different bolts", "parameters", name, "smoothing", hint=hint)
         model = self.campaign.model.damping
         damping = _tied(config, model, own.bolt is not None)
         beta, loss_factor = (damping or GroupDampingConfig()).coefficients(model)
@@ -226,7 +226,7 @@ class GroupReader(ModelReader):
             require_near(positions.xyz, places, self.dofs.xyz, file=select.positions)
         if left.shape != right.shape or positions.xyz.shape[0] != left.shape[1]:
             raise DataError(
-                f"vectors and positions of {name} do not fit",
+                f"vectors and positions of {name} do not match",
                 file=select.positions,
                 expected=f"{left.shape[1]} terms in all files",
                 found=f"{right.shape[1]} right vectors, {positions.xyz.shape[0]} positions",
@@ -238,7 +238,7 @@ class GroupReader(ModelReader):
         dofs = None if self.disordered else self.dofs
         beside = None if dofs is None else beside_their_dofs(positions.xyz, (abs(left) + abs(right)).tocsc(), dofs.xyz)
         if beside:
-            self.warn(f"parameters.{name}: the places in {select.positions.name} lie {beside}")
+            self.warn(f"parameters.{name}: the places in {select.positions.name} are {beside}")
         return left, right, positions
 
     def _bushings(self, name: str, file: Path, component: str | None) -> tuple[sp.csc_array, Floats, tuple[str, ...], bool | None]:

@@ -187,7 +187,7 @@ class _Reader(GroupReader):
                 matrix = self.vectors(point.vector, f"excitation.{name}")
                 if matrix.shape[1] != 1 or matrix.nnz == 0:
                     raise DataError(
-                        "an excitation is one vector that is not zero",
+                        "an excitation must be one vector that is not zero",
                         file=point.vector.path,
                         expected="one column",
                         found=f"{matrix.shape[1]}",
@@ -200,8 +200,8 @@ class _Reader(GroupReader):
                 self.notes.append(f"excitation {name}: {text}")
                 if (point.component or "").startswith("ROT"):
                     self.warn(
-                        f"excitation.{name} acts about an axis ({point.component}): a moment, which no hammer gives; write a translation, "
-                        "such as UZ, where it is a force"
+                        f"excitation.{name} acts about an axis ({point.component}): a moment, which a hammer cannot apply. If it is a "
+                        "force, write a translation, such as UZ"
                     )
                 columns.append(unit_columns([dof], self.n, point.scale))
                 points.append(self.point(dof))
@@ -244,7 +244,7 @@ class _Reader(GroupReader):
             )
         if point.excitation is None and len(excitations) > 1:
             raise self.campaign.error(
-                f"response {name} does not say to which excitation it belongs",
+                f"response {name} does not say which excitation it belongs to",
                 "responses",
                 name,
                 expected=f"excitation: one of {', '.join(excitations)}",
@@ -261,7 +261,7 @@ class _Reader(GroupReader):
             assert ref is not None
             matrix = self.vectors(ref, f"responses.{name}")
             if point.row >= matrix.shape[1]:
-                known, hint = f"0 to {matrix.shape[1] - 1}", "rows are counted from 0: take 1 off the row of each response"
+                known, hint = f"0 to {matrix.shape[1] - 1}", "rows are counted from 0: subtract 1 from the row of each response"
                 raise self.campaign.error("this row does not exist", "responses", name, "row", expected=known, found=point.row, hint=hint)
             column = matrix[:, [point.row]]
             fields = acoustic[column.indices]
@@ -366,7 +366,8 @@ def _require_whole(campaign: Campaign, stiffness: MatrixFile, mass: MatrixFile) 
         place=file.group,
         expected=f"entries of {max(sizes)} rows, as in {(source.mass if short is stiffness else source.stiffness).path.name}",
         found=f"the last row is {min(sizes)}",
-        hint="was the file cut when it was copied? Copy or export it again; else export all matrices of one model in one run",
+        hint="check whether the file was cut off when it was copied. Copy or export it again; otherwise export all matrices of one model "
+        "in one run",
     )
 
 

@@ -24,8 +24,8 @@ MOST_NAMED = 4
 
 #: What to do about a node that has coordinates and no DOFs.
 HELD = (
-    "it has coordinates, but no DOFs in the matrices: it was fixed there when they were exported, and what is fixed neither moves nor "
-    "loosens; remove the boundary condition that holds it, and export the matrices again"
+    "it has coordinates, but no DOFs in the matrices: it was fixed when they were exported, and a fixed node neither moves nor loosens. "
+    "Remove the boundary condition that holds it, and export the matrices again"
 )
 
 
@@ -144,12 +144,12 @@ def require_free(table: BushingTable, dofs: DofTable, held: Integers) -> None:
     have = f"nodes {listing(nodes, 6)} have" if len(nodes) > 1 else f"node {nodes[0]} has"
     of = f", of {len(bolts)} bolt{'s' if len(bolts) > 1 else ''} ({listing(bolts, 6)})" if bolts else ""
     hint = (
-        "they were fixed when the matrices were exported, it seems, and what is fixed cannot loosen: remove the boundary condition at the "
-        "bolts, so that these springs alone hold the structure there, and export the matrices again (a node of no element has no DOFs "
+        "they were probably fixed when the matrices were exported, and a fixed node cannot loosen. Remove the boundary condition at the "
+        "bolts, so that only these springs hold the structure there, and export the matrices again (a node without elements has no DOFs "
         "either)"
     )
     if not any(a in known for a, *_ in springs):
-        hint = "a spring to a fixed node goes to ground: leave node_b empty there"
+        hint = "a spring to a fixed node goes to ground: leave node_b empty for it"
     raise DataError(
         f"{have} coordinates, but no DOFs in the matrices",
         file=table.path,
@@ -175,13 +175,13 @@ def _dof(table: BushingTable, dofs: DofTable, k: int, column: str, node: int, na
             place=f"{line}, column {column!r}",
             expected=expected,
             found=f"node {node}",
-            hint="leave node_b empty where a spring goes to ground" if column == "node_b" and node <= 0 else numbers_text(dofs.node),
+            hint="leave node_b empty if a spring goes to ground" if column == "node_b" and node <= 0 else numbers_text(dofs.node),
         )
-    hint = "a DOF that the export eliminated carries no spring: export it, or remove the line"
+    hint = "a DOF that the export eliminated cannot carry a spring: export it, or remove the line"
     if name.startswith("ROT") and not any(str(label).startswith("ROT") for label in np.unique(dofs.component)):
         hint = (
-            "no node of the table has a rotation: of shells, plates and beams the labels are wrong then (w, rx, ry of a plate in X and Y "
-            "are UZ, ROTX, ROTY): correct them; solid elements have none: remove the line"
+            "no node of the DOF table has a rotation. For shells, plates and beams its labels are wrong then (w, rx, ry of a plate in X "
+            "and Y are UZ, ROTX, ROTY): correct them. Solid elements have no rotations: remove the line"
         )
     raise DataError(
         f"node {node} has no DOF {name}",
@@ -206,14 +206,15 @@ def aside_text(table: BushingTable, dofs: DofTable) -> str:
     if not far:
         return ""
     count, longest = len(far), max(arms[k] for k in far)
-    text = f"the nodes of {count} spring{'s' if count > 1 else ''} lie up to {1e3 * longest:.3g} mm aside of its axis"
+    text = f"the nodes of {count} spring{'s' if count > 1 else ''} lie up to {1e3 * longest:.3g} mm off the spring axis"
+    fix = "also resists when both its nodes rotate as one rigid body: join nodes on the axis, or export rigid arms to it"
     if 2 * count >= len(arms):
-        return f"{text}: it holds them also where both turn as one rigid piece; join nodes on the axis, or export rigid arms to it"
+        return f"{text}. Such a spring {fix}"
     named = [f"line {table.lines[k]}, {_joined(table, k)}" for k in far[:MOST_NAMED]]
     more = f" and {count - MOST_NAMED} more" if count > MOST_NAMED else ""
     return (
-        f"{text}, those of the others on it: is a node mistyped? Check {'; '.join(named)}{more}. A spring beside its axis holds its nodes "
-        "also where both turn as one rigid piece: join nodes on the axis, or export rigid arms to it"
+        f"{text}; those of the other springs lie on it. Check whether a node is mistyped: {'; '.join(named)}{more}. A spring off its axis "
+        f"{fix}"
     )
 
 
@@ -248,7 +249,7 @@ def bolts_of_terms(groups: Sequence[tuple[str, Sequence[str] | None, Floats | No
     lost = [name for name, found in places.items() if not found]
     if lost:
         raise ConfigError(
-            f"nothing says where bolt {lost[0]} lies",
+            f"the place of bolt {lost[0]} is not given",
             place="bolts",
             expected="a bolts file, a DOF table, or columns x, y and z beside the terms",
             hint="add `bolts: bolts.csv` with the columns name, x, y, z",

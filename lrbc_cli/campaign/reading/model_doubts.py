@@ -53,13 +53,14 @@ def doubts(model: FeModel) -> list[str]:
     m, found = model, []
     if np.iscomplexobj(m.K.data) and loss_factor(m) < 0:
         found.append(
-            "the imaginary part of the stiffness is negative: with exp(+i omega t) it adds energy; say `conjugate: true` beside its file"
+            "the imaginary part of the stiffness is negative: with exp(+i omega t) it adds energy. Write `conjugate: true` beside its file"
         )
     structure = np.abs(m.K.diagonal())[~m.is_acoustic]
     penalty = int((structure > 1e8 * max(float(np.median(structure)), 1e-300)).sum()) if structure.size else 0
     if penalty:
         found.append(
-            f"{penalty} structural DOFs have a huge diagonal: penalties of fixed DOFs? they cannot be loosened; export the edge pinned"
+            f"{penalty} structural DOFs have a huge diagonal, possibly penalties of fixed DOFs. Fixed DOFs cannot be loosened: export the "
+            "edge pinned"
         )
     return found
 
@@ -82,12 +83,12 @@ def require_roles(
     largest = [float(np.abs(matrix.data).max(initial=0.0)) for matrix in (K, M)]
     negative = int((np.real(M.diagonal()) < 0).sum())
     raise DataError(
-        "the stiffness and the mass matrix stand in each other's place",
+        "the stiffness and the mass matrix are exchanged",
         file=source.mass.path,
         place=source.mass.group or "model.mass",
-        expected=f"a mass far below the stiffness: frequencies in the band up to {band_hz[1]:g} Hz",
-        found=f"entries up to {largest[1]:.1e} as mass, up to {largest[0]:.1e} as stiffness: all frequencies below {highest:.1g} Hz, "
-        f"exchanged up to {exchanged:.1g} Hz" + (f"; {negative} negative masses" if negative else ""),
+        expected=f"masses far below stiffnesses: frequencies in the band up to {band_hz[1]:g} Hz",
+        found=f"masses up to {largest[1]:.1e}, stiffnesses up to {largest[0]:.1e}: all frequencies below {highest:.1g} Hz; with the "
+        f"matrices exchanged up to {exchanged:.1g} Hz" + (f"; {negative} negative masses" if negative else ""),
         hint="exchange model.stiffness and model.mass in the campaign file",
     )
 
@@ -108,11 +109,11 @@ def require_mass(M: sp.csc_array, C: sp.csc_array, dofs: DofTable, source: Model
         mass, damping = (total / size for total, size in sums)
         if mass < min(MANY, 0.5 * damping) and damping > MANY:
             raise DataError(
-                "the mass and the damping matrix stand in each other's place",
+                "the mass and the damping matrix are exchanged",
                 file=source.mass.path,
                 place=source.mass.group or "model.mass",
-                expected="entries of one sign for the most part: the sum over a translation is the weight of the structure",
-                found=f"{label}: {mass:.1%} of the mass is left of its entries' sizes, {damping:.0%} of the damping",
+                expected="mass entries mostly of one sign: their sum over a translation is the mass of the structure",
+                found=f"{label}: the sum is {mass:.1%} of the sizes of the entries in the mass matrix, {damping:.0%} in the damping matrix",
                 hint="exchange model.mass and model.damping in the campaign file",
             )
 
@@ -131,13 +132,13 @@ def require_own(campaign: Campaign) -> None:
         first = seen.setdefault(repr(ref), name) if isinstance(ref, MatrixRef) else name
         if first != name:
             raise campaign.error(
-                f"model.{first} and model.{name} name one matrix",
+                f"model.{first} and model.{name} give the same matrix",
                 "model",
                 name,
-                expected="a matrix of its own for each",
+                expected="a separate matrix for each",
                 found=ref.path.name + (f"#{ref.group}" if ref.group else ""),
                 hint=_own_matrix(campaign, name, ref)
-                + ("; damping by the stiffness is {structure: {beta: ...}}" if name == "damping" else ""),
+                + ("; damping proportional to the stiffness is {structure: {beta: ...}}" if name == "damping" else ""),
             )
 
 
@@ -148,10 +149,10 @@ def _own_matrix(campaign: Campaign, name: str, ref: MatrixRef) -> str:
         held = [found for found in matrix_names(ref.path) if found is not None]
     others = [found for found in held if found != ref.group]
     if not others:
-        return "name its own file"
+        return "give its own file"
     likely = (found for found in others if found.rpartition("/")[2].casefold() in _NAMES[name])
     file = Path(os.path.relpath(ref.path, campaign.path.parent)).as_posix()
-    return f"write model.{name}: {file}#{next(likely, 'NAME')}; the file holds {listing(held, 8)}"
+    return f"write model.{name}: {file}#{next(likely, 'NAME')}; the file contains {listing(held, 8)}"
 
 
 def require_apart(source: ModelConfig, **matrices: sp.csc_array) -> None:
@@ -167,13 +168,13 @@ def require_apart(source: ModelConfig, **matrices: sp.csc_array) -> None:
             continue
         ref, first = getattr(source, name), getattr(source, other)
         raise DataError(
-            f"model.{name}: {ref.path.name} holds the same numbers as model.{other} ({first.path.name})",
+            f"model.{name}: {ref.path.name} contains the same numbers as model.{other} ({first.path.name})",
             file=ref.path,
             place=ref.group,
             expected=f"the {name} matrix",
-            found=f"the {other} matrix once more",
-            hint=f"was the {other} exported twice? Export the {name} matrix, and name its file"
-            + ("; damping by the mass or the stiffness is {structure: {alpha: ..., beta: ...}}" if name == "damping" else ""),
+            found=f"the {other} matrix again",
+            hint=f"check whether the {other} was exported twice. Export the {name} matrix, and give its file"
+            + ("; damping proportional to mass or stiffness is {structure: {alpha: ..., beta: ...}}" if name == "damping" else ""),
         )
 
 
@@ -257,9 +258,9 @@ def _damping(campaign: Campaign, model: FeModel) -> Iterator[str]:
         share = structural_share(model, campaign.reduction.band)
         if share is not None:
             yield (
-                f"model.damping: the matrix is {share:.4g} times the stiffness, structural damping, it seems: as viscous damping it lets "
-                "hardly anything in the band oscillate; write model.damping: {structure: {loss_factor: "
-                f"{share:.4g}}}}}, or give the stiffness as a complex matrix, without this one"
+                f"model.damping: the matrix is {share:.4g} times the stiffness, probably structural damping; as viscous damping it lets "
+                "hardly anything in the band oscillate. Write model.damping: {structure: {loss_factor: "
+                f"{share:.4g}}}}}, or give the stiffness as a complex matrix, without this damping matrix"
             )
         return
     for field, there in (("structure", not model.is_acoustic.all()), ("acoustic", bool(model.is_acoustic.any()))):
@@ -267,23 +268,23 @@ def _damping(campaign: Campaign, model: FeModel) -> Iterator[str]:
         if any((own.alpha, own.beta, own.loss_factor)) and not there:
             kind = "pressures" if field == "acoustic" else "displacements"
             yield (
-                f"model.damping.{field} has no effect: the model has no {kind}; remove it, or say in model.dofs which DOFs are {kind} "
-                "(component PRES)"
+                f"model.damping.{field} has no effect: the model has no {kind}. Remove it, or correct in model.dofs which DOFs are "
+                "pressures (component PRES)"
             )
         elif own.loss_factor >= LARGE_LOSS:
             yield (
-                f"model.damping.{field}.loss_factor: {own.loss_factor:g} is {own.loss_factor:.0%}; if per cent were meant, write "
+                f"model.damping.{field}.loss_factor: {own.loss_factor:g} is {own.loss_factor:.0%}. If per cent was meant, write "
                 f"{own.loss_factor / 100:g}"
             )
         elif _least_ratio(own.alpha, own.beta, campaign.reduction.band) > 1.0:
-            fix = "correct them, or leave out what the model has from elsewhere"
+            fix = "correct them, or remove damping that the model has from elsewhere"
             if not own.alpha and own.beta < 0.5:
-                fix = f"beta is in seconds; if it is the damping ratio of the modes, write loss_factor: {2.0 * own.beta:g} in place of both"
+                fix = f"beta is in seconds: if the damping ratio of the modes was meant, write loss_factor: {2.0 * own.beta:g} for both"
             elif _largest_ratio(own.beta, own.alpha, campaign.reduction.band) < 1.0:
-                fix = f"exchanged, it seems: write alpha: {own.beta:g}, beta: {own.alpha:g}"
+                fix = f"they are probably exchanged: write alpha: {own.beta:g}, beta: {own.alpha:g}"
             yield (
-                f"model.damping.{field}: with alpha: {own.alpha:g} and beta: {own.beta:g} nothing in the band oscillates, the damping "
-                f"ratio is {_least_ratio(own.alpha, own.beta, campaign.reduction.band):.3g} and more; {fix}"
+                f"model.damping.{field}: with alpha: {own.alpha:g} and beta: {own.beta:g} nothing in the band oscillates (damping ratio "
+                f"{_least_ratio(own.alpha, own.beta, campaign.reduction.band):.3g} and more); {fix}"
             )
 
 
@@ -295,9 +296,9 @@ def undamped_text(model: FeModel, groups: Sequence[TermGroup]) -> str | None:
     only_air = bool(model.is_acoustic.all())
     field, factor = ("acoustic", 0.001) if only_air else ("structure", 0.01)
     return (
-        "nothing damps the model: its resonances are infinite and those of the measurement are not, so that no fit meets them; write "
-        f"model.damping: {{{field}: {{loss_factor: {factor:g}}}}}, a usual value, or the half-power width of a measured resonance over its "
-        "frequency"
+        "the model has no damping: its resonances are infinite and those of the measurement are not, so no fit can match them. Write "
+        f"model.damping: {{{field}: {{loss_factor: {factor:g}}}}} (a usual value), or the half-power width of a measured resonance divided "
+        "by its frequency"
     )
 
 
@@ -348,8 +349,8 @@ def _one_place(model: FeModel, responses: Sequence[tuple[str, int]], astray: Col
         if first != name and not {first, name} & set(astray):
             what = "place or the excitation" if model.B.shape[1] > 1 else "place"
             yield (
-                f"responses {first} and {name} are one DOF of the model, hit at one place: correct the {what} of the wrong one "
-                f"(responses.{first} or responses.{name}), or take one of them out"
+                f"responses {first} and {name} are the same DOF of the model, for the same hammer point: correct the {what} of the wrong "
+                f"one (responses.{first} or responses.{name}), or remove one of them"
             )
 
 
@@ -365,8 +366,8 @@ def _terms_twice(model: FeModel, groups: Sequence[TermGroup]) -> Iterator[str]:
                 shared[first, group.name] = shared.get((first, group.name), 0) + 1
     for (first, second), count in shared.items():
         yield (
-            f"parameters {first} and {second} hold the same {count} term{'s' if count > 1 else ''}, so that nothing tells their values "
-            "apart: take them out of one of the two selections"
+            f"parameters {first} and {second} contain the same {count} term{'s' if count > 1 else ''}, so their values cannot be "
+            "distinguished: remove these terms from one of the two selections"
         )
 
 
@@ -380,8 +381,8 @@ def misplaced_bolts(groups: Sequence[TermGroup], bolts: PointTable | None) -> st
     count = len(bolts.name)
     then = "every bolt lies" if reached == count else f"{reached} of {count} bolts, not {count - len(lost)}, lie"
     return (
-        f"{named} of the bolts file lie{'s' if len(lost) == 1 else ''} beside all identified terms; with {how} {then} at some: was it "
-        "written in other axes or from another origin?"
+        f"{named} of the bolts file lie{'s' if len(lost) == 1 else ''} beside all identified terms; with {how} {then} at terms: check "
+        "whether the file was written in other axes or from another origin"
     )
 
 
@@ -401,7 +402,10 @@ def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None) -> Iter
     """Bolts beside all terms: most of them, or so that they would lie at terms if they were read otherwise."""
     elsewhere = misplaced_bolts(groups, bolts)
     if elsewhere is not None:
-        yield f"{elsewhere} Correct it, or leave out what no term reaches: no all-clear till then (lrbc check --picture shows the places)"
+        yield (
+            f"{elsewhere}. Correct it, or remove the bolts that no term reaches; until then there is no all-clear (lrbc check --picture "
+            "shows the places)"
+        )
         return
     values = _reaching(groups)
     found = spots(values, bolts.xyz) if bolts is not None and values else []
@@ -410,7 +414,7 @@ def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None) -> Iter
         first = next(spot for spot in found if isinstance(spot, str))
         yield (
             f"{len(lost)} of {len(found)} bolts cannot be judged ({', '.join(lost[:6])}{' ...' if len(lost) > 6 else ''}): {first} "
-            f"({lost[0]}); look at them by `lrbc check --picture`, and correct the bolts file (order of its axes, origin) or "
+            f"({lost[0]}). Look at them with `lrbc check --picture`, and correct the bolts file (order of its axes, origin) or "
             "parameters.NAME.select"
         )
 

@@ -105,12 +105,12 @@ def require_near(
     if not far.size or (not known and (far.size < points.shape[0] or bool(np.any(away(points * MILLIMETRES) > size)))):
         return
     worst = int(far[np.argmax(distance[far])])
-    hint = "correct the coordinates: order and direction of the axes, origin"
+    hint = "correct the coordinates (order and direction of the axes, origin)"
     # Any point near fits when it is divided: millimetres lie hundreds of sizes away.
     if distance[worst] > EVIDENT * size and away(points[far] * MILLIMETRES).max() <= size:
-        hint = "are these millimetres? divided by 1000 they fit the model; coordinates are in metres"
+        hint = "these are probably millimetres: divided by 1000 they fit the model. Give coordinates in metres"
     elif away(points / MILLIMETRES).max() <= size:
-        hint = "are the coordinates of the DOF table millimetres? these points fit them times 1000; coordinates are in metres"
+        hint = "the coordinates of the DOF table are probably millimetres: these points times 1000 fit them. Give coordinates in metres"
     one = far.size == 1
     raise DataError(
         f"{counted(names, far.tolist())} {'lies' if one else 'lie'} outside the model by more than its size",
@@ -191,8 +191,8 @@ def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> tu
     added = ", ".join(f"{value / unit:g}" for value in fits[0][1])
     text = (
         f"{len(told)} of {len(points)} points of hammer and sensors lie beside the nodes; with ({added}) added to each of them they lie at "
-        "nodes: the coordinates were measured from another origin than the model's, it seems: add that to each `near` of excitation and "
-        "responses"
+        "nodes. The coordinates were probably measured from another origin than that of the model: add this offset to each `near` of "
+        "excitation and responses"
     )
     return [text], True
 
@@ -209,11 +209,11 @@ def require_unit(dofs: DofTable, points: Sequence[NearPoint], file: Path) -> Non
     for times in (1000.0, 100.0, 10.0, 25.4, 1.0 / 0.0254):
         if len(_nodes_at(dofs, points, times, AT_NODE)) > 1:
             raise DataError(
-                f"all {len(points)} points of hammer and sensors fall on one node; times {times:.4g} they lie at nodes",
+                f"all {len(points)} points of hammer and sensors fall on one node; multiplied by {times:.4g} they lie at nodes",
                 file=file,
                 place="excitation and responses",
                 expected="places in the unit of length of the model and of `units`",
-                found="places in a larger unit, it seems",
+                found="probably places in a larger unit",
                 hint=f"multiply each `near` of excitation and responses by {times:.4g}",
             )
 
@@ -249,15 +249,15 @@ def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign: C
                 f"the coordinates do not fit the matrices: waves in the {what} would travel at about {found[0]:.1g} m/s",
                 file=file,
                 expected=f"coordinates in metres, matrices in SI: below {FASTEST:.0e} m/s",
-                found=f"nodes {found[2]:.3g} apart, a model of {extents(dofs.xyz)}",
+                found=f"nodes {found[2]:.3g} apart, model {extents(dofs.xyz)}",
                 hint=likely
-                or "are the coordinates millimetres, the matrices in SI? convert them; where all is in one system of units, say "
-                "`units: mm-N-t` in the campaign file",
+                or "check whether the coordinates are in millimetres and the matrices in SI, and convert them; if all are in one system of "
+                "units, write `units: mm-N-t` in the campaign file",
             )
     found = _speed_and_density(K, M, dofs, translations)
     if found is None or LIGHTEST < found[1] < HEAVIEST or (cause := likely_mistake(campaign, dofs, *found[:2])) is None:
         return None
-    return f"nodes {found[2]:.3g} m apart have {found[1]:.1g} kg per cube of that length, which no structure has; likely {cause}"
+    return f"nodes {found[2]:.3g} m apart have {found[1]:.1g} kg per cube of that length, which no structure has; probably {cause}"
 
 
 def frequencies_doubt(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign: Campaign) -> str | None:
@@ -309,7 +309,7 @@ def mistake_text(campaign: Campaign, matrix: str, factor: float) -> str:
         return f"the {matrix} of the model is {size}: correct alpha, beta and loss_factor of model.{matrix}"
     cause = material_cause(campaign.unit_system, matrix, factor)
     if matrix == "mass" and factor in GRAVITIES:
-        cause = "a weight density, force per volume, where the units want mass per volume"
+        cause = "a weight density, force per volume, but the units require mass per volume"
     given = reference.scale if isinstance(reference.scale, float) else 1.0
     group = f", group: {reference.group}" if reference.group else ""
     return (
@@ -346,7 +346,7 @@ def likely_mistake(campaign: Campaign, dofs: DofTable, speed: float, density: fl
         if unit != stated:
             text = f"the model is in other units: write `units: {unit.text}`"
             add(text, speed * length / time, density * mass / length**3, size * length)
-    text = "the coordinates of the DOF table are millimetres, the matrices in metres: convert them, or export all in one system of units"
+    text = "the coordinates of the DOF table are in millimetres, the matrices in metres: convert them, or export all in one system of units"
     add(text, speed * MILLIMETRES, density / MILLIMETRES**3, size * MILLIMETRES)
     for factor in (10.0**power for power in POWERS):
         # Where none are stated, the units of all are the likelier slip.

@@ -63,7 +63,7 @@ def require_reach(model: FeModel, responses: list[str], excitations: list[str], 
         heard, hit = model.L[[i]].tocoo().col, model.B[:, [input_of[i]]].tocoo().row
         if np.isin(part[heard], part[hit]).any():
             continue
-        zero = f"the FRF of response {name} over {excitations[input_of[i]]} is zero"
+        zero = f"the FRF of response {name} to excitation {excitations[input_of[i]]} is zero"
         if np.unique(model.is_acoustic[[*heard, *hit]]).size > 1 and not _coupled(model):
             raise DataError(
                 f"{zero}: no entry of the matrices couples structure and air",
@@ -75,8 +75,8 @@ def require_reach(model: FeModel, responses: list[str], excitations: list[str], 
             f"{zero}: nothing in the matrices connects them",
             expected="a model in one piece",
             found=f"{int(part.max()) + 1} separate pieces",
-            hint="correct the place of the response, or export the parts merged or tied; where the mesh is in one piece, the DOF table is "
-            "not in the order of the matrices",
+            hint="correct the place of the response, or export the parts merged or tied. If the mesh is in one piece, the DOF table is not "
+            "in the order of the matrices",
         )
 
 
@@ -118,5 +118,5 @@ def require_frequencies(model: FeModel, campaign: Campaign, dofs: DofTable | Non
             place="reduction.band",
             expected=f"an upper end of at most {BEYOND * highest:.3g} Hz",
             found=f"{band[1]:g} Hz",
-            hint="end the band where the measurement ends; is it in Hz, and are the matrices in SI units?",
+            hint="end the band where the measurement ends. Check that it is in Hz and the matrices are in SI units",
         )

@@ -36,9 +36,9 @@ from lrbc_cli.model.units import SI
 Point = tuple[int | None, int | None]
 T = TypeVar("T")
 
-BESIDE = "lay it over the model; coordinates are in the units of the campaign file"
-PINNED = "DOFs that the export eliminated cannot be loosened: export the edge pinned, its rotations free"
-FREE_IT = "a fixed DOF cannot move nor be loosened: export the edge pinned, its rotations free"
+BESIDE = "move it onto the model; coordinates are in the units of the campaign file"
+PINNED = "DOFs that the export eliminated cannot be loosened: export the edge pinned, with free rotations"
+FREE_IT = "a fixed DOF can neither move nor be loosened: export the edge pinned, with free rotations"
 
 #: Directions of universal files by the label of a DOF; a pressure has none.
 DIRECTIONS = {ACOUSTIC_COMPONENT: 0, "UX": 1, "UY": 2, "UZ": 3, "ROTX": 4, "ROTY": 5, "ROTZ": 6}
@@ -111,7 +111,7 @@ class ModelReader:
         """Note the hash of a table that was read, and whether it may have been cut."""
         self.hash(path)
         if unfinished(path.read_bytes()):
-            self.warn(f"{path.name}: the last line has no end; if the file was cut there, its last value is wrong")
+            self.warn(f"{path.name}: the last line has no line break; if the file was truncated there, its last value is wrong")
 
     def warn(self, *warnings: str) -> None:
         """Note warnings, each once: files are read as often as they are named."""
@@ -250,7 +250,7 @@ class ModelReader:
             wrong = np.flatnonzero(np.abs(found.xyz - own).max(axis=1) > ROUNDING * float(np.ptp(self.dofs.xyz, axis=0).max()))
             if wrong.size:
                 raise DataError(
-                    f"DOF {dofs[wrong[0]]} does not lie where the DOF table has it",
+                    f"DOF {dofs[wrong[0]]} has other coordinates than in the DOF table",
                     file=path,
                     expected=f"{own[wrong[0]].tolist()}, as in {self.campaign.model.dofs}",
                     found=f"{found.xyz[wrong[0]].tolist()} ({wrong.size} such lines)",
@@ -338,7 +338,7 @@ class ModelReader:
             return in_order(table, dofs[outline(table.xyz[dofs])])
         except ValueError as error:
             raise self.campaign.error(
-                "these nodes have no border that their coordinates tell",
+                "the coordinates of these nodes do not define a border",
                 *keys,
                 "boundary",
                 expected="a flat field of nodes",
@@ -360,23 +360,23 @@ class ModelReader:
                 f"the distance of neighbouring bolts, {pitch / unit:.4g}" if pitch < size else f"the size of the model, {size / unit:.4g}"
             )
             raise self.campaign.error(
-                "this reaches beyond the neighbours of a bolt",
+                "this radius reaches beyond the neighbours of a bolt",
                 *keys,
                 "near_bolts",
                 expected=f"less than {what}",
                 found=f"{radius / unit:g}",
-                hint="it is in metres, or the length of `units`: about the radius of the washer",
+                hint="give about the radius of the washer, in metres or in the length unit of `units`",
             )
         dofs, owner = near_points(table, component, self.bolts.xyz, radius)
         alone = [name for b, name in enumerate(self.bolts.name) if b not in owner]
         if alone:
             raise self.campaign.error(
-                f"no DOF {component} lies that near to {', '.join(alone[:8])}{' ...' if len(alone) > 8 else ''}",
+                f"no DOF {component} lies within this radius of {', '.join(alone[:8])}{' ...' if len(alone) > 8 else ''}",
                 *keys,
                 "near_bolts",
                 expected=f"a node for each of {len(self.bolts.name)} bolts",
                 found=f"{radius / unit:g}; none for {len(alone)}, and {_farthest(self.bolts, there, unit)}",
-                hint="enlarge it, or leave bolts without terms out of the bolts file",
+                hint="enlarge it, or remove bolts without terms from the bolts file",
             )
         return DofList(dofs, xyz=table.xyz[dofs], bolt=tuple(self.bolts.name[b] for b in owner))
 
@@ -424,7 +424,7 @@ class ModelReader:
         text = f"node {table.node[dof]} {point.component}, {1e3 * distance:.2f} mm from the given point"
         beside = (
             f"{'.'.join(keys)}: the nearest node {table.node[dof]} is {1e3 * distance:.1f} mm away (mesh size {1e3 * size:.0f} mm); "
-            "such an offset can cost 1 to 2 dB: give an interpolated row ({matrix:} or {vector:})"
+            "such an offset can add 1 to 2 dB of misfit. Give an interpolated row ({matrix:} or {vector:})"
         )
         away = distance / size if size else 0.0
         self.near[keys] = NearPoint(np.array(place), point.component, beside if distance > AT_NODE * size else "", away)

@@ -45,22 +45,22 @@ def whole(
             f"only the {triangle} triangle of the {what} matrix is stored",
             file=ref.path,
             place=ref.group,
-            expected="both triangles, or in a Matrix Market file a banner that says 'symmetric'",
+            expected="both triangles, or a Matrix Market file with 'symmetric' in its banner",
             found=f"no entry {'above' if triangle == 'lower' else 'below'} the diagonal" + _of_field(acoustic),
-            hint="export the whole matrix; or {file: ..., symmetric: true} where the other triangle is its mirror image "
-            "(symmetric: false where it is meant as it stands)",
+            hint="export the whole matrix. If the other triangle is its mirror image, write {file: ..., symmetric: true} "
+            "(symmetric: false if the matrix is really triangular)",
         )
     if not ref.symmetric:
-        return matrix, f"{what}: one triangle, as it stands (symmetric: false)" if triangle else None
+        return matrix, f"{what}: one triangle, as given (symmetric: false)" if triangle else None
     if acoustic is not None and acoustic.any() and not acoustic.all() and operator != "damping":
         column = np.repeat(acoustic, np.diff(matrix.indptr))
         if np.any(acoustic[matrix.indices] != column):
             raise DataError(
-                f"the {what} matrix couples pressures with the structure, so it is not symmetric",
+                f"the {what} matrix couples pressures and displacements, so it is not symmetric",
                 file=ref.path,
                 place=ref.group,
                 expected="no symmetric: true",
-                hint="export the whole matrix: the coupling of pressures and displacements lies on one side in K and on the other in M",
+                hint="export the whole matrix: the coupling lies on one side of the diagonal in K and on the other in M",
             )
     if stored_triangle(matrix):
         return _completed(matrix), f"{what}: the other triangle was filled in (symmetric: true)"

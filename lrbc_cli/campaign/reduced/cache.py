@@ -117,7 +117,7 @@ def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
     if nearest is None:
         reason = "the cache is empty"
     elif not nearest:
-        reason = "the model that was begun was not finished"
+        reason = "this model was begun earlier, but not finished"
     elif len(nearest) == len(parts) or ("operators" in nearest and len(nearest) > 3):
         reason = "no model of these matrices is in the cache"
     else:
@@ -192,7 +192,7 @@ def require_writable(decision: CacheDecision) -> None:
 
 def _unwritable(folder: Path, error: OSError) -> ConfigError:
     return ConfigError(
-        f"the cache cannot be written ({error.strerror or error})", file=folder, hint="name another folder with --cache or LRBC_CACHE"
+        f"the cache cannot be written ({error.strerror or error})", file=folder, hint="give another folder with --cache or LRBC_CACHE"
     )
 
 
@@ -298,11 +298,11 @@ def load_rows(decision: CacheDecision, reduction: Reduction, dofs: Integers) -> 
     """Read the rows of a basis; None, and why, where they are missing, damaged or those of something else."""
     path = decision.path.with_name("rows.h5")
     if not path.is_file():
-        return None, "nothing of the basis is kept beside the reduced model in the cache"
+        return None, "the basis of the reduced model is not kept in the cache"
     try:
         tree = read_store(path)
         if tree.get("made_for") != _rows_stamp(decision, reduction, dofs):
-            return None, "the basis in the cache is that of another model"
+            return None, "the basis in the cache belongs to another model"
         _require_arrays({"rows": tree.get("rows")}, {"rows": (dofs.size, reduction.model.size)})
     except (DataError, ValueError) as error:
         return None, f"the basis in the cache is damaged ({error.problem if isinstance(error, DataError) else error})"
@@ -348,5 +348,5 @@ def load_ports(decision: CacheDecision, s: NDArray[np.complexfloating[Any, Any]]
         return ports
     except (DataError, KeyError, TypeError, ValueError) as error:
         problem = error.problem if isinstance(error, DataError) else error
-        log.warning("port FRFs in the cache are computed anew (%s: %s)", path, problem)
+        log.warning("port FRFs in the cache are computed again (%s: %s)", path, problem)
         return None

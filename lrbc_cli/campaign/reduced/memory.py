@@ -109,13 +109,13 @@ def require_memory(inputs: Inputs) -> None:
     if largest in ("snapshots", "basis", "estimate"):
         hints.append("fewer terms or responses")
     elif cost.backend == "superlu":
-        hints.append("reduction.backend: pardiso, which needs half of it for symmetric models")
+        hints.append("reduction.backend: pardiso, which needs half the memory for symmetric models")
     raise NumericalError(
         "not enough memory for the reduction",
         place="reduction",
         expected=f"at most {limit / GB:.3g} GB ({source})",
         found=f"a predicted peak of {peak / GB:.2f} GB, {cost.memory[largest] / GB:.2f} GB of it for the {largest}",
-        hint=f"{' or '.join(hints)}; to try all the same, state what may be used, --override reduction.memory_limit=GIGABYTES",
+        hint=f"{' or '.join(hints)}; to try anyway, give what may be used: --override reduction.memory_limit=GIGABYTES",
     )
 
 

@@ -164,14 +164,14 @@ def require_baselines(inputs: Inputs, model: ReducedModel, *, share: float = 1e-
     full, terms = inputs.model, inputs.model.terms
     exported = replace(full, K=(full.K + (terms.left * baseline) @ terms.right.T).tocsc())
     hint = lacking_springs(exported, group, inputs.dofs, inputs.bolts) or (
-        "leave out `baseline` where the matrix was exported without the springs; else give the stiffness that it holds"
+        "remove `baseline` if the matrix was exported without the springs; otherwise give the stiffness that it contains"
     )
     raise DataError(
-        f"parameters.{group.name}.baseline: the stiffness matrix does not hold what is subtracted from it",
+        f"parameters.{group.name}.baseline: the stiffness matrix does not contain what is subtracted from it",
         file=inputs.campaign.path,
-        expected="a matrix that was exported with these springs in it, and their stiffness as the baseline",
-        found=f"a motion whose stiffness in the matrix is {_share(1.0 - lacking / float(each.sum()))} of what baselines take from it",
-        hint=hint if not inputs.warnings else f"fix first what is warned of: {'; '.join(inputs.warnings)}",
+        expected="a matrix that was exported with these springs, and their stiffness as the baseline",
+        found=f"a motion whose stiffness in the matrix is {_share(1.0 - lacking / float(each.sum()))} of what baselines subtract from it",
+        hint=hint if not inputs.warnings else f"first fix the causes of these warnings: {'; '.join(inputs.warnings)}",
     )
 
 
@@ -198,7 +198,7 @@ def _built_and_kept(inputs: Inputs, decision: cache.CacheDecision, parts: dict[s
     )
     if reduction.reached and reduction.unseen > FAR_ABOVE * reduction.options.tolerance:
         log.warning(
-            "the reduced model holds its tolerance of %.1e at the held-out lines, but the bound for the other lines is %.1e: %s",
+            "the reduced model reaches its tolerance of %.1e at the held-out lines, but the bound for the other lines is %.1e: %s",
             reduction.options.tolerance,
             reduction.unseen,
             bound_hint(reduction.worst, reduction.options.tolerance, len(reduction.held_out)),
@@ -224,7 +224,7 @@ def bound_hint(worst: float, tolerance: float, lines: int) -> str:
     if worst > _LOW * tolerance:
         return "lower reduction.tolerance or raise reduction.held_out"
     return (
-        f"no error that was measured is above {worst:.1e}, but {lines} lines are too few to bound the others; write reduction.held_out: "
+        f"no measured error is above {worst:.1e}, but {lines} lines are too few to bound the others. Write reduction.held_out: "
         f"{max(2 * lines, _ENOUGH)}; a lower tolerance hardly helps"
     )
 
@@ -234,7 +234,7 @@ def _missed(inputs: Inputs, stage: ReductionStage) -> NumericalError:
     hint = "raise reduction.tolerance" + (" or reduction.max_size" if "max_size" in reduction.stopped else "")
     hint += ", or accept it with --accept-tolerance"
     if size >= inputs.model.size:
-        hint = "what is left is rounding where the responses are silent: choose others, or accept it with --accept-tolerance"
+        hint = "the remaining error is rounding where the responses are silent: use other responses, or --accept-tolerance"
     return NumericalError(
         "the reduced model does not reach its tolerance" + (f" (stopped by: {reduction.stopped})" if reduction.stopped else ""),
         expected=f"a measured error of at most {reduction.options.tolerance:.1e}",

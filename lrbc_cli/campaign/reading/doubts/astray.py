@@ -54,15 +54,15 @@ def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str
     # One shift that puts every bolt nearer to its springs than the shift is long.
     length = float(np.linalg.norm(shift))
     moved = np.linalg.norm(middles - xyz - shift, axis=1).max() < CLEARLY_NEARER * length
-    origin = f"from another origin, it seems: add ({added}) to all of them"
+    origin = f"the places are probably given from another origin: add ({added}) to all of them"
     if not lost.size:
         # Of bolts in a regular pattern the springs of others are no nearer then.
         far = moved and length > CLEARLY_NEARER * float(cKDTree(middles).query(middles, 2)[0][:, 1].min())
-        return f"all bolts lie {length / unit:.3g} from their springs, by the same vector; the places are {origin}" if far else None
+        return f"all bolts lie {length / unit:.3g} from their springs, by the same vector; {origin}" if far else None
     ways = {
-        "metres, it seems: multiply them by 1000": xyz / MILLIMETRES,
-        "millimetres, it seems: divide them by 1000": xyz * MILLIMETRES,
-        **{f"with {axes} exchanged, it seems: exchange these columns": xyz[:, order] for axes, order in EXCHANGES.items()},
+        "the places are probably in metres: multiply them by 1000": xyz / MILLIMETRES,
+        "the places are probably in millimetres: divide them by 1000": xyz * MILLIMETRES,
+        **{f"{axes} are probably exchanged: exchange these columns": xyz[:, order] for axes, order in EXCHANGES.items()},
     }
     # Or names that change places among themselves.
     ways |= {origin: xyz + shift} if moved else {}
@@ -70,11 +70,12 @@ def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str
     if sorted(nearest_to) == list(range(len(names))):
         ways[_exchange_text(names, nearest_to, lost.tolist())] = xyz[np.argsort(nearest_to)]
     fix = next(
-        (way for way, points in ways.items() if not astray(points, 1.0).any()), "wrong there, or the nodes of the springs are: correct them"
+        (way for way, points in ways.items() if not astray(points, 1.0).any()),
+        "correct the places there, or the nodes of the springs",
     )
     which = ", ".join(names[k] for k in lost[:8]) + (" ..." if lost.size > 8 else "")
     lie, its = ("lies", "its") if lost.size == 1 else ("lie", "their")
-    return f"{which} {lie} nearer to the springs of other bolts than to {its} own; the places are {fix}"
+    return f"{which} {lie} nearer to the springs of other bolts than to {its} own; {fix}"
 
 
 def stray_springs(table: BushingTable, places: Floats, bolts: PointTable, dofs: DofTable, unit: float, *, times: float = 3.0) -> str:
@@ -112,7 +113,8 @@ def stray_springs(table: BushingTable, places: Floats, bolts: PointTable, dofs: 
             f"node is {nearest}"
         )
     more = f" and {len(far) - _MOST} more" if len(far) > _MOST else ""
-    return f"{'; '.join(said)}{more}; springs of the others lie {away[near].max() / unit:.3g} from their bolts at most: is a node mistyped?"
+    others = f"the other springs are at most {away[near].max() / unit:.3g} from their bolts"
+    return f"{'; '.join(said)}{more}; {others}. Check whether a node is mistyped"
 
 
 def _exchange_text(names: Sequence[str], nearest_to: Sequence[int], lost: Sequence[int]) -> str:
@@ -120,11 +122,11 @@ def _exchange_text(names: Sequence[str], nearest_to: Sequence[int], lost: Sequen
     backwards = reversed_order(nearest_to)
     turned = ", ".join(f"{names[k]} at the springs of {names[nearest_to[k]]}" for k in lost[: _MOST if backwards else 8])
     if not backwards:
-        return f"those of others ({turned}): exchange the names there, or in the table of the springs"
+        return f"the places are those of other bolts ({turned}): exchange the names there, or in the table of springs"
     first, last = ", ".join(names[k] for k in nearest_to[:4]), names[nearest_to[-1]]
     return (
-        f"those of others ({turned}{' ...' if len(lost) > _MOST else ''}): one of the files numbers them the other way round, it seems; in "
-        f"the bolts file write the names in the order {first} ... {last}, or correct those in the table of the springs"
+        f"the places are those of other bolts ({turned}{' ...' if len(lost) > _MOST else ''}): probably one of the files numbers them in "
+        f"reverse order. In the bolts file write the names in the order {first} ... {last}, or correct those in the table of springs"
     )
 
 
@@ -159,7 +161,7 @@ def beside_their_dofs(places: Floats, vectors: sp.csc_array, model: Floats) -> s
     distance = away(places)
     if distance is None:
         return None
-    fixes = {f"they fit with {axes} exchanged; exchange these columns": places[:, order] for axes, order in EXCHANGES.items()}
-    fixes["they fit in reverse order: reverse the rows, or, where the DOF table is mirrored, correct its coordinates"] = places[::-1]
+    fixes = {f"with {axes} exchanged they fit; exchange these columns": places[:, order] for axes, order in EXCHANGES.items()}
+    fixes["in reverse order they fit; reverse the rows or, if the DOF table is mirrored, correct its coordinates"] = places[::-1]
     fix = next((text for text, points in fixes.items() if away(points) is None), "correct the coordinates, or the order of the rows")
     return f"up to {1e3 * distance.max():.3g} mm from the DOFs that their vectors act on: {fix}"

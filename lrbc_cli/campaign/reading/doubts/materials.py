@@ -59,11 +59,12 @@ def material_cause(unit: UnitSystem, matrix: str, factor: float) -> str | None:
     stated, steel = unit.text if unit.text == "SI" else f"`units: {unit.text}`", f"{STEEL[matrix] / own:.4g} for steel"
     first, second = _name(known, own / factor), _name(pieces, piece / factor)
     if first is None and second is None:
-        return f"{what}: {stated} wants {wanted}, {steel}"
-    other = f"{whole} in {second} where {'it' if first else stated} wants {_name(pieces, piece) or f'{piece:.4g} {next(iter(pieces))}'}"
+        return f"{what}: {stated} requires {wanted}, {steel}"
+    own_piece = _name(pieces, piece) or f"{piece:.4g} {next(iter(pieces))}"
+    other = f"{whole} in {second}, but {'it' if first else stated} requires {own_piece}"
     if first is None:
-        return f"{other}; it wants the {what} in {wanted}, {steel}"
-    return f"{what} in {first} where {stated} wants {wanted}, {steel}" + (f"; or {other}" if second else "")
+        return f"{other}; it requires the {what} in {wanted}, {steel}"
+    return f"{what} in {first}, but {stated} requires {wanted}, {steel}" + (f"; or {other}" if second else "")
 
 
 def _name(known: Mapping[str, float], size: float) -> str | None:
@@ -80,5 +81,5 @@ def massless_part(model: FeModel, dofs: DofTable | None, *, least: float = 0.1) 
     if bare.size and bare.size >= least * nodes.size:
         yield (
             f"model.mass: {bare.size} of {nodes.size} nodes have no mass in any direction ({listing([str(node) for node in bare], 4)}): "
-            "was the density of a part forgotten? Give it in the FE model, and export the mass matrix again"
+            "check whether the density of a part is missing. Give it in the FE model, and export the mass matrix again"
         )

@@ -31,6 +31,7 @@ def sorted_names(bolts: PointTable | None) -> Iterator[str]:
     if row == sorted(row) and row != by_number:
         at = next(k for k in range(len(row)) if row[k] != by_number[k])
         yield (
-            f"bolts: {', '.join(row[max(at - 1, 0) : at + 3])} ... lie in a row, in the order of the alphabet: were the names sorted in a "
-            "spreadsheet apart from their coordinates? Give each bolt its own place; where they are named so, never mind"
+            f"bolts: {', '.join(row[max(at - 1, 0) : at + 3])} ... lie in a row in alphabetical order. Check whether the names were sorted "
+            "in a spreadsheet without their coordinates, and give each bolt its own place. If the bolts are really named in this order, "
+            "ignore this warning"
         )

@@ -47,9 +47,9 @@ def numbering_doubts(model: FeModel, dofs: DofTable | None) -> Iterator[str]:
         strange = np.unique(joined.row[beyond]).size
         if 2 * strange > some.size:
             yield (
-                f"model.{name}: the {name} matrix connects nodes that the stiffness does not ({strange / some.size:.0%} of the nodes have "
-                "a partner in it that is no neighbour of a neighbour in the mesh): its rows are numbered otherwise, or it is of another "
-                "mesh; export stiffness, mass and damping of one model in one run, with one numbering"
+                f"model.{name}: the {name} matrix connects nodes that the stiffness matrix does not ({strange / some.size:.0%} of the "
+                "nodes have a partner in it beyond the neighbours of their neighbours in the mesh): its rows are numbered differently, or "
+                "it belongs to another mesh. Export stiffness, mass and damping of one model in one run, with one numbering"
             )
 
 

@@ -45,9 +45,9 @@ def digits_doubt(K: sp.csc_array, values: NDArray[np.number], component: NDArray
     if rounded.mean() <= FEW:
         return None
     return (
-        f"the numbers of the stiffness matrix have {most} digits or fewer, and rounding leaves forces where a rigid translation should "
-        "meet none: motions much softer than single entries are lost, with them the lowest frequencies; export the matrices with all "
-        "digits (12 or more)"
+        f"the numbers of the stiffness matrix have {most} digits or fewer: rounding leaves forces where a rigid translation should cause "
+        "none. Motions much softer than single entries are lost, and with them the lowest frequencies. Export the matrices with all digits "
+        "(12 or more)"
     )
 
 
@@ -89,15 +89,15 @@ def places_doubt(K: sp.csc_array, dofs: DofTable, *, most: float = 0.1) -> str |
         for way, sign in (("", 1.0), ("-", -1.0)):
             xyz = dofs.xyz.copy()
             xyz[:, ahead], xyz[:, behind] = -sign * dofs.xyz[:, behind], sign * dofs.xyz[:, ahead]
-            ways[f"all turned by {way}90 degrees about {name}"] = xyz
+            ways[f"all rotated by {way}90 degrees about {name}"] = xyz
     fit = next((way for way, xyz in ways.items() if max(_turned(K, dofs, xyz, rows).values()) <= most), None)
     return (
-        f"the coordinates of the nodes are not those of the stiffness matrix, it seems: a rigid rotation about {axis} meets forces at "
-        f"{shares[axis]:.0%} of the DOFs where a translation meets none; "
+        f"the coordinates of the nodes are probably not those of the stiffness matrix: a rigid rotation about {axis} causes forces at "
+        f"{shares[axis]:.0%} of the DOFs where a translation causes none"
         + (
-            f"with {fit} it does not: correct the coordinates, or the components in the DOF map"
+            f"; with {fit} it does not. Correct the coordinates, or the components in the DOF map"
             if fit
-            else "give the nodes of the model that was exported, in its axes"
+            else ". Give the nodes of the model that was exported, in its axes"
         )
     )
 
@@ -130,13 +130,13 @@ def require_single_diagonal(K: sp.csc_array, component: NDArray[np.str_], file: 
     if known < LEAST_DOFS / 10 or 2 * twice < known:
         return
     raise DataError(
-        "the diagonal of the stiffness matrix counts twice, it seems",
+        "the diagonal of the stiffness matrix probably counts twice",
         file=file,
         place=place,
-        expected="a rigid translation that meets no force away from supports",
-        found=f"at {twice} of {known} rows it meets half of the diagonal, as in U + U^T of a triangle U",
-        hint="take the diagonal off once (U + U.T - diag(U)), or give the triangle as it was exported with `symmetric: true`; the mass and "
-        "the damping matrix likewise, if they were made so",
+        expected="a rigid translation that causes no force away from supports",
+        found=f"at {twice} of {known} rows the force is half of the diagonal, as in U + U^T of a triangle U",
+        hint="subtract the diagonal once (U + U.T - diag(U)), or give the triangle as it was exported, with `symmetric: true`. Do the same "
+        "for the mass and the damping matrix if they were made this way",
     )
 
 
@@ -212,11 +212,11 @@ def symmetry_doubt(K: sp.csc_array, dofs: DofTable, *, most: float = 0.8, least:
         for end in (float(xyz[:, k].min()), float(xyz[:, k].max())):
             plane = np.abs(xyz[:, k] - end) <= flat * extent[k]
             if alike[plane].sum() >= max(least, most * plane.sum()):
-                lacking = " and ".join(sorted(across)) + (" alone is" if len(across) == 1 else " alone are")
+                lacking = f"only {' and '.join(sorted(across))} {'is' if len(across) == 1 else 'are'}"
                 return (
-                    f"half of a structure, it seems: at the nodes of an outer plane, {axis} = {end:.6g} m, {lacking} held, as on a plane "
-                    "of symmetry: the modes in which two halves move against each other, and the bolts of the other half, are not in such "
-                    "a model; expected: the whole structure. Export it without the condition of symmetry; where the real one is guided "
-                    "there, all is well"
+                    f"probably half of a structure: at the nodes of an outer plane, {axis} = {end:.6g} m, {lacking} held, as on a plane "
+                    "of symmetry. Such a model lacks the modes in which two halves move against each other, and the bolts of the other "
+                    "half. Export the whole structure, without the symmetry condition. If the real structure is guided there, ignore this "
+                    "warning"
                 )
     return None

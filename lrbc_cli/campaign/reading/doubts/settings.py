@@ -16,7 +16,7 @@ def setting_slips(campaign: Campaign) -> Iterator[str]:
     yield from _tight_states(campaign)
     lenient = lenient_text(campaign.update)
     if lenient:
-        yield f"{lenient}: leave loose_change out, or write -0.5 for a third of the stiffness left"
+        yield f"{lenient}. Remove loose_change, or write -0.5 (a third of the stiffness left)"
     yield from _narrow_prior(campaign.update)
     yield from _ranges(campaign)
     yield from _coarse(campaign)
@@ -28,8 +28,8 @@ def _coarse(campaign: Campaign, *, most: float = 0.05) -> Iterator[str]:
     tolerance = campaign.reduction.tolerance
     if tolerance > most:
         yield (
-            f"reduction.tolerance: {tolerance:g} lets FRFs of the reduced model err by {20.0 * np.log10(1.0 + tolerance):.1f} dB, as "
-            "much as loosened bolts change them: write 1.0e-3, which costs a few factorisations more, once"
+            f"reduction.tolerance: {tolerance:g} allows errors of {20.0 * np.log10(1.0 + tolerance):.1f} dB in the FRFs of the reduced "
+            "model, as much as loosened bolts change them. Write 1.0e-3; this costs a few more factorisations, once"
         )
 
 
@@ -42,7 +42,7 @@ def _tight_states(campaign: Campaign) -> Iterator[str]:
         if removed:
             yield (
                 f"{key}: {name} is taken as the tight state, but jobs.{name}.removed says that {', '.join(removed)} "
-                f"{'is' if len(removed) == 1 else 'are'} missing there: name a job with all bolts tight, or correct `removed`"
+                f"{'is' if len(removed) == 1 else 'are'} missing there. Give a job with all bolts tight, or correct `removed`"
             )
 
 
@@ -59,8 +59,8 @@ def _narrow_prior(update: UpdateConfig, *, most: float = 4.0) -> Iterator[str]:
     change = rule_of(update).mixture_change
     if update.prior_std != "auto" and update.reference is not None and -change > most * update.prior_std:
         yield (
-            f"update.prior_std: {update.prior_std:g} expects no change at all: the one from which on a bolt counts as loose, {change:g} "
-            f"decades, is {-change / update.prior_std:.0f} standard deviations away, so that loose bolts are not found: write auto"
+            f"update.prior_std: {update.prior_std:g} practically excludes loose bolts, so they are not found: a bolt counts as loose from "
+            f"a change of {change:g} decades, {-change / update.prior_std:.0f} standard deviations away. Write auto"
         )
 
 
@@ -69,13 +69,13 @@ def _wide_nuisances(update: UpdateConfig, *, decibels: float = 3.0, kelvin: floa
     gain, air = update.nuisances.gain, update.nuisances.temperature
     if gain is not None and gain > decibels:
         yield (
-            f"update.nuisances.gain: {gain:g} is a standard deviation in dB, a factor of {10.0 ** (gain / 20.0):.2g}: levels then tell "
-            f"nothing; if per cent were meant, write {20.0 * np.log10(1.0 + gain / 100.0):.2g}"
+            f"update.nuisances.gain: {gain:g} is a standard deviation in dB, a factor of {10.0 ** (gain / 20.0):.2g}: levels then carry "
+            f"no information. If per cent was meant, write {20.0 * np.log10(1.0 + gain / 100.0):.2g}"
         )
     if air is not None and air > kelvin:
         yield (
-            f"update.nuisances.temperature: {air:g} is a standard deviation in K, by how much the air differs from job to job; the "
-            "temperature itself is `room`, in degrees Celsius: write 2 or so"
+            f"update.nuisances.temperature: {air:g} is a standard deviation in K: how much the air temperature differs between jobs. "
+            "The temperature itself is `room`, in degrees Celsius. Write about 2"
         )
 
 
@@ -88,14 +88,14 @@ def start_slips(campaign: Campaign, *, far: float = 2.0) -> dict[str, str]:
             continue
         if isinstance(start, float) and abs(start) >= far:
             found[name] = (
-                f"parameters.{name}.initial: {start:g} starts at {10.0**start:g} times the stiffnesses of {file.name}: values are log10 of "
-                "multiples of those, 0 is the stiffness of the table: write initial: 0, and bounds about 0"
+                f"parameters.{name}.initial: {start:g} means {10.0**start:g} times the stiffnesses in {file.name}. Values are log10 of "
+                "multiples of the stiffness in the table: write initial: 0, and bounds around 0"
             )
         elif isinstance(start, float) and not isinstance(bounds, str) and 0.0 < (low := float(np.min(bounds))) < 1.0 <= start:
             meant = f"[{np.log10(low):.3g}, {np.log10(float(np.max(bounds))):.3g}]"
             found[name] = (
-                f"parameters.{name}.bounds: [{low:g}, {float(np.max(bounds)):g}] about {start:g} are factors on the stiffnesses of "
-                f"{file.name}, it seems: values are log10 of those: write initial: {np.log10(start):.3g}, bounds: {meant}"
+                f"parameters.{name}.bounds: [{low:g}, {float(np.max(bounds)):g}] around {start:g} are probably factors on the stiffnesses "
+                f"in {file.name}. Values are log10 of factors: write initial: {np.log10(start):.3g}, bounds: {meant}"
             )
     return found
 
@@ -112,8 +112,9 @@ def _ranges(campaign: Campaign) -> Iterator[str]:
         low = float(np.min(group.bounds))
         if low > level + change and name not in slips:
             yield (
-                f"parameters.{name}.bounds: from the start value {level:g} no bolt can fall below {low:g}, and it counts as loose from a "
-                f"change of {change:g} decades on: write a lower bound of {level - 3.0:g} or less, a thousandth of the stiffness"
+                f"parameters.{name}.bounds: no bolt can become loose: from the start value {level:g} it cannot fall below {low:g}, but it "
+                f"counts as loose from a change of {change:g} decades. Write a lower bound of {level - 3.0:g} or less (a thousandth of the "
+                "stiffness)"
             )
 
 
@@ -123,6 +124,6 @@ def guesses(campaign: Campaign) -> list[str]:
     if update.reference is None or not update.reference_guessed:
         return []
     return [
-        f"{campaign.place('update', 'reference')}: {update.reference} was guessed from names by `lrbc init --from`; if all bolts were "
-        "tight there, remove `reference_guessed`, else name another job"
+        f"{campaign.place('update', 'reference')}: {update.reference} was guessed from names by `lrbc init --from`. If all bolts were "
+        "tight there, remove `reference_guessed`; otherwise give another job"
     ]

@@ -30,14 +30,14 @@ def held_springs(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup]
             shares = [float(np.median(share)) for _, share in held if share.size]
             if any(abs(share - 1.0) < HELD for share in shares):
                 wrong = (
-                    f"a share of {1.0 - group.config.baseline:g} stays when one is gone" if group.config.baseline else "they count twice"
+                    f"a share of {1.0 - group.config.baseline:g} stays when one is lost" if group.config.baseline else "they count twice"
                 )
                 yield (
-                    f"parameters {group.name}: the stiffness matrix holds these springs already, so that {wrong}: "
+                    f"parameters {group.name}: the stiffness matrix already contains these springs, so {wrong}. Write "
                     f"parameters.{group.name}.baseline: 1.0"
                 )
         elif group.config.kind == "stiffness" and _exceeded(model, group):
-            yield f"parameters {group.name}: the baseline {group.config.baseline:g} is more than the stiffness matrix holds there"
+            yield f"parameters {group.name}: the baseline {group.config.baseline:g} is more than the stiffness matrix contains there"
 
 
 def half_grounded(model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | None) -> Iterator[str]:
@@ -61,8 +61,9 @@ def half_grounded(model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | 
         if len(found) == len(places):
             (_, node), (other, partner) = found[0]
             yield (
-                f"parameters.{name}: springs of {next(iter(places.values()))} go to ground, those of {other} join the same nodes "
-                f"to others (node {node} to {partner}): was node_b left empty? Fill it in; where they hold the part to ground, leave it"
+                f"parameters.{name}: springs of {next(iter(places.values()))} go to ground, but those of {other} join the same nodes to "
+                f"other nodes (node {node} to {partner}). Check whether node_b was left empty, and fill it in. If these springs hold the "
+                "part to ground, leave it empty"
             )
 
 
@@ -97,11 +98,11 @@ def lacking_springs(model: FeModel, group: TermGroup, dofs: DofTable | None, bol
         both = [dofs.component[rows] == name for name in (first, second)]
         (have, want), (others, wanted) = ((float(np.median(held[at])), float(np.median(stated[at]))) for at in both)
         if abs(want / wanted - 1.0) > HELD and abs(have / wanted - 1.0) < HELD and abs(others / want - 1.0) < HELD:
-            return f"the matrix holds the stiffness of {first} where {file.name} has that of {second}: exchange the two in {file.name}"
+            return f"the matrix contains the stiffness of {first} where {file.name} has that of {second}: exchange the two in {file.name}"
     if np.all(np.abs(held[lacking]) < HELD * stated[lacking]):
         return _absent(file.name, group, dofs, bolts, (rows, stated, lacking, group.parameter[alone]), force)
-    told = ", ".join(f"{have / want * baseline:.4g} times of {name}" for name, (have, want) in means.items())
-    return f"the matrix holds {told} what {file.name} says, {baseline:g} is stated: correct that table, or the baseline"
+    told = ", ".join(f"{have / want * baseline:.4g} times in {name}" for name, (have, want) in means.items())
+    return f"the matrix contains the springs of {file.name} {told}, not {baseline:g} times as stated: correct that table, or the baseline"
 
 
 def _absent(
@@ -118,7 +119,7 @@ def _absent(
         shares = [force[str(dofs.component[row])] / k for row, k in zip(rows[lacking], stated[lacking], strict=True)]
         if not any(np.any(np.abs(share - 1.0) < HELD) for share in shares):
             return (
-                f"the matrix holds none of the springs of {table}: it was exported without them, it seems: write "
+                f"the matrix contains none of the springs of {table}; it was probably exported without them: write "
                 f"parameters.{group.name}.baseline: 0, or export it with the springs"
             )
     k = int(lacking[0])
@@ -131,13 +132,13 @@ def _absent(
         away = np.linalg.norm(dofs.xyz[there] - dofs.xyz[row], axis=1)
         other, gap = int(dofs.node[there[np.argmin(away)]]), 1e3 * float(away.min())
         return (
-            f"the matrix holds no spring at node {dofs.node[row]} {name}{of}, but one of that stiffness at node {other}, {gap:.3g} mm "
+            f"the matrix contains no spring at node {dofs.node[row]} {name}{of}, but one of that stiffness at node {other}, {gap:.3g} mm "
             f"away: correct the nodes in {table} ({lacking.size} springs)"
         )
     nodes = ", ".join(dict.fromkeys(str(dofs.node[at]) for at in rows[lacking[:6]]))
     return (
-        f"the matrix holds no spring at node{'s' if ', ' in nodes else ''} {nodes}{of}, where {table} has one: was it exported with bolts "
-        f"missing? Export it with all of them, or correct the nodes in {table}"
+        f"the matrix contains no spring at node{'s' if ', ' in nodes else ''} {nodes}{of}, where {table} has one. Check whether it was "
+        f"exported with bolts missing. Export it with all of them, or correct the nodes in {table}"
     )
 
 
@@ -184,15 +185,15 @@ def _unit_text(campaign: Campaign, group: TermGroup, held: Sequence[tuple[bool, 
         if not ratios or any(abs(share / ratio - 1.0) > HELD for _, share, ratio in ratios) or all(abs(r - 1.0) < HELD for *_, r in ratios):
             continue
         kinds = [
-            f"{'rotational springs' if turns else 'translational springs'} are in {_name(unit, turns)}, it seems, not in "
+            f"{'rotational springs' if turns else 'translational springs'} are probably in {_name(unit, turns)}, not in "
             f"{_name(stated, turns)}: {'divide' if ratio < 1.0 else 'multiply'} them by {max(ratio, 1.0 / ratio):g}"
             for turns, _, ratio in ratios
         ]
         file, times = group.config.select.bushings, ratios[0][1]
         table = file.name if file is not None else "the table"
         return (
-            f"parameters {group.name}: the stiffness matrix holds {times:.4g} times what {table} says: "
-            f"{'; '.join(kinds)} (`units: {stated.text}` holds for that file too); or, where it is right, all of model.stiffness is "
+            f"parameters {group.name}: the stiffness matrix contains {times:.4g} times the stiffness in {table}: "
+            f"{'; '.join(kinds)} (`units: {stated.text}` applies to that file too). If that file is right, all of model.stiffness is "
             f"{times:.4g} times what it should be"
         )
     return _thousands_text(campaign, group, [share for _, share in known])
@@ -204,8 +205,8 @@ def _thousands_text(campaign: Campaign, group: TermGroup, shares: Sequence[float
     if file is None or times == 1.0 or any(abs(share / times - 1.0) > HELD for share in shares):
         return None
     return (
-        f"parameters {group.name}: the stiffness matrix holds {times:g} times the springs of {file.name}, which have to be in "
-        f"{_name(campaign.unit_system, False)} (`units: {campaign.unit_system.text}`): multiply the stiffnesses there by {times:g}"
+        f"parameters {group.name}: the stiffness matrix contains {times:g} times the stiffness in {file.name}, which must be in "
+        f"{_name(campaign.unit_system, False)} (`units: {campaign.unit_system.text}`). Multiply the stiffnesses there by {times:g}"
     )
 
 
