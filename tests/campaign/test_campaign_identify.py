@@ -176,7 +176,7 @@ def test_a_line_that_was_not_measured(box: Folder, wanted: str) -> None:
     override = ("--override", f"update.lines={{list: {wanted}}}")
     outcome = box.run("update", *override)
     assert outcome.code == 3
-    for part in ("a listed line was not measured", "loose.uff", "lines from 20 to 400 Hz", "Hz", "update.lines"):
+    for part in ("a listed frequency line was not measured", "loose.uff", "lines from 20 to 400 Hz", "Hz", "update.lines"):
         assert part in outcome.stderr
     assert box.run("check", *override).code == 3
 
