@@ -1743,7 +1743,7 @@ MISTAKES = [
         config(("[0.16, 0.12, 0.0]", "[0.12, 0.16, 0.0]")),
         0,
         "job tight: the hammer probably hit elsewhere",
-        "correct excitation.hammer: near: [0.16, 0.12, 0]",
+        "Correct excitation.hammer: near: [0.16, 0.12, 0]",
     ),
 ]
 
