@@ -908,7 +908,7 @@ MISTAKES = [
         "both decimal sign and column separator",
         "with decimal points",
     ),
-    Mistake("an output that is a file", "frame", lambda f: (f.path / "out").write_text(""), 0, "is a file, so no result can be kept", "`output`"),
+    Mistake("an output that is a file", "frame", lambda f: (f.path / "out").write_text(""), 0, "is a file, so no result", "`output`"),
     Mistake("decimal commas", "frame", text(FRFS[1], decimal_commas), 3, "both decimal sign and column separator", "with decimal points"),
     Mistake("no record in a job", "plate", text("frf/b5-loose.uff", without("acc2")), 0, "no record of acc2", "measure acc2 again"),
     Mistake("no record in the reference", "plate", text("frf/tight-1.uff", without("acc2")), 3, "no record of response acc2", "records"),

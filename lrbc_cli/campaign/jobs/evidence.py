@@ -123,8 +123,8 @@ def _doubted(inputs: Inputs, result: Identification) -> str | None:
         return None
     again = [file for file in inputs.campaign.jobs[result.name].measurements[0] if own.hashes.get(file.as_posix()) in reference.inputs]
     if again:
-        files = ", ".join(file.name for file in again)
-        return f"{files} contain{'s' if len(again) == 1 else ''} the measurement of {reference.job} again; check whether another file was meant"
+        files = f"{', '.join(file.name for file in again)} contain{'s' if len(again) == 1 else ''}"
+        return f"{files} the measurement of {reference.job} again; check whether another file was meant"
     if tight is None:
         return None
     limits, axis = inputs.statistics.validation, own.frequency_hz
