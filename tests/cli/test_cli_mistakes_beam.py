@@ -140,7 +140,8 @@ MISTAKES = {
     "a sensor turned over after the reference job": (
         frfs(lambda hz, y: (hz, y * [1, 1, -1, 1, 1]), "loose"),
         0,
-        "job loose: probably reversed sign: a3: measured phases are 180 degrees from the model's. Possible cause: the direction of the sensor",
+        "job loose: probably reversed sign: a3: measured phases are 180 degrees from the model's. "
+        "Possible cause: the direction of the sensor",
         "jobs.loose.scale: {a3: -1}",
     ),
     "pounds of force": (
@@ -262,15 +263,20 @@ def test_a_model_that_is_not_calibrated_is_compared_after_a_rough_calibration(tm
     assert "it would differ by 0.2 dB (near: [0.78, 0, 0], component: UZ)" in wrong
 
 
-def test_a_loose_reference_job_is_none_to_calibrate_from(tmp_path: Path, cache: Path) -> None:
+def test_a_reference_job_that_no_calibration_explains_is_none_to_calibrate_from(tmp_path: Path, cache: Path) -> None:
     file = soft(tmp_path)
-    text("campaign.yaml", "reference: ref", "reference: loose")(tmp_path)
-    text("campaign.yaml", "job: ref", "job: loose")(tmp_path)
-    for name, state, seed in (("loose", (1.0, 1e-3, 1e-3, 1e-3, 1.0), 1), ("ref", beam.STATES["ref"], 0)):
-        beam.write_frf(tmp_path / f"{name}.csv", beam.HZ, beam.measured(state, seed=seed))
+    beam.write_frf(tmp_path / "ref.csv", beam.HZ, beam.measured((1.0, 1e-3, 1e-3, 1e-3, 1.0), seed=1))
     told = lrbc("check", file, "--cache", cache).stdout
-    print(told)
     assert "rough calibration" not in told
+    assert "job ref: measured and computed FRFs have little in common" in told
+
+
+def test_a_bolt_that_was_loose_in_the_reference_job_shows_after_a_rough_calibration(tmp_path: Path, cache: Path) -> None:
+    file = soft(tmp_path)
+    beam.write_frf(tmp_path / "ref.csv", beam.HZ, beam.measured((1.0, 0.06, 0.9, 1.05, 0.95), seed=1))
+    told = lrbc("check", file, "--cache", cache).stdout
+    assert "job ref: a rough calibration from this job lowers the stiffness of B2 (" in told
+    assert "set update.reference and calibration.job to a tight job" in told
 
 
 def test_what_would_take_long_is_not_looked_for(tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -29,21 +29,20 @@ from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.all_jobs import OfJob, Told, each_once, pooled, told_of_all
 from lrbc_cli.campaign.looking.axes import stretched_text
 from lrbc_cli.campaign.looking.coordinates import coordinates_texts, mirrored_text
-from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, strike_text
+from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, misfit_of, roughly_calibrated, strike_text
 from lrbc_cli.campaign.looking.held import held_text, supports_text
 from lrbc_cli.campaign.looking.moved import hammer_text, hammers_text, sensor_text, unmoved_text
 from lrbc_cli.campaign.looking.rescaled import overdamped_text, rescaled_text, softness_text
-from lrbc_cli.campaign.looking.states import Seen, nearest_states, reach_of_one
+from lrbc_cli.campaign.looking.states import Looking, Seen, nearest_states, reach_of_one
 from lrbc_cli.campaign.looking.tables import other_tables
-from lrbc_cli.campaign.looking.tightness import UNLIKE, looser, not_tight, taken_as_tight, tighter_text
+from lrbc_cli.campaign.looking.tightness import UNLIKE, looser, lowered_text, not_tight, taken_as_tight, tighter_text
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misread
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, reduction_cost
-from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, require_baselines
+from lrbc_cli.campaign.reduced.stage import ReductionStage, require_baselines
 from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.reduction.build import reduce_model
-from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.updating.comparison.scale import Offset
 
 #: Down to here no loosened bolts have to be found that explain a measurement [dB].
@@ -71,7 +70,7 @@ class FirstLook:
     ----------
     warnings : tuple of str
     note : str
-        Why nothing was compared; empty where it was.
+        Why nothing was compared, or with which calibration; empty where it was with the model as given.
     rescaled : bool
         Whether the measurements name a matrix that is off by a factor: surer than what the mesh lets guess.
     doubted : frozenset of str
@@ -82,15 +81,6 @@ class FirstLook:
     note: str = ""
     rescaled: bool = False
     doubted: frozenset[str] = frozenset()
-
-
-@dataclass
-class _Looking(FrfSource):
-    """FRFs that are kept nowhere."""
-
-    def _compute(self, s: Complexes) -> PortFrf:
-        assert self.stage is not None
-        return self.stage.reduction.model.ports(s)
 
 
 def first_look(
@@ -126,18 +116,22 @@ def first_look(
         found: dict[str, OfJob] = {}
         for name in order:
             # With another damping than it has, the model is none to compare with; with other places of hammer or sensors, no FRF.
-            own = found[reference].told if reference in found else {}
-            if {("damping",), ("hammers",), ("hammer",), ("mirrored",)} & own.keys():
+            own = found[reference].told.keys() - {("lowered",)} if reference in found else set()
+            if {("damping",), ("hammers",), ("hammer",), ("mirrored",)} & own:
                 break
             # What is wrong with the reference job, too, does not show beside it.
             tight = measurements.get(reference or "") if not own and name != reference else None
             progress(f"comparing {name} with the model, job {len(found) + 1} of {len(order)}")
-            found[name] = _looked_at(source, {job: measurements[job] for job in order}, name, tight)
+            of_order = {job: measurements[job] for job in order}
+            found[name] = _looked_at(source, of_order, name, tight)
+            if name == reference:
+                source, found[name] = _calibrated(source, of_order, name, found[name])
         told = told_of_all(inputs, found, reference or "")
         shared = pooled(told, reference)
         kinds = {name: {kind for kind in own if kind[0] in _OF_NUMBERS} for name, own in shared.items()}
         return FirstLook(
             tuple(each_once(shared)),
+            note=source.note,
             rescaled=("rescaled",) in told.get(reference or "", {}),
             doubted=frozenset(name for name, of in kinds.items() if of != kinds.get(reference or "", set())),
         )
@@ -145,7 +139,7 @@ def first_look(
         return FirstLook(note=f"measured and computed FRFs were not compared: {error.problem}")
 
 
-def _source(inputs: Inputs, folder: Path, progress: Callable[[str], None]) -> FrfSource | None:
+def _source(inputs: Inputs, folder: Path, progress: Callable[[str], None]) -> Looking | None:
     """The reduced model of the cache, else a coarse one that is built here where that is cheap; None where it is not."""
     decision = cache.look_up(folder, cache.key_parts(inputs))
     if not decision.hit and reduction_cost(inputs)[0].work > MOST_WORK:
@@ -156,10 +150,10 @@ def _source(inputs: Inputs, folder: Path, progress: Callable[[str], None]) -> Fr
         found = cache.load(decision, inputs)
     else:
         found = reduce_model(inputs.model, inputs.input_of, options, backend=backend, progress=progress)
-    return _Looking(inputs=inputs, stage=ReductionStage(found, decision, 0.0), kind="port")
+    return Looking(inputs=inputs, stage=ReductionStage(found, decision, 0.0), kind="port")
 
 
-def _lacking(inputs: Inputs, source: FrfSource) -> list[str]:
+def _lacking(inputs: Inputs, source: Looking) -> list[str]:
     """What `lrbc reduce` will refuse: baselines that the stiffness does not hold."""
     try:
         if source.stage is not None:
@@ -169,7 +163,7 @@ def _lacking(inputs: Inputs, source: FrfSource) -> list[str]:
     return []
 
 
-def _looked_at(source: FrfSource, measurements: Mapping[str, Measurement], name: str, tight: Measurement | None = None) -> OfJob:
+def _looked_at(source: Looking, measurements: Mapping[str, Measurement], name: str, tight: Measurement | None = None) -> OfJob:
     """What is found of one of the jobs.
 
     Beside the model, and the reference job if given.
@@ -214,6 +208,25 @@ def _looked_at(source: FrfSource, measurements: Mapping[str, Measurement], name:
         if not told and fitted is not None:
             told |= _foreign(seen, held)
     return OfJob(told, offsets)
+
+
+def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: str, first: OfJob) -> tuple[Looking, OfJob]:
+    """The model after a rough calibration, and what is found beside it of the reference job, where that was not clear without.
+
+    A reference job that loose bolts explain is none to calibrate from.
+    """
+    calibration, kinds = source.inputs.campaign.calibration, {kind for kind, *_ in first.told}
+    if calibration is None or calibration.job != name or kinds - {"unlike", "alone", "coordinates"}:
+        return source, first
+    seen, before = Seen.of(source, name, measurements[name]), misfit_of(source, name, measurements[name])
+    calibrated = None if tighter_text(seen, measurements) or looser(seen, before) else roughly_calibrated(source, measurements[name])
+    if calibrated is None:
+        return source, first
+    again = _looked_at(calibrated, measurements, name)
+    if not again.told and "coordinates" in kinds:
+        return calibrated, first
+    lowered = lowered_text(seen, Seen.of(calibrated, name, measurements[name]))
+    return calibrated, replace(again, told=again.told | {("lowered",): lowered}) if lowered else again
 
 
 def _channels(seen: Seen, near: list[Complexes], movable: Floats | float, *, backwards: bool) -> tuple[Told, tuple[Offset, ...]]:
@@ -307,7 +320,14 @@ def _placed(seen: Seen, told: Told) -> Told:
     if not seen.reference:
         return told
     told = _stated(seen, told)
-    return {key: text + (sensor_text(seen, int(str(key[1]))) if key[0] == "alone" else "") for key, text in told.items()}
+    elsewhere = {key: sensor_text(seen, int(str(key[1]))) for key in told if key[0] == "alone"}
+    # Where the others are fitted, a response that hardly moves stands out by what the model lacks there.
+    weak = {
+        key
+        for key, where in elsewhere.items()
+        if seen.source.start and not where and apart(seen.measured, seen.model)[int(str(key[1]))] <= UNLIKE
+    }
+    return {key: text + elsewhere.get(key, "") for key, text in told.items() if key not in weak}
 
 
 def _stated(seen: Seen, told: Told) -> Told:

@@ -1,14 +1,21 @@
-"""A first, coarse fit of loosened bolts, so that what is wrong with a measurement shows beside them before anything is identified."""
+"""A rough calibration and a first, coarse fit of loosened bolts, beside which mistakes in a measurement show before any identification."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.arrays import Complexes, Floats, spaced
+from lrbc_cli.campaign.calibrate import first_problem
 from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, MOST_LEFT, apart, levels
+from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.weights import correction
-from lrbc_cli.campaign.looking.states import Seen
+from lrbc_cli.campaign.looking.states import Looking, Seen
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.errors import LrbcError
+from lrbc_cli.model.factors import with_factors
+from lrbc_cli.updating.calibration.calibrate import FactorProblem, descents
 from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.comparison.scale import LEAST_LINES
 from lrbc_cli.updating.misfit.cost import Misfit
@@ -113,3 +120,59 @@ def strike_text(seen: Seen, expected: Complexes, *, least: int = 3, apart_db: fl
             f"{name} again, or correct it by jobs.{job}.scale: {{{scale}}}"
         )
     return ""
+
+
+def misfit_of(source: Looking, name: str, measurement: Measurement) -> float:
+    """Level misfit at the start values, mean level of each response removed, median over the responses [dB]."""
+    seen = Seen.of(source, name, measurement)
+    return float(np.median(apart(seen.measured, seen.model)))
+
+
+def _rough_theta(problem: FactorProblem, *, lines: int = 150, iterations: int = 20) -> Floats:
+    """Theta after one descent on some of the lines; single responses that are wrong count by their size only."""
+    at = spaced(problem.selected.size, lines)
+    few = replace(problem, selected=problem.selected[at], sigma=None if problem.sigma is None else problem.sigma[at])
+    return descents(few, few.start, far=True, limit=iterations, soft=True)[0].theta
+
+
+def roughly_calibrated(source: Looking, measurement: Measurement) -> Looking | None:
+    """The model with the factors and boundary values of a rough calibration.
+
+    Parameters
+    ----------
+    source : Looking
+        Of the model as exported.
+    measurement : Measurement
+        Of the calibration job.
+
+    Returns
+    -------
+    Looking or None
+        None where the campaign does not calibrate or is calibrated already, where the model fits without, and where no factors bring it
+        near the measurement: then they would only hide what is wrong.
+    """
+    inputs, settings = source.inputs, source.inputs.campaign.calibration
+    if settings is None or (inputs.calibration is not None and inputs.calibration.used) or source.stage is None:
+        return None
+    before = misfit_of(source, settings.job, measurement)
+    if before <= LEAST_DIFFERENCE:
+        return None
+    try:
+        problem, _ = first_problem(source, measurement)
+        with source.threads():
+            theta = _rough_theta(problem)
+    except LrbcError:
+        return None
+    parameters = problem.parameters
+    factors = {name: float(np.exp(value)) for name, value in zip(problem.names, theta[parameters.size :], strict=False)}
+    start: dict[str, Floats] = {}
+    for group, values, at in parameters.placed:
+        start[group.name] = theta[values]
+        if at is not None:
+            start[f"{group.name}.damping"] = theta[at : at + 1]
+    model, recipe = with_factors(inputs.model, inputs.recipe, factors)
+    stage = replace(source.stage, reduction=replace(source.stage.reduction, model=problem.model.at(factors)))
+    found = Looking(inputs=replace(inputs, model=model, recipe=recipe), stage=stage, kind="port", start=start)
+    after, named = misfit_of(found, settings.job, measurement), ", ".join(f"{name} {value:.3g}" for name, value in factors.items())
+    note = f"compared with a rough calibration from {settings.job}, not stored ({named}): level misfit {after:.1f} dB, {before:.1f} before"
+    return replace(found, note=note) if after <= LEAST_DIFFERENCE else None

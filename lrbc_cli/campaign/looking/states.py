@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,7 +13,8 @@ from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource
-from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.model.terms import ParameterGroup, Parameterisation
+from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.comparison.scale import LEAST_LINES, POWERS
 from lrbc_cli.updating.search.starts import LEVELS
@@ -22,13 +24,43 @@ from lrbc_cli.updating.unknowns.shapes import joints_of
 LINES, MOST_STATES = 200, 150
 
 
+@dataclass(kw_only=True)
+class Looking(FrfSource):
+    """FRFs that are not stored.
+
+    Attributes
+    ----------
+    start : mapping of str to float array
+        By parameter group, values of a rough calibration, in place of the start values; with ``GROUP.damping`` its damping exponent.
+    note : str
+        With which calibration the measurements are compared, for the user.
+    """
+
+    start: Mapping[str, Floats] = field(default_factory=dict, repr=False)
+    note: str = ""
+
+    def _compute(self, s: Complexes) -> PortFrf:
+        assert self.stage is not None
+        return self.stage.reduction.model.ports(s)
+
+    def parameters(self, s: Complexes) -> Parameterisation:
+        """The parameter groups on the lines s (rad/s)."""
+        return Parameterisation(tuple(self._started(group) for group in parameterise(self.inputs, self, s)[0].groups))
+
+    def _started(self, group: ParameterGroup) -> ParameterGroup:
+        values, exponent = self.start.get(group.name), self.start.get(f"{group.name}.damping")
+        if group.damping is not None and exponent is not None:
+            group = replace(group, damping=replace(group.damping, initial=exponent.item()))
+        return group if values is None else replace(group, initial=np.clip(values, *group.bounds.T))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Seen:
     """A job beside the model, on the lines that are looked at.
 
     Attributes
     ----------
-    source : FrfSource
+    source : Looking
         FRFs of the model; keeps what was solved already.
     job : str
     measurement : Measurement
@@ -42,7 +74,7 @@ class Seen:
         What the reference job measured, where the job is compared with it; NaN where it has no value.
     """
 
-    source: FrfSource
+    source: Looking
     job: str
     measurement: Measurement
     parameters: Parameterisation
@@ -51,12 +83,12 @@ class Seen:
     tight: Complexes | None = field(default=None, repr=False)
 
     @classmethod
-    def of(cls, source: FrfSource, job: str, whole: Measurement, reference: Measurement | None = None) -> Seen:
+    def of(cls, source: Looking, job: str, whole: Measurement, reference: Measurement | None = None) -> Seen:
         """A measurement on the lines that are looked at; beside that of the reference job where it has the same lines."""
         lines = spaced(whole.frequency_hz.size, LINES)
         few = replace(whole, frequency_hz=whole.frequency_hz[lines], values=whole.values[lines])
         s = 2j * np.pi * few.frequency_hz
-        parameters, _ = parameterise(source.inputs, source, s)
+        parameters = source.parameters(s)
         states, loosened = states_of(source, parameters, s)
         tight = None if reference is None or unlike(whole.frequency_hz, reference.frequency_hz) else reference.values[lines]
         return cls(source=source, job=job, measurement=few, parameters=parameters, states=states, loosened=loosened, tight=tight)
@@ -122,7 +154,7 @@ class Seen:
         return float(np.median(apart(self.measured, self.states), axis=1).min())
 
 
-def states_of(source: FrfSource, parameters: Parameterisation, s: Complexes) -> tuple[Complexes, list[Integers]]:
+def states_of(source: Looking, parameters: Parameterisation, s: Complexes) -> tuple[Complexes, list[Integers]]:
     """(S, F, R) FRFs at the start values, and with values of stiffnesses at their lower bounds, and which."""
     states, loosened = values_of(parameters)
     key = b"states" + s.tobytes()

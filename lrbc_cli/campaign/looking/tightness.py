@@ -102,3 +102,30 @@ def looser(seen: Seen, typical: float) -> str:
             named = ", ".join(dict.fromkeys(owners)) or f"values {at[0] + 1} to {at[-1] + 1} of parameters.{group.name}"
             return f". With {named} free the level misfit is {distances[best]:.1f} dB: check whether all bolts were tight"
     return ""
+
+
+def lowered_text(before: Seen, after: Seen, *, least: float = 1.0) -> str:
+    """Which bolts a rough calibration lowers with all their springs; empty where it lowers none.
+
+    Parameters
+    ----------
+    before, after : Seen
+        The reference job beside the model as exported, and beside the calibrated one.
+    least : float
+        By how much each spring has to fall below the median of its group [decades].
+    """
+    bolts, change = before.inputs.bolts, dict[int, float]()
+    for group, where, _ in before.parameters.placed:
+        if group.kind != "stiffness" or group.bolt is None:
+            continue
+        moved = (after.parameters.initial - before.parameters.initial)[where]
+        for bolt, own in zip(group.bolt.tolist(), (moved - np.median(moved)).tolist(), strict=True):
+            change[bolt] = max(change.get(bolt, -np.inf), own)
+    low = {bolt: own for bolt, own in change.items() if bolt >= 0 and own <= -least}
+    if bolts is None or not low:
+        return ""
+    named = ", ".join(f"{bolts.name[bolt]} ({-own:.1f} decades)" for bolt, own in sorted(low.items()))
+    return (
+        f"a rough calibration from this job lowers the stiffness of {named} more than that of the other bolts. Check whether all bolts "
+        "were tight. If not, set update.reference and calibration.job to a tight job, or measure it again"
+    )

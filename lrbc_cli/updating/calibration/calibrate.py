@@ -253,7 +253,8 @@ def _descend(problem: FactorProblem, misfit: Misfit, theta: Floats, width: float
     return solution, Stage(width, first, solution.evaluation.misfit_db, solution.evaluations)
 
 
-def _fit(problem: FactorProblem, theta: Floats, far: bool, limit: int) -> tuple[Solution, list[Stage]]:
+def descents(problem: FactorProblem, theta: Floats, far: bool, limit: int, soft: bool = False) -> tuple[Solution, list[Stage]]:
+    """Descents over smoothed spectra where theta is far from the solution, then at the measured lines; without weights from the noise."""
     stages, prior = [], problem.statistics.calibration
     variance = prior.first_sigma_db**2
     for share in prior.widths if far else ():
@@ -265,7 +266,7 @@ def _fit(problem: FactorProblem, theta: Floats, far: bool, limit: int) -> tuple[
         stages.append(stage)
         if solution.status != "failed":
             theta = solution.theta
-    solution, stage = _descend(problem, problem.misfit(variance), theta, 0.0, 1e-3, limit)
+    solution, stage = _descend(problem, problem.misfit(variance, soft), theta, 0.0, 1e-3, limit)
     return solution, [*stages, stage]
 
 
@@ -305,7 +306,7 @@ def fit_factors(
     """
     notes: list[str] = []
     places = [problem.start if start is None else start]
-    solution, stages = _fit(problem, places[0], start is None, max_iterations)
+    solution, stages = descents(problem, places[0], start is None, max_iterations)
     if start is None:
         ends = {"over smoothed spectra": solution} | _others(problem, solution, stages, max_iterations)
         solution = _lowest(ends, notes, same)
@@ -366,13 +367,13 @@ def _others(problem: FactorProblem, first: Solution, stages: list[Stage], limit:
     apart = [] if far is None else group_levels(far, problem.start, problem.bounds, kept=1)
     found: dict[str, Solution] = {}
     if apart and not np.array_equal(apart[0], problem.start):
-        found["from the levels of the groups"], more = _fit(problem, apart[0], True, limit)
+        found["from the levels of the groups"], more = descents(problem, apart[0], True, limit)
         stages += more
     # A rough descent first: it continues only if its cost is below twice that of the others.
     other, stage = _descend(problem, problem.misfit(variance), problem.start, 0.0, 1e-2, limit)
     stages.append(stage)
     if other.evaluation.total < 2.0 * min(end.evaluation.total for end in (first, *found.values())):
-        other, more = _fit(problem, other.theta, False, limit)
+        other, more = descents(problem, other.theta, False, limit)
         stages += more
     return found | {"from the start values": other}
 
