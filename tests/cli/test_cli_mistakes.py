@@ -752,7 +752,7 @@ MISTAKES = [
         text("bolts.csv", lambda t: t.replace("B3,280,", "B3,28,")),
         0,
         "bolts.csv: B3 lies nearer to the springs of other bolts than to its own",
-        "correct them",
+        "correct the places there, or the nodes of the springs",
     ),
     Mistake(
         "springs at the nodes of the other face",
@@ -981,7 +981,7 @@ MISTAKES = [
         "frame",
         config(("bolts: data/model/bolts.csv", f"  again:\n    select:\n{EDGE}\nbolts: data/model/bolts.csv")),
         0,
-        "left_edge and again hold the same 10 terms",
+        "left_edge and again contain the same 10 terms",
         "remove these terms from one",
     ),
     Mistake("hammer about an axis", "frame", config(("0.12, 0.0], component: UZ", "0.12, 0.0], component: ROTX")), 0, "a moment", "UZ"),
@@ -1332,7 +1332,7 @@ MISTAKES = [
         text("bolts.csv", lambda t: re.sub(r"(?m)^B([1346])", lambda m: f"B{dict(zip('1346', '3164', strict=True))[m[1]]}", t)),
         0,
         "B3 at the springs of B1, B1 at the springs of B3, B6 at the springs of B4, B4 at the springs of B6",
-        "in the bolts file write the names in the order B1, B2, B3, B4 ... B6",
+        "In the bolts file write the names in the order B1, B2, B3, B4 ... B6",
     ),
     Mistake(
         "places of the terms from the other end",
@@ -1636,7 +1636,7 @@ MISTAKES = [
         "plate",
         text("plate.inp", turned_by_90_degrees),
         0,
-        "with all turned by 90 degrees about z it does not",
+        "with all rotated by 90 degrees about z it does not",
         "Correct the coordinates, or the components in the DOF map",
     ),
     Mistake(
@@ -1826,7 +1826,7 @@ def test_bolts_beside_their_springs_are_told_once_for_all_tables(tmp_path: Path)
     text("bolts.csv", lambda t: t.replace("B1,", "B9,").replace("B2,", "B1,").replace("B9,", "B2,"))(folder)
     told = check(folder, "plate").stdout
     assert told.count("B2, B1 lie nearer to the springs of other bolts") == 1
-    assert "(bushings.csv and again.csv name the nodes)" in told
+    assert "(nodes given in bushings.csv and again.csv)" in told
 
 
 def test_a_measurement_in_the_watched_folder_that_no_pattern_takes(tmp_path: Path) -> None:
