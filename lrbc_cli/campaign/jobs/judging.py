@@ -185,8 +185,10 @@ def contradicted(campaign: Campaign, name: str, judgement: Judgement) -> list[st
     if not tight:
         return []
     others = [bolt.name for bolt in judgement.bolts if bolt.name not in removed and bolt.verdict == LOOSE]
-    numbered = f"{', '.join(others)} come{'s' if len(others) == 1 else ''} out loose instead: check whether the bolts are numbered "
-    numbered += "differently at the rig, for instance from the other end"
+    numbered = (
+        f"{', '.join(others)} come{'s' if len(others) == 1 else ''} out loose instead: check whether the bolts are numbered differently "
+        "at the rig, for instance from the other end"
+    )
     numbered += f", and correct the names in {campaign.bolts.name}. Otherwise check" if campaign.bolts else ". Otherwise check"
     return [
         f"jobs.{name}.removed: {', '.join(tight)} {'is' if len(tight) == 1 else 'are'} stated to be missing, but judged tight against "

@@ -60,8 +60,7 @@ def material_cause(unit: UnitSystem, matrix: str, factor: float) -> str | None:
     first, second = _name(known, own / factor), _name(pieces, piece / factor)
     if first is None and second is None:
         return f"{what}: {stated} requires {wanted}, {steel}"
-    own_piece = _name(pieces, piece) or f"{piece:.4g} {next(iter(pieces))}"
-    other = f"{whole} in {second}, but {'it' if first else stated} requires {own_piece}"
+    other = f"{whole} in {second}, but {'it' if first else stated} requires {_name(pieces, piece) or f'{piece:.4g} {next(iter(pieces))}'}"
     if first is None:
         return f"{other}; it requires the {what} in {wanted}, {steel}"
     return f"{what} in {first}, but {stated} requires {wanted}, {steel}" + (f"; or {other}" if second else "")

@@ -212,7 +212,7 @@ def symmetry_doubt(K: sp.csc_array, dofs: DofTable, *, most: float = 0.8, least:
         for end in (float(xyz[:, k].min()), float(xyz[:, k].max())):
             plane = np.abs(xyz[:, k] - end) <= flat * extent[k]
             if alike[plane].sum() >= max(least, most * plane.sum()):
-                lacking = f"only {' and '.join(sorted(across))} {'is' if len(across) == 1 else 'are'}"
+                lacking = f"only {' and '.join(sorted(across))}" + (" is" if len(across) == 1 else " are")
                 return (
                     f"probably half of a structure: at the nodes of an outer plane, {axis} = {end:.6g} m, {lacking} held, as on a plane "
                     "of symmetry. Such a model lacks the modes in which two halves move against each other, and the bolts of the other "
