@@ -366,8 +366,8 @@ def _why_short(axis: Floats, every: Floats, band: tuple[float, float]) -> str:
             return f"If the frequencies are in {unit}, write format: {{frequency_unit: {unit}}} in the job"
     circular = (low / (2.0 * np.pi), high / (2.0 * np.pi))
     measured = f"[{max(low, axis[0]):g}, {min(high, axis[-1]):g}]"
-    text = "Check whether the file is complete. Otherwise measure again over the whole band, or end the band of all jobs there: "
-    text += f"reduction.band: {measured}"
+    whole = "Check whether the file is complete. Otherwise measure again over the whole band, or end the band of all jobs there"
+    text = f"{whole}: reduction.band: {measured}"
     # Lines that begin where the band does in Hz are in the unit of the band.
     if _covers(every, circular) and every.min() ** 2 < low * circular[0]:
         text += f"; or, if the band is in rad/s, write it in Hz: reduction.band: [{circular[0]:.3g}, {circular[1]:.3g}]"
