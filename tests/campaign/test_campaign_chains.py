@@ -37,7 +37,7 @@ def said(noise: np.ndarray) -> str | None:
 def test_a_response_whose_coherence_fell_alone() -> None:
     text = said(TIGHT * np.array([1.0, 300.0, 1.0, 1.0]))
     assert text is not None
-    assert text.startswith("the coherence of a2 is 0.9434 in the median over the lines, 0.9998 in tight, and that of no")
+    assert text.startswith("the coherence of a2 is 0.9434 (median over the lines), 0.9998 in tight; that of no")
 
 
 @pytest.mark.parametrize(
