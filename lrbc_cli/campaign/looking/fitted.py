@@ -135,7 +135,7 @@ def _rough_theta(problem: FactorProblem, *, lines: int = 150, iterations: int = 
     return descents(few, few.start, far=True, limit=iterations, soft=True)[0].theta
 
 
-def roughly_calibrated(source: Looking, measurement: Measurement) -> Looking | None:
+def roughly_calibrated(source: Looking, measurement: Measurement, *, uneven: float = 1.5) -> Looking | None:
     """The model with the factors and boundary values of a rough calibration.
 
     Parameters
@@ -144,6 +144,9 @@ def roughly_calibrated(source: Looking, measurement: Measurement) -> Looking | N
         Of the model as exported.
     measurement : Measurement
         Of the calibration job.
+    uneven : float
+        Where the FRFs of one excitation fit so many times as well as those of another, or those of one are not fitted, each is
+        calibrated from alone, and the one that is fitted best counts: the point of another may be wrong.
 
     Returns
     -------
@@ -160,10 +163,39 @@ def roughly_calibrated(source: Looking, measurement: Measurement) -> Looking | N
     try:
         problem, _ = first_problem(source, measurement)
         with source.threads():
-            theta = _rough_theta(problem)
+            found = _calibrated_by(source, problem, _rough_theta(problem))
+            medians = by_excitation(found, settings.job, measurement)
+            least = min(medians.values())
+            if len(medians) > 1 and max(medians.values()) > min(uneven * least, LEAST_DIFFERENCE):
+                alone = {at: _calibrated_by(source, problem, _rough_theta(_of_excitation(inputs, problem, at))) for at in medians}
+                left = {at: by_excitation(one, settings.job, measurement)[at] for at, one in alone.items()}
+                least, best = min((value, at) for at, value in left.items())
+                found = alone[best]
     except LrbcError:
         return None
-    parameters = problem.parameters
+    after, named = misfit_of(found, settings.job, measurement), ", ".join(f"{name} {value:.3g}" for name, value in found.factors.items())
+    note = f"compared with a rough calibration from {settings.job}, not stored ({named}): level misfit {after:.1f} dB, {before:.1f} before"
+    return replace(found, note=note) if least <= LEAST_DIFFERENCE else None
+
+
+def _of_excitation(inputs: Inputs, problem: FactorProblem, at: int) -> FactorProblem:
+    """The problem with the responses of one excitation."""
+    own = np.flatnonzero(inputs.input_of[problem.responses] == at)
+    sigma = None if problem.sigma is None else problem.sigma[:, own]
+    return replace(problem, measured=problem.measured[:, own], responses=problem.responses[own], sigma=sigma)
+
+
+def by_excitation(source: Looking, name: str, measurement: Measurement) -> dict[int, float]:
+    """As ``misfit_of``, over the responses of each excitation."""
+    seen = Seen.of(source, name, measurement)
+    far, input_of = apart(seen.measured, seen.model), source.inputs.input_of
+    return {int(at): float(np.median(far[input_of == at])) for at in np.unique(input_of)}
+
+
+def _calibrated_by(source: Looking, problem: FactorProblem, theta: Floats) -> Looking:
+    """The model with the factors and boundary values theta."""
+    assert source.stage is not None
+    inputs, parameters = source.inputs, problem.parameters
     factors = {name: float(np.exp(value)) for name, value in zip(problem.names, theta[parameters.size :], strict=False)}
     start: dict[str, Floats] = {}
     for group, values, at in parameters.placed:
@@ -172,7 +204,4 @@ def roughly_calibrated(source: Looking, measurement: Measurement) -> Looking | N
             start[f"{group.name}.damping"] = theta[at : at + 1]
     model, recipe = with_factors(inputs.model, inputs.recipe, factors)
     stage = replace(source.stage, reduction=replace(source.stage.reduction, model=problem.model.at(factors)))
-    found = Looking(inputs=replace(inputs, model=model, recipe=recipe), stage=stage, kind="port", start=start)
-    after, named = misfit_of(found, settings.job, measurement), ", ".join(f"{name} {value:.3g}" for name, value in factors.items())
-    note = f"compared with a rough calibration from {settings.job}, not stored ({named}): level misfit {after:.1f} dB, {before:.1f} before"
-    return replace(found, note=note) if after <= LEAST_DIFFERENCE else None
+    return Looking(inputs=replace(inputs, model=model, recipe=recipe), stage=stage, kind="port", start=start, factors=factors)

@@ -32,11 +32,14 @@ class Looking(FrfSource):
     ----------
     start : mapping of str to float array
         By parameter group, values of a rough calibration, in place of the start values; with ``GROUP.damping`` its damping exponent.
+    factors : mapping of str to float
+        Those of the rough calibration.
     note : str
         With which calibration the measurements are compared, for the user.
     """
 
     start: Mapping[str, Floats] = field(default_factory=dict, repr=False)
+    factors: Mapping[str, float] = field(default_factory=dict, repr=False)
     note: str = ""
 
     def _compute(self, s: Complexes) -> PortFrf:

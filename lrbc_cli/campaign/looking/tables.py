@@ -37,7 +37,9 @@ def other_tables(seen: Seen) -> dict[tuple[object, ...], str]:
         if unit[best] and left[best] < min(MOST_LEFT, CLEARLY * before, _NEARER * left[~unit].min()):
             ways.append((float(left[best]), powers[best] * signs, where, files, names))
     if ways:
-        after, moved, where, files, names = min(ways, key=lambda way: way[0])
+        # One table first: what the others do besides may be chance.
+        nearest = min(left for left, *_ in ways)
+        after, moved, where, files, names = next(way for way in ways if way[0] <= _ALIKE * nearest)
         times, stated = f"{10.0 ** moved[0]:g}", seen.inputs.campaign.unit_system.text
         if (moved < 0).any() and (moved > 0).any():
             both = {turns: f"{10.0 ** moved[_turning(seen)[where] == turns][0]:g}" for turns in (False, True)}

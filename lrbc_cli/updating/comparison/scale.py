@@ -362,9 +362,16 @@ def offsets_of(frequency_hz: Floats, measured: Complexes, states: Sequence[Compl
     usual = max(POWERS, key=powers.count)
     if 2 * powers.count(usual) > len(powers):
         for i, offset in enumerate(found):
-            other = of(offset.response, (usual,)) if offset.named and offset.power != usual else None
-            if other is not None and other.named:
+            other = offset if offset.power == usual else of(offset.response, (usual,))
+            own = [o for o in found if quantities[o.response] == quantities[offset.response]]
+            shared = [o for o in own if o.named and o.power == usual]
+            if not offset.named:
+                continue
+            if other is not None and other.named and other.half <= MOST_REACH:
                 found[i] = other
+            elif 2 * len(shared) > len(own):
+                # One analyser wrote them: what is not clear by itself has the factor of the clearest.
+                found[i] = replace(min(shared, key=lambda o: o.half), response=offset.response, before=offset.before, after=offset.after)
     return tuple(_one_convention(found))
 
 

@@ -122,13 +122,16 @@ def _factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: s
     tenfold = float(np.copysign(20.0, offset.db))
     some = len(common.responses) < count or job != inputs.campaign.update.reference
     if some and abs(offset.db - tenfold) <= min(max(offset.half, LEAST_REACH), MOST_REACH):
-        options = [(abs(offset.db - tenfold), tenfold, "a sensitivity or a range ten times off")]
+        every = len(common.responses) == count
+        cause = "a sensitivity or a range ten times off" + (", that of the hammer for example" if every else "")
+        options = [(abs(offset.db - tenfold), tenfold, cause)]
         options += [(abs(offset.db - known.db), known.db, known.cause) for known in recognised if known.cause]
         options.sort(key=lambda option: option[0])
         # Of all responses a unit that is nearer comes first, with its key.
-        if len(common.responses) < count or options[0][1] == tenfold:
+        if not every or options[0][1] == tenfold:
             own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-options[0][1] / 20.0))}"
             return text, f"{likely} {' or '.join(cause for *_, cause in options)}. Write {own}"
+        causes.append(f"{cause} (then scale: {_factors(inputs, job, common.responses, 10.0 ** (-tenfold / 20.0))})")
     if not causes:
         return text, f"{likely} a sensitivity, a gain or a unit that is not known here. Check it, then write {own}"
     known = next(known for known in recognised if known.cause)
