@@ -586,6 +586,14 @@ MISTAKES = [
         "If per cent was meant, write 0.01",
     ),
     Mistake(
+        "record numbers one too high",
+        "plate",
+        config(*((f"acc{k}: {{near", f"acc{k}: {{record: {k + 1}, near") for k in range(1, 6))),
+        0,
+        "the record numbers are probably 1 too high: acc1 selects record 2 (acc2), acc2 selects record 3 (acc3)",
+        "Correct responses.NAME.record (records are counted from 1), or remove it",
+    ),
+    Mistake(
         "bushings a thousand times too small",
         "plate",
         text("bushings.csv", lambda t: t.replace(",5000\n", ",5\n").replace(",1000\n", ",1\n")),

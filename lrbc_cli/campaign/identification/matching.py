@@ -272,8 +272,31 @@ def called(job: JobConfig) -> str:
     return first.name + (f" and {len(others)} more" if others else "")
 
 
+def _miscounted(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -> str:
+    """What to say where all records that are selected by number have the names of other responses, each as many records away."""
+    names = {r.name.lower() for r in inputs.responses}
+    found = [
+        (r, record)
+        for r, record in zip(inputs.responses, records, strict=True)
+        if record is not None and isinstance(job.records.get(r.name, inputs.campaign.responses[r.name].record), int)
+    ]
+    own = [(r, record) for r, record in found if record.name.strip().lower() in names]
+    order = [r.name.lower() for r in inputs.responses]
+    away = {order.index(record.name.strip().lower()) - order.index(r.name.lower()) for r, record in own}
+    if len(own) < max(2, len(found)) or len(away) != 1 or away == {0}:
+        return ""
+    named = ", ".join(f"{r.name} selects record {record.number} ({record.name})" for r, record in own[:_MOST])
+    by, way = abs(min(away)), "high" if min(away) > 0 else "low"
+    return (
+        f"{called(job)}: the record numbers are probably {by} too {way}: {named}{' ...' if len(own) > _MOST else ''}. Correct "
+        "responses.NAME.record (records are counted from 1), or remove it, as the names in the file are those of the responses"
+    )
+
+
 def misplaced(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -> list[str]:
     """Warn of records of other nodes than their responses, where most nodes of the files are those of the campaign."""
+    if miscounted := _miscounted(inputs, job, records):
+        return [miscounted]
     pairs = [(r, record) for r, record in zip(inputs.responses, records, strict=True) if record is not None and r.node is not None]
     own = [(r, record) for r, record in pairs if record.response_node is not None and not reciprocal(record, r, inputs)]
     alike = sum(record.response_node == r.node for r, record in own)

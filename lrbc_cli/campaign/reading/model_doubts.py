@@ -56,12 +56,17 @@ def doubts(model: FeModel) -> list[str]:
             "the imaginary part of the stiffness is negative: with exp(+i omega t) it adds energy. Write `conjugate: true` beside its file"
         )
     structure = np.abs(m.K.diagonal())[~m.is_acoustic]
-    penalty = int((structure > 1e8 * max(float(np.median(structure)), 1e-300)).sum()) if structure.size else 0
-    if penalty:
-        found.append(
-            f"{penalty} structural DOFs have a huge diagonal, possibly penalties of fixed DOFs. Fixed DOFs cannot be loosened: export the "
-            "edge pinned"
-        )
+    huge = np.flatnonzero(~m.is_acoustic)[structure > 1e8 * max(float(np.median(structure)), 1e-300)] if structure.size else structure
+    if huge.size:
+        few = f"{huge.size} structural DOF{'s have' if huge.size > 1 else ' has'} a huge diagonal, possibly penalties of fixed DOFs"
+        held = np.isin(huge, m.terms.left.indices)
+        if held.any():
+            found.append(
+                f"{few}. Terms act on {'them' if held.all() else f'{held.sum()} of them'}, without effect: remove these constraints in the "
+                "FE model, where the terms hold the structure instead, and export it again"
+            )
+        else:
+            found.append(f"{few}. Fixed DOFs cannot be loosened: export the edge pinned")
     return found
 
 

@@ -288,10 +288,8 @@ def _means(plan: PlanRecord) -> str:
     return f"{asked} (95 % interval), and draws in which it was; missed: draws with it called tight; alarm: with a tight bolt called loose"
 
 
-def plan_parts(plan: PlanRecord) -> list[Markup | None]:
-    """Return the parts of the section: what it means, the figure, bolts, responses, excitations."""
-    chart = plan_chart(plan)
-    text = (
+def _explained(plan: PlanRecord) -> str:
+    return (
         f"Predicted from the model alone, {_state(plan)}, with errors of {number(plan.noise.sigma_db, 3)} dB per line "
         f"({number(plan.noise.correlation_factor, 3)} lines count as one; {plan.noise.source}) on {plan.lines.count} lines. "
         f"Each bolt in turn is {_moved(plan)} alone. {_means(plan)[0].upper()}{_means(plan)[1:]}. "
@@ -301,6 +299,11 @@ def plan_parts(plan: PlanRecord) -> list[Markup | None]:
         "prior included. "
         f"{_BITS[0].upper()}{_BITS[1:]}." + (f" {_wrong(plan)}." if plan.rehearsed else "")
     )
+
+
+def plan_parts(plan: PlanRecord) -> list[Markup | None]:
+    """Return the parts of the section: what it means, the figure, bolts, responses, excitations."""
+    chart = plan_chart(plan)
     rows: list[list[str | Cell]] = [
         [
             bolt.name,
@@ -333,7 +336,7 @@ def plan_parts(plan: PlanRecord) -> list[Markup | None]:
     ]
     titles = ["Response", "Role", "Bits added, or lost without it", "Bits alone", "Hardest bolt then"]
     parts: list[Markup | None] = [
-        tag("p", text),
+        tag("p", _explained(plan)),
         legend(chart),
         tag("div", drawn(chart, beside(("", "plan.png"), ("", "plan.csv"))), style=own_size(chart)),
         table("Detectability of each bolt with the planned responses", head, rows, text_columns=2),
