@@ -12,7 +12,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.beside import passed_over, unnamed
-from lrbc_cli.campaign.identification.compared.chains import chain_doubt, coherence_doubt, noise_doubt
+from lrbc_cli.campaign.identification.compared.chains import chain_doubt, coherence_doubt, noise_doubt, soft_tip
 from lrbc_cli.campaign.identification.compared.copies import Earlier, pasted
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
@@ -260,13 +260,18 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
 
 def _unclear(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[str]:
     """Warnings of jobs whose peaks say little: one of each cause, by all of their peaks."""
-    rule, causes = inputs.statistics.resolution, dict[str, list[str]]()
-    peaks = {name: (found.frequency_hz, found.values[:, inputs.used]) for name, found in readable.items()}
+    rule, causes, told = inputs.statistics.resolution, dict[str, list[str]](), list[str]()
+    if soft := {name: edge for name, found in readable.items() if (edge := soft_tip(found)) is not None}:
+        ends, worst = [hz for hz, _ in soft.values()], max(own for _, own in soft.values())
+        told.append(
+            f"job{'s' if len(soft) > 1 else ''} {', '.join(soft)}: the coherence is {worst:.2f} or less from {min(ends):.4g} Hz on: "
+            "the force of the hammer probably does not reach that far. Measure with a harder tip, or let reduction.band end there"
+        )
+    peaks = {name: (found.frequency_hz, found.values[:, inputs.used]) for name, found in readable.items() if name not in soft}
     for name, own in peaks.items():
         # That lines cover part of the band only is told, and what follows from it, as from rad/s for Hz, is not.
         if covers(own[0], inputs.campaign.reduction.band) and (unclear := too_wide(own, rule=rule)):
             causes.setdefault(unclear.cause, []).append(name)
-    told = []
     for names in causes.values():
         those = [peaks[name] for name in names]
         if together := too_wide(*those, rule=rule):

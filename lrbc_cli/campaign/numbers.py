@@ -8,6 +8,6 @@ without that what rested on the other one counts as out of date.
 #: Of reduced models; of identifications and calibrations, which rest on reduced models, too; of judgements.
 NUMBERS = {
     "reduction": "3feba67c13b6ab39",
-    "identification": "25876b1d6f1209c3",
+    "identification": "9c4431b4847753cc",
     "judgement": "63ff30b798d35e2c",
 }

@@ -159,4 +159,4 @@ def require_new(file: Path, option: str, agreed: str) -> None:
         Where it exists; ``agreed`` is the option that replaces it.
     """
     if os.path.lexists(file):
-        raise ConfigError("this file exists already", file=file, place=option, expected="a new file", hint=f"{agreed} replaces it")
+        raise ConfigError("this file already exists", file=file, place=option, expected="a new file", hint=f"{agreed} replaces it")

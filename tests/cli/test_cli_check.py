@@ -445,7 +445,7 @@ def test_selecting_nothing(tmp_path: Path) -> None:
         ({"component": "UZ", "boundary": False}, ("expected: true\n", "found:    false")),
         ({"component": "UZ", "box": [[0.01, 0.02], [0, 1], [0, 0]]}, ("box", "x 0 to 0.3", "export the edge pinned")),
         ({"component": "UZ", "near_bolts": 0.01}, ("none for 4, and the nearest node to B1 is 0.05 away", "each of 4 bolts")),
-        ({"component": "UZ", "near_bolts": 0.01}, ("near_bolts", "that near to B1, B2, B3, B4")),
+        ({"component": "UZ", "near_bolts": 0.01}, ("near_bolts", "within this radius of B1, B2, B3, B4")),
         ({"component": "UZ", "along": [[0, 0, 1], [1, 0, 1]], "tolerance": 0.1}, ("along", "x 0 to 0.3")),
         ({"component": "UZ", "boundary": True, "box": [[0, 1], [0, 0], [0, 0]]}, ("boundary", "on a line")),
         ({"component": "UZ", "along": [[0, 0, 1], [1, 0, 1]]}, ("selected in exactly one way", "{component:, along:, tolerance:}")),

@@ -179,7 +179,7 @@ def test_simulate_asks_before_it_replaces(chain: Folder) -> None:
     out = chain.path / "mine.csv"
     out.write_text("mine")
     said = run(chain, ("simulate", "--out", str(out)))
-    for part in ("--out", "this file exists already", "--force replaces it"):
+    for part in ("--out", "this file already exists", "--force replaces it"):
         assert part in said
     assert chain.run("simulate", "--out", out, "--force").code == 0
     assert out.read_text().startswith("frequency_hz")
@@ -193,7 +193,7 @@ def test_exports_replace_exports_only(chain: Folder, ending: str) -> None:
     out.write_bytes(b"mine")
     for args in ((), ("--force",), ("--dry-run",)):
         said = run(chain, ("reduce", "--export", str(out), *args))
-        for part in ("--export", "this file exists already", "--overwrite replaces it"):
+        for part in ("--export", "this file already exists", "--overwrite replaces it"):
             assert part in said
     with h5py.File(chain.path / "other.h5", "w") as file:
         file["K"] = [1.0]

@@ -1621,7 +1621,7 @@ MISTAKES = [
         config(("  tight: {frf: ", "  tight-1: {frf: ")),
         2,
         "update.reference: no job has the name 'tight'",
-        "did you mean 'tight-1'? (calibration.job names it, too)",
+        "did you mean 'tight-1'? (calibration.job names it as well)",
     ),
     Mistake(
         "band of one resonance",

@@ -529,5 +529,5 @@ def test_back_ends_agree(tmp_path: Path) -> None:
 def test_what_to_do_about_a_bound_far_above_the_errors() -> None:
     """A lower tolerance was proposed where every error was a thousandth of it: the bound grew."""
     assert "Write reduction.held_out: 12; a lower tolerance hardly helps" in bound_hint(3e-6, 1e-3, 5)
-    assert "write reduction.held_out: 24" in bound_hint(3e-6, 1e-3, 12)
+    assert "Write reduction.held_out: 24" in bound_hint(3e-6, 1e-3, 12)
     assert bound_hint(9e-4, 1e-3, 5) == "lower reduction.tolerance or raise reduction.held_out"

@@ -282,7 +282,7 @@ def test_values_that_are_none_are_no_clamp(study: Study) -> None:
             chain.sensitivities([50.0], wrong)
     np.testing.assert_array_equal(chain.frf(50.0, 1e6), chain.frf([50.0], [1e6, 1e6]))
     for wrong in (np.nan, None):
-        with pytest.raises(ConfigError, match="NaN is no value of left_edge"):
+        with pytest.raises(ConfigError, match="NaN is not a value of left_edge"):
             study.frf([100.0], left_edge=wrong)
     with pytest.raises(ConfigError, match="the argument theta"):
         study.sensitivities([100.0], left_edge=np.inf)

@@ -30,7 +30,7 @@ from lrbc_cli.campaign.looking.all_jobs import OfJob, Told, each_once, pooled, t
 from lrbc_cli.campaign.looking.axes import stretched_text
 from lrbc_cli.campaign.looking.coordinates import coordinates_texts, mirrored_text
 from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, misfit_of, roughly_calibrated, strike_text
-from lrbc_cli.campaign.looking.held import held_text, supports_text
+from lrbc_cli.campaign.looking.held import held_text, idle_text, supports_text
 from lrbc_cli.campaign.looking.moved import hammer_text, hammers_text, sensor_text, unmoved_text
 from lrbc_cli.campaign.looking.rescaled import overdamped_text, rescaled_text, softness_text
 from lrbc_cli.campaign.looking.states import Looking, Seen, nearest_states, reach_of_one
@@ -117,7 +117,7 @@ def first_look(
         for name in order:
             # With another damping than it has, the model is none to compare with; with other places of hammer or sensors, no FRF.
             own = found[reference].told.keys() - {("lowered",)} if reference in found else set()
-            if {("damping",), ("hammers",), ("hammer",), ("mirrored",)} & own:
+            if {("damping",), ("hammers",), ("hammer",), ("mirrored",), ("idle",)} & own:
                 break
             # What is wrong with the reference job, too, does not show beside it.
             tight = measurements.get(reference or "") if not own and name != reference else None
@@ -179,6 +179,8 @@ def _looked_at(source: Looking, measurements: Mapping[str, Measurement], name: s
         most = 0.0 if before < LEAST_DIFFERENCE else CLEARLY * before if reading is None else reading.after
         if most and (text := overdamped_text(seen, most)):
             return OfJob({("damping",): text})
+        if before > LEAST_DIFFERENCE and reading is None and (text := idle_text(seen)):
+            return OfJob({("idle",): text})
     if reading is not None:
         return OfJob({("read",): reading.text})
     assumed = name in taken_as_tight(inputs)

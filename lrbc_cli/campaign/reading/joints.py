@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.errors import ConfigError, DataError
@@ -193,8 +194,17 @@ def _dof(table: BushingTable, dofs: DofTable, k: int, column: str, node: int, na
     )
 
 
-def aside_text(table: BushingTable, dofs: DofTable) -> str:
-    """What to say of springs that hold their nodes where both turn as one rigid piece; empty where the nodes of all lie on their axes."""
+def aside_text(table: BushingTable, dofs: DofTable, *, elements: float = 4.0) -> str:
+    """What to say of springs that hold their nodes where both turn as one rigid piece; empty where the nodes of all lie on their axes.
+
+    Parameters
+    ----------
+    table : BushingTable
+    dofs : DofTable
+    elements : float
+        Distance of all springs' nodes from the spring axis, in distances between neighbouring nodes, from which the table is of another
+        mesh.
+    """
     place = {int(node): dofs.xyz[at] for at, node in enumerate(dofs.node.tolist()) if not dofs.is_acoustic[at]}
     arms = dict[int, float]()
     for k, (a, b) in enumerate(zip(table.node_a.tolist(), table.node_b, strict=True)):
@@ -209,6 +219,12 @@ def aside_text(table: BushingTable, dofs: DofTable) -> str:
     text = f"the nodes of {count} spring{'s' if count > 1 else ''} lie up to {1e3 * longest:.3g} mm off the spring axis"
     fix = "also resists when both its nodes rotate as one rigid body: join nodes on the axis, or export rigid arms to it"
     if 2 * count >= len(arms):
+        xyz = np.unique(np.array(list(place.values())), axis=0)
+        # Nodes of one bolt lie a few elements apart, not half a structure.
+        if min(arms.values()) > elements * float(np.median(cKDTree(xyz).query(xyz, k=2)[0][:, 1])):
+            return (
+                f"{text}, those of all. Probably table and DOF table are of different meshes: export both, and the matrices, from one model"
+            )
         return f"{text}. Such a spring {fix}"
     named = [f"line {table.lines[k]}, {_joined(table, k)}" for k in far[:MOST_NAMED]]
     more = f" and {count - MOST_NAMED} more" if count > MOST_NAMED else ""

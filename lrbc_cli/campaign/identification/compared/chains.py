@@ -131,3 +131,28 @@ def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference:
     names, air = [response.name for response in inputs.responses], SOUND_SPEED in inputs.recipe.names
     blow = second_blow(own.frequency_hz, own.values, tight.values, reference)
     return blow or other_chain(own.frequency_hz, own.values, tight.values, reference, names, inputs.statistics.modal, air=air)
+
+
+def soft_tip(own: Measurement, *, low: float = 0.75, share: float = 0.9, least: float = 0.1) -> tuple[float, float] | None:
+    """Frequency from which the coherence of a job is low [Hz], and the coherence there; None where it is not, or none is known.
+
+    Parameters
+    ----------
+    own : Measurement
+    low : float
+        Coherence, in the median over the responses, below which a line is mostly noise with the usual number of averages.
+    share, least : float
+        Share of the lines above that frequency that are low, and of those below that are not; and of all lines on either side.
+    """
+    known = np.isfinite(own.coherence).any(axis=1)
+    if 2 * known.sum() < known.size:
+        return None
+    hz, typical = own.frequency_hz[known], np.nanmedian(own.coherence[known], axis=1)
+    bad, count = np.concatenate([[0], np.cumsum(typical < low)]), np.arange(hz.size + 1)
+    rest = hz.size - count
+    above, below = bad[-1] - bad, count - bad
+    split = (above >= share * rest) & (below >= share * count) & (np.minimum(rest, count) >= least * hz.size)
+    if not split.any():
+        return None
+    at = int(np.flatnonzero(split)[np.argmax((above + below)[split])])
+    return float(hz[at]), float(np.median(typical[at:]))
