@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pads import S, pads_model, pads_ports
 
-from lrbc_cli.campaign.identification.compared.chains import coherence_doubt
+from lrbc_cli.campaign.identification.compared.chains import coherence_doubt, soft_tip
 from lrbc_cli.campaign.identification.compared.likeness import run_backwards
 from lrbc_cli.updating.misfit.frf import port_model
 
@@ -75,3 +75,27 @@ def test_conjugates_answer_before_the_blow() -> None:
     assert not run_backwards(HZ, y * np.array([1.0, -1.0, 1.0, -1.0]))
     assert run_backwards(HZ, np.column_stack([y.conj(), np.full(HZ.size, np.nan)]))
     assert not run_backwards(HZ**2, y.conj())
+
+
+def along(coherence: np.ndarray) -> Any:
+    """Four responses with one coherence over the lines."""
+    return SimpleNamespace(frequency_hz=HZ, coherence=np.repeat(coherence[:, None], 4, axis=1))
+
+
+def test_a_coherence_that_ends_before_the_band() -> None:
+    edge = 2 * HZ.size // 3
+    dips = np.where(np.arange(HZ.size) % 20 == 0, 0.3, 0.99)
+    found = soft_tip(along(np.where(np.arange(HZ.size) < edge, dips, 0.1)))
+    assert found is not None
+    assert found[0] == pytest.approx(HZ[edge], abs=2 * (HZ[1] - HZ[0]))
+    assert found[1] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("part", [(0.0, 1.0), (0.3, 0.6), (0.0, 0.3), (0.95, 1.0), (1.0, 1.0)])
+def test_a_coherence_that_is_low_elsewhere_is_no_soft_tip(part: tuple[float, float]) -> None:
+    at = np.arange(HZ.size) / HZ.size
+    assert soft_tip(along(np.where((at >= part[0]) & (at < part[1]), 0.1, 0.99))) is None
+
+
+def test_a_coherence_that_is_not_known_is_no_soft_tip() -> None:
+    assert soft_tip(along(np.full(HZ.size, np.nan))) is None

@@ -372,7 +372,8 @@ class TestCampaignFile:
         assert words in (folder.out / "report.html").read_text()
 
     @pytest.mark.parametrize(
-        ("scale", "code", "words"), [(0.9, 0, ""), (1.2, 0, "exceeds that of the model"), (-0.3, 0, "opposite sign"), (1e3, 3, "1e+03 times")]
+        ("scale", "code", "words"),
+        [(0.9, 0, ""), (1.2, 0, "exceeds that of the model"), (-0.3, 0, "opposite sign"), (1e3, 3, "1e+03 times")],
     )
     def test_a_share_of_another_size(self, tmp_path: Path, scale: float, code: int, words: str) -> None:
         """A part of the plate; a little more than the model has, or less than nothing, as prestress is; in other units."""
