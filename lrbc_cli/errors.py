@@ -1,11 +1,14 @@
-"""Errors that a user can act on: what is wrong, where, what was expected and found, and how to fix it."""
+"""Errors with a message for the user: what is wrong, where, what was expected and found, and how to fix it.
+
+Every module raises one of these three classes (usage, data, numerical); ``cli/main.py`` turns the class into the exit code.
+"""
 
 from __future__ import annotations
 
 import errno
 from pathlib import Path
 
-#: Characters at most of one part of a message; what was found may be a whole file.
+#: Most characters of one part of a message; what was found may be a whole file.
 LONGEST = 500
 
 
@@ -15,24 +18,24 @@ def _shortened(value: object) -> str:
 
 
 def on_one_line(error: Exception | str) -> str:
-    """A message where there is one line for it."""
+    """Message joined to a single line."""
     return "; ".join(" ".join(line.split()) for line in str(error).splitlines())
 
 
 def unwritten(error: BaseException | None) -> OSError | None:
-    """The failure of the file system behind an error, which time or space may fix; None where it is another."""
+    """OSError in the chain of causes of an error, which waiting or free space may fix; None if there is none."""
     while error is not None and not isinstance(error, OSError):
         error = error.__cause__ or error.__context__
     return error
 
 
 def disk_is_full(error: OSError) -> bool:
-    """Whether more space would fix it."""
+    """Whether an error is due to a full disk, an exhausted quota or a file-size limit."""
     return error.errno in {errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG}
 
 
 def room_or(error: OSError, hint: str) -> str:
-    """What to do where a file cannot be written: make room where the disk is full, else the hint."""
+    """Advice for a file that cannot be written: make room if the disk is full, otherwise `hint`."""
     return "make room on this disk, then run the command again (finished results are kept)" if disk_is_full(error) else hint
 
 
@@ -46,15 +49,15 @@ class LrbcError(Exception):
     file
         The file concerned.
     place
-        Where in the file: key path and line, record number, entry.
+        Place in the file: key path and line, record number, entry.
     expected, found
-        What should have stood there, and what did.
+        What should be at this place, and what is.
     hint
         How to fix it.
     """
 
     exit_code, kind = 1, "internal"
-    #: Further errors that were found beside it.
+    #: Further errors found in the same pass.
     others: tuple[LrbcError, ...] = ()
 
     def __init__(
@@ -77,7 +80,7 @@ class LrbcError(Exception):
 
     @property
     def message(self) -> str:
-        """The whole message, on a few short lines."""
+        """The whole message, one line for each part."""
         where = ", ".join(_shortened(part) for part in (self.file, self.place) if part)
         problem = _shortened(self.problem)
         lines = [f"{where}: {problem}" if where else problem]
@@ -90,7 +93,7 @@ class LrbcError(Exception):
         return "\n".join(lines)
 
     def tree(self) -> dict[str, str | None]:
-        """The parts of the message, for programs."""
+        """Parts of the message by name, for ``--json``."""
         parts = {
             "kind": self.kind,
             "problem": self.problem,

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Atomic writing: a file is written under a temporary name and renamed when it is complete, so that it appears whole or not at all."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lrbc_cli.io.common import require_file
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """Temporary path beside ``path`` that replaces it when the block ends well.
+    """Temporary path beside ``path`` that replaces it when the block ends without an error.
 
     The temporary file has the same ending, is flushed to disk before it is renamed, and is removed when
     the block raises, an interruption from the keyboard included. Missing parent folders are created.
@@ -46,7 +46,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def atomic_write(path: Path, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
-    r"""File object whose content replaces ``path`` when the block ends well.
+    r"""File object whose content replaces ``path`` when the block ends without an error.
 
     Text is UTF-8 with ``\n`` line ends on every system.
 

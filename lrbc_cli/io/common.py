@@ -1,4 +1,4 @@
-"""Checks that every reader makes before it trusts a file."""
+"""Checks that all file readers share: files that are missing, truncated, damaged, or that claim or unpack to implausibly much data."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from lrbc_cli.errors import DataError, LrbcError
 #: Deflate cannot compress better than about 1032:1, so a file cannot hold more than this many times its size.
 MAX_COMPRESSION = 1100
 
-#: Large arrays must not unpack to more than this many times the file. Numbers that are not all alike take half a byte each at the least, a
-#: sixteenth of what they take unpacked: what packs better is zeros but for one number in seven, as sparse matrices hold, or a bomb.
+#: Large arrays must not unpack to more than this many times the file. Numbers that differ take at least half a byte each when packed, a
+#: sixteenth of their unpacked size. Only arrays with at least six zeros in seven entries (sparse matrices), or a bomb, pack better.
 MAX_EXPANSION = 100
 
-#: Bytes up to which any expansion is fine: a dense matrix of 5800 DOFs, all zeros but its diagonal, and nothing that a machine would feel.
+#: Bytes up to which any expansion is allowed: a dense diagonal matrix of 5800 DOFs, which fits into the memory of any machine.
 ROOM = 256 * 2**20
 
-#: Characters that one number of a text file may take: a double printed to its last digit and padded takes 30.
+#: Most characters of one number in a text file: a double with all of its digits and padding takes 30.
 LONGEST_NUMBER = 100
 
-#: Exponents that Fortran writes without a letter.
+#: Exponent that Fortran writes without a letter.
 _BARE = re.compile(r"(?<=[\d.])([+-]\d+)$")
 
-#: Arrays below this size need no proof that the file could hold them.
+#: Arrays up to this size in bytes are not compared with the size of the file.
 SMALL_ALLOCATION = 64 * 2**20
 
 
@@ -57,7 +57,7 @@ def require_file(path: Path) -> int:
 
 
 def _other_path(path: Path) -> str:
-    """What may be meant by the path of a file that is not there."""
+    """Hint for the path of a missing file: a slash, a missing folder or a similar name."""
     if "\\" in path.name:
         return "write paths with /, which works on every system"
     parent = path.parent
@@ -74,12 +74,12 @@ def head(path: Path, count: int = 1024) -> bytes:
 
 
 def whole(path: Path) -> bytes:
-    """Content of a file, unpacked where it is compressed with gzip.
+    """Content of a file, unpacked if it is compressed with gzip.
 
     Raises
     ------
     DataError
-        If it is damaged or unpacks to far more than such a file sensibly holds.
+        If it is missing or damaged, or unpacks to implausibly much (see ``check_expansion``).
     """
     size = require_file(path)
     if head(path, 2) != b"\x1f\x8b":
@@ -92,27 +92,27 @@ def whole(path: Path) -> bytes:
 
 
 def ends_early(path: Path, place: str, expected: object, found: object) -> DataError:
-    """Error for a file that stops in the middle of a line, or before all is there that its header states."""
+    """Error for a file that stops in the middle of a line, or before it holds all that its header states."""
     hint = "the file was truncated when it was copied or written: copy it again, or export it again"
     return DataError("the file ends early", file=path, place=place, expected=expected, found=found, hint=hint)
 
 
 def check_allocation(needed: int, file_size: int, path: Path, place: str, *, compressed: bool = False) -> None:
-    """Refuse an array that the file cannot possibly hold.
+    """Refuse an array that is larger than the file can hold.
 
     Parameters
     ----------
     needed
-        Bytes that a header asks for.
+        Bytes of the array by its header.
     file_size
-        Bytes that are there.
+        Bytes of the file.
     compressed
-        Whether the bytes may be compressed.
+        Whether the array may be compressed in the file.
 
     Raises
     ------
     DataError
-        If more than the file can hold, or can sensibly hold, is asked for.
+        If the file cannot hold the array or, compressed, unpacks to implausibly much (see ``check_expansion``).
     """
     limit = file_size * MAX_COMPRESSION if compressed else file_size
     if needed > max(limit, 0):
@@ -129,18 +129,19 @@ def check_allocation(needed: int, file_size: int, path: Path, place: str, *, com
 
 
 def check_expansion(needed: int, packed: int, path: Path, place: str) -> None:
-    """Refuse data that unpack to what no sensible file holds.
+    """Refuse compressed data that unpack to implausibly much.
 
     Parameters
     ----------
     needed
-        Bytes that are needed for them.
+        Bytes of the unpacked data.
     packed
         Bytes in the file.
 
     Raises
     ------
     DataError
+        If `needed` exceeds both ``MAX_EXPANSION`` times `packed` and ``ROOM``.
     """
     if needed > max(packed * MAX_EXPANSION, ROOM):
         raise DataError(
@@ -154,12 +155,12 @@ def check_expansion(needed: int, packed: int, path: Path, place: str) -> None:
 
 
 def check_dimensions(shape: tuple[int, ...], file_size: int, path: Path, place: str) -> None:
-    """Refuse sparse dimensions whose index arrays alone would dwarf the file.
+    """Refuse dimensions of a sparse matrix whose index pointers alone would be far larger than the file.
 
     Raises
     ------
     DataError
-        If a dimension is negative or out of all proportion to the file.
+        If there are not two dimensions, one is negative, or one is out of proportion to the file.
     """
     if len(shape) != 2 or min(shape) < 0:
         raise DataError("this is not a matrix", file=path, place=place, expected="two dimensions", found=shape)
@@ -176,10 +177,10 @@ def check_dimensions(shape: tuple[int, ...], file_size: int, path: Path, place: 
 
 @contextmanager
 def damaged(path: Path, what: str, place: str | None = None) -> Iterator[None]:
-    """Turn whatever a library raises on a damaged file into one DataError.
+    """Turn any error that a library raises on a damaged file into a DataError.
 
-    Libraries answer damage with errors of many kinds (zlib, struct, OverflowError, MemoryError ...), so all
-    are taken here; errors that already speak to the user pass unchanged.
+    Libraries raise errors of many kinds on damaged files (zlib, struct, OverflowError, MemoryError ...), so all
+    are caught here; an LrbcError passes unchanged.
     """
     try:
         yield
@@ -200,12 +201,12 @@ def damaged(path: Path, what: str, place: str | None = None) -> Iterator[None]:
 
 
 def fortran_number(cell: str) -> float:
-    """A number as Fortran writes it, with D for E or an exponent without a letter (1.5-3); zero where it is left out."""
+    """Number in Fortran notation, with D for E or an exponent without a letter (1.5-3); zero for an empty cell."""
     text = cell.strip().upper().replace("D", "E")
     return float(text if "E" in text else _BARE.sub(r"E\1", text)) if text else 0.0
 
 
 def listing(names: list[str] | tuple[str, ...], limit: int = 20) -> str:
-    """Names for a message, shortened when there are many."""
+    """Names for a message, cut after `limit` of them."""
     shown = ", ".join(names[:limit])
     return f"{shown}, ... ({len(names)} in all)" if len(names) > limit else shown or "nothing"

@@ -1,4 +1,4 @@
-"""Text of unknown encoding, and letters that are taken for the same."""
+"""Decodes text files of unknown encoding, and folds letters (case, accents) so that names can be compared."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lrbc_cli.errors import DataError
 
 
 def decode(content: bytes) -> str:
-    """Bytes as text: UTF-8 (with or without mark), UTF-16 with mark, else Windows Latin, as instruments write it."""
+    """Bytes as text: UTF-8 (with or without byte-order mark), UTF-16 with mark, else Windows-1252, which instruments write."""
     for mark, encoding in ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16")):
         if content.startswith(mark):
             return content.decode(encoding, "replace")
@@ -21,13 +21,13 @@ def decode(content: bytes) -> str:
 
 
 def unfinished(content: bytes) -> bool:
-    """Whether the last line of a text has no end: so it is with a file that was cut, and with some that were written by hand."""
-    # UTF-16 fills the line end up with a zero.
+    """Whether the last line of a text has no line end: the file was truncated, or written by hand."""
+    # In UTF-16 the line end is followed by a zero byte.
     return bool(content) and not content.rstrip(b"\0").endswith((b"\n", b"\r"))
 
 
 def read_lines(path: Path) -> list[str]:
-    """Lines of a text file without their ends.
+    """Lines of a text file without line ends.
 
     Raises
     ------
@@ -41,6 +41,6 @@ def read_lines(path: Path) -> list[str]:
 
 
 def fold(text: str) -> str:
-    """Lower case without accents, letter by letter; what only looks like a letter stays."""
+    """Text in lower case without accents, one character for each; letters of other scripts that only look alike are kept."""
     letters = unicodedata.normalize("NFC", text)
     return "".join(unicodedata.normalize("NFD", letter)[0].lower() if len(letter.lower()) == 1 else letter for letter in letters)

@@ -1,7 +1,7 @@
-"""A tree of arrays and texts for other programs: HDF5 or MATLAB v5, by the file's ending.
+"""Writes a tree of arrays and texts (the exported reduced model) for other programs: HDF5 or MATLAB v5, by the ending of the file.
 
 HDF5: groups carry ``encoding-type`` = ``dict`` and datasets ``array``, ``string-array``, ``string`` or ``numeric-scalar``, each with an
-``encoding-version``; the root says what the tree is. MATLAB: groups are structures, lists of texts cells, vectors columns.
+``encoding-version``; that of the root names the kind of tree. MATLAB: groups are structures, lists of texts cells, vectors columns.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ VERSION = "0.1.0"
 
 
 def write_export(path: Path, tree: Mapping[str, Any], encoding: str) -> None:
-    """Write a tree; the file is replaced as a whole.
+    """Write a tree to a file; an existing file is replaced as a whole.
 
     Parameters
     ----------
     path : Path
-        Its ending says the format.
+        Its ending selects the format.
     tree : mapping
-        Of mappings, of real or complex arrays, of text arrays (one axis), of texts, numbers and booleans.
+        Values are mappings, real or complex arrays, text arrays with one axis, texts, numbers or booleans.
     encoding : str
-        What the tree is: ``encoding-type`` of the file.
+        Kind of tree: ``encoding-type`` of the root.
 
     Raises
     ------
     ConfigError
         If the ending is not known.
     OSError
-        If the file cannot be written; an earlier file is kept then.
+        If the file cannot be written; an existing file is then kept.
     """
     image = FORMATS[check_ending(path)].image(tree, encoding)
     with atomic_write(path, "wb") as stream:
@@ -49,18 +49,18 @@ def write_export(path: Path, tree: Mapping[str, Any], encoding: str) -> None:
 
 
 def is_export(path: Path, encoding: str) -> bool:
-    """Whether a file is an earlier export; False where there is none, or it cannot be read."""
+    """Whether a file is an export of this kind, which may be replaced; False if it does not exist or cannot be read."""
     try:
         if not path.is_file():
             return False
         return FORMATS[check_ending(path)].is_own(path, encoding)
     except Exception:
-        # Libraries answer damage with errors of many kinds; a damaged file is somebody else's all the same.
+        # Libraries raise errors of many kinds on damaged files; such a file counts as foreign and is not replaced.
         return False
 
 
 def check_ending(path: Path) -> str:
-    """The ending, in lower case.
+    """Ending of a file in lower case.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def _mat5(tree: Mapping[str, Any], encoding: str) -> bytes:
 
 
 def _is_own_hdf5(path: Path, encoding: str) -> bool:
-    # Texts stand in the file as they are: what HDF5 makes of a foreign file need not be known.
+    # HDF5 stores texts as plain bytes, so a search is enough and the library need not open a foreign file.
     with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
         return content[:8] == SIGNATURE and content.find(encoding.encode()) >= 0
 
@@ -128,14 +128,14 @@ def _is_own_mat5(path: Path, encoding: str) -> bool:
 
 @dataclass(frozen=True)
 class ExportFormat:
-    """How a tree is written, and how a file with such a tree is known.
+    """Writer and recogniser of one file format.
 
     Attributes
     ----------
     image : callable
-        From a tree and its encoding to the content of a file.
+        Maps a tree and its encoding to the bytes of a file.
     is_own : callable
-        Whether a file holds a tree of an encoding; raises what it likes where it is damaged.
+        Whether a file holds a tree of an encoding; may raise any error on a damaged file.
     """
 
     image: Callable[[Mapping[str, Any], str], bytes]
@@ -144,5 +144,5 @@ class ExportFormat:
 
 _HDF5, _MAT5 = ExportFormat(_hdf5, _is_own_hdf5), ExportFormat(_mat5, _is_own_mat5)
 
-#: By the ending of the file: a further format is a line here.
+#: Format by the ending of the file; a new format is a line here.
 FORMATS = {".h5": _HDF5, ".hdf5": _HDF5, ".mat": _MAT5}

@@ -1,4 +1,4 @@
-"""Frequency response functions from and to files; formats are told apart by content."""
+"""Reads and writes FRF and coherence files: the entry point to the readers of all formats, which are recognised by content."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ READERS: dict[str, Callable[[Path, TextLayout], FrfSet]] = {
     "text": read_frf_text,
 }
 
-#: First bytes of files that measurement programs write too.
+#: First bytes of other files that measurement programs write, to name them in the error.
 _FOREIGN = {
     b"PK\3\4": "an Excel workbook or a zip archive",
     b"\xd0\xcf\x11\xe0": "an old Excel workbook or another compound document",
@@ -56,12 +56,12 @@ WRITERS: dict[str, Callable[[Path, FrfSet], None]] = {
 
 
 def detect_frf_format(path: Path) -> str:
-    """Format of a file of FRFs, by its content.
+    """Format of an FRF file (a key of ``READERS``), recognised by its content.
 
     Raises
     ------
     DataError
-        If the content is none of the formats that are read.
+        If the file cannot be read or its content is in none of these formats.
     """
     require_file(path)
     start = head(path, 4096)
@@ -94,7 +94,7 @@ def read_frf(path: Path, layout: TextLayout | None = None) -> FrfSet:
     path
         Universal file (58, 58b), CSV or other text, HDF5 in the package's own layout, or MATLAB v5.
     layout
-        What the file does not say by itself; ``unit`` and ``quantity`` hold for every format.
+        What the file does not state itself; ``unit`` and ``quantity`` apply to every format.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def read_frf(path: Path, layout: TextLayout | None = None) -> FrfSet:
 
 
 def write_frf(path: Path, frf: FrfSet) -> None:
-    """Write FRFs as CSV, universal file 58 or HDF5, by the file's ending; the file is replaced as a whole.
+    """Write FRFs as CSV, universal file (dataset 58) or HDF5, by the ending of the file; an existing file is replaced as a whole.
 
     Raises
     ------
@@ -125,25 +125,25 @@ def write_frf(path: Path, frf: FrfSet) -> None:
 
 
 def read_coherence(path: Path, layout: TextLayout | None = None) -> dict[CoherenceKey, tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Read coherence functions.
+    """Read all coherence functions of a file.
 
     Parameters
     ----------
     path
-        Universal file with functions of type 6, HDF5 in the package's own layout, or text with a column each.
+        Universal file with functions of type 6, HDF5, MATLAB v5, or text with one column for each coherence.
     layout
-        Layout of a text file.
+        What the file does not state itself.
 
     Returns
     -------
     dict
-        Frequencies in Hz and coherences, both (F,), by name and, where the file knows nodes, by (node, direction). A key
+        Frequencies [Hz] and coherences, both (F,), by name and, if the file states nodes, also by (node, direction). A key
         that several functions share is left out.
 
     Raises
     ------
     DataError
-        If the file holds no coherence, or a value lies outside 0 to 1.
+        If the file holds no coherence, a value lies outside 0 to 1, or no key is unique.
     """
     path, layout = Path(path), layout or TextLayout()
     kind = detect_frf_format(path)
@@ -155,7 +155,7 @@ def read_coherence(path: Path, layout: TextLayout | None = None) -> dict[Coheren
         try:
             records = READERS[kind](path, layout).records
         except DataError:
-            # A file of coherences alone.
+            # The file may hold coherences only.
             found_named = coherences(named_mat(path) if kind == "mat-v5" else named_hdf5(path), path, layout)
             if not found_named:
                 raise

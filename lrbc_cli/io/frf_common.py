@@ -1,4 +1,4 @@
-"""What all readers of FRFs check and note in the same way."""
+"""Checks, conversions and notes that the readers of all FRF formats share."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from lrbc_cli.io.units import Unit, decibel, numerator_quantity, parse_unit, res
 
 _CIRCULAR = re.compile(r"(omega|w|\u03c9)(?![a-z])|(angular|circular) freq|kreisfreq|pulsation")
 _FREQUENCY_UNITS = re.compile(r"(?<![a-z])(k?hz|hertz|cps|rad(s|ians?)?)(?![a-z])|^(1/s(ec)?|s(\^?-|⁻)[1¹])$")
-#: Hertz of one unit of frequency.
+#: Value of each frequency unit in Hz.
 HERTZ = {"Hz": 1.0, "kHz": 1e3, "rad/s": 1.0 / (2.0 * np.pi)}
 
 
 def frequency_unit(name: str, unit: str, path: Path, place: str) -> str:
-    """Unit of frequencies by what is said of it, else by their name: ``omega``, ``w`` and the like are rad/s, all others Hz.
+    """Unit of frequencies (a key of ``HERTZ``): as stated, else by their name: ``omega``, ``w`` and the like are rad/s, others Hz.
 
     Raises
     ------
     DataError
-        If a unit is stated that is not one of these.
+        If a unit is stated that is none of ``HERTZ``.
     """
     said = fold(unit).strip("[](). -")
     if said and not _FREQUENCY_UNITS.search(said):
@@ -47,40 +47,40 @@ def frequency_unit(name: str, unit: str, path: Path, place: str) -> str:
 
 
 class Notes:
-    """Notes collected over the records of a file, one line for what several records share."""
+    """Notes on the records of a file; a note that several records share becomes one line."""
 
     def __init__(self) -> None:
         self._about: dict[str, list[int]] = {}
         self._left: dict[str, list[int]] = {}
 
     def add(self, text: str, record: int | None = None) -> None:
-        """Note something about a record, or about the whole file."""
+        """Add a note about a record (its number), or about the whole file (None)."""
         places = self._about.setdefault(text, [])
         if record is not None:
             places.append(record)
 
     def leave_out(self, what: str, record: int) -> None:
-        """Note a record that is no FRF, or none that serves."""
+        """Note a record that is not used, and what it is."""
         self._left.setdefault(what, []).append(record)
 
     @property
     def left_out(self) -> str:
-        """All that was left out, in one line; empty where nothing was."""
+        """Records that are not used, in one line; empty if there are none."""
         return ", ".join(f"{_ranges(records)} ({what})" for what, records in self._left.items())
 
     def lines(self) -> tuple[str, ...]:
-        """All notes in the order in which they came up, and in one line what was left out."""
+        """All notes in the order of their first record, then one line with the records that are not used."""
         told = [f"{_ranges(records)}: {text}" if records else text for text, records in self._about.items()]
         return (*told, *([f"left out: {self.left_out}"] if self._left else []))
 
 
 def check_frequencies(frequency: NDArray[np.float64], path: Path, place: str) -> None:
-    """Refuse lines that are not finite, not negative and strictly increasing.
+    """Refuse frequency lines [Hz], (F,), unless they are finite, not negative and strictly increasing.
 
     Raises
     ------
     DataError
-        Naming the first such line.
+        If there are no lines or one is wrong; the first such line is named.
     """
     if frequency.size == 0:
         raise DataError("there is no frequency line", file=path, place=place, expected="at least one line", found="none")
@@ -125,7 +125,7 @@ def not_finite(path: Path, place: str, value: object) -> DataError:
 
 
 def combined(first: NDArray[np.float64], second: NDArray[np.float64], representation: str, phase: str) -> NDArray[np.complex128]:
-    """Complex values of two parts: real and imaginary, magnitude (``db-phase``: 20 lg of it) and phase in ``deg`` or ``rad``."""
+    """Complex values from real and imaginary part, or magnitude (``db-phase``: in dB) and phase in ``deg`` or ``rad``."""
     if representation == "real-imag":
         values = np.empty(first.shape, dtype=np.complex128)
         values.real, values.imag = first, second
@@ -135,12 +135,12 @@ def combined(first: NDArray[np.float64], second: NDArray[np.float64], representa
 
 
 def scaled(values: NDArray[Any], factor: float, path: Path, place: str) -> NDArray[np.complex128]:
-    """Values times a factor.
+    """Values multiplied by a factor.
 
     Raises
     ------
     DataError
-        If a product is too large for a number.
+        If a product overflows.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         product = np.asarray(values * factor, dtype=np.complex128)
@@ -151,7 +151,7 @@ def scaled(values: NDArray[Any], factor: float, path: Path, place: str) -> NDArr
 
 
 def clean_coherence(values: NDArray[Any], path: Path, place: str) -> tuple[NDArray[np.float64], bool]:
-    """Coherence between 0 and 1; undefined values (0/0) count as 0, and whether there were any is told.
+    """Coherence clipped to 0 to 1, undefined values (0/0) set to 0; and whether there were undefined values.
 
     Raises
     ------
@@ -178,12 +178,14 @@ def clean_coherence(values: NDArray[Any], path: Path, place: str) -> tuple[NDArr
 
 
 def conversion(label: str, layout: TextLayout, path: Path, place: str, notes: list[str], warnings: list[str]) -> tuple[float, str | None]:
-    """Factor to SI and quantity, from the layout or a label such as ``(m/s²)/N`` or ``dB re 1 g/N``.
+    """Factor to SI and quantity of an FRF, from the layout or a label such as ``(m/s²)/N`` or ``dB re 1 g/N``.
+
+    A label of the response alone is taken over newtons. A label that is not understood counts as SI, with a warning.
 
     Raises
     ------
     DataError
-        If the unit is not one of the quantity that is stated.
+        If the unit is not that of a pressure or motion over a force, or contradicts the stated quantity.
     """
     stated, reference = layout.si_unit, 1.0
     if (in_db := decibel(label)) is not None:
@@ -193,7 +195,7 @@ def conversion(label: str, layout: TextLayout, path: Path, place: str, notes: li
         unit = unit / Unit(1.0, force=1) if numerator_quantity(unit) is not None else None
     if unit is None or response_quantity(unit) is None:
         other = parse_unit(label)
-        # A quotient without a dimension, such as g/g, is a transmissibility; "1" says nothing.
+        # A dimensionless quotient such as g/g is a transmissibility; a bare "1" states no unit.
         if other is not None and (other.dimension != (0, 0, 0) or label.strip("[] ") != "1"):
             raise DataError(
                 "this is not the unit of an FRF" if any(other.dimension) else "this is a transmissibility, not an FRF over a force",

@@ -1,4 +1,4 @@
-"""JSON documents of ours, read back with bounds: a damaged one is a ValueError, never a flood of memory or of calls."""
+"""Reads JSON result files within limits of size and depth, so that a damaged file gives a ValueError and not a crash."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import re
 from pathlib import Path
 from typing import Any
 
-#: Bytes at most of a document: about that of a result with 2000 unknowns, whose covariance takes 26 bytes a number.
+#: Most bytes of a document: about those of a result with 2000 unknowns, whose covariance takes 26 bytes a number.
 MOST_BYTES = 128 * 2**20
 
-#: Levels of nesting at most. A result has fewer than ten; a campaign file, which it quotes, may have 32.
+#: Most levels of nesting. A result has fewer than ten; the campaign file that it quotes may have 32.
 DEEPEST = 100
 
-#: Digits of an integer at most: those of 64 bits have 19. What is longer is no count, and neither a float nor always a text.
+#: Most digits of an integer: one of 64 bits has 19. A longer one is no count, and may exceed what float() and str() convert.
 MOST_DIGITS = 19
 
-#: Half of a surrogate pair, possibly: no text, and not writable.
+#: Escape of a surrogate, perhaps half of a pair only: that is not Unicode and cannot be written.
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 
 _NESTED = frozenset({list, dict})
@@ -25,14 +25,14 @@ _WITH_TEXTS = _NESTED | {str}
 
 
 def read_json_text(path: Path) -> str:
-    """Text of a document.
+    """Text of a JSON file.
 
     Raises
     ------
     OSError
-        Where it cannot be read.
+        If it cannot be read.
     ValueError
-        Where it is longer than any of ours, or not UTF-8 (then a UnicodeDecodeError).
+        If it is longer than ``MOST_BYTES``, or not UTF-8 (then a UnicodeDecodeError).
     """
     with path.open("rb") as stream:
         content = stream.read(MOST_BYTES + 1)
@@ -42,12 +42,12 @@ def read_json_text(path: Path) -> str:
 
 
 def parse_json(text: str) -> Any:
-    """The value of a document.
+    """Value of a JSON text.
 
     Raises
     ------
     ValueError
-        Where it is no JSON (a JSONDecodeError, which knows the place), nested too deeply, or holds a number or a text that no result has.
+        If it is not JSON (a JSONDecodeError, with the place), nested too deeply, or has a number out of range or text that is not Unicode.
     """
     try:
         value = json.loads(text, parse_constant=_refuse, parse_int=_integer)
@@ -68,7 +68,7 @@ def _integer(text: str) -> int:
 
 
 def _check(value: Any, texts: bool) -> None:
-    """Walk through all levels without recursion, which a deep document would exhaust later."""
+    """Check texts, numbers and depth, level by level: recursion would fail on a deep document."""
     level: list[Any] = [[value]]
     for _ in range(DEEPEST + 2):
         below: list[Any] = []
@@ -82,7 +82,7 @@ def _check(value: Any, texts: bool) -> None:
             inside = [*item.values(), *item] if isinstance(item, dict) else item
             if math.inf in inside or -math.inf in inside:
                 raise ValueError("a number is beyond the range of numbers")
-            # Rows of numbers, most of a document, need no look at each.
+            # Rows of numbers make up most of a document; their items need no check of their own.
             kinds = _WITH_TEXTS if texts else _NESTED
             below += [part for part in inside if type(part) in kinds]
         if not below:

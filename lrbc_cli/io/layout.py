@@ -1,4 +1,4 @@
-"""How a measurement file is laid out, where the file itself does not say."""
+"""Layout of a measurement file as the campaign states it (key ``format`` of a job): what the file itself does not say."""
 
 from __future__ import annotations
 
@@ -12,34 +12,34 @@ from lrbc_cli.io.units import Unit, numerator_quantity, parse_unit, response_qua
 
 @dataclass(frozen=True, kw_only=True)
 class TextLayout:
-    """Layout of a text file of FRFs; whatever is None is found out from the file and noted.
+    """Layout of a text file of FRFs; what is None is recognised from the file and noted.
 
-    ``unit`` and ``quantity`` hold for files of any format and take precedence over what the file says.
+    ``unit`` and ``quantity`` apply to files of any format and take precedence over what the file states.
 
     Attributes
     ----------
     delimiter : str or None
-        Between columns: ``,``, ``;``, a tab, or a blank for any run of blanks.
+        Separator of columns: ``,``, ``;``, a tab, or a blank for any run of blanks.
     decimal : str or None
         ``.`` or ``,``.
     skip : int or None
-        Lines before the header, or before the numbers where there is none.
+        Lines before the header, or before the numbers if there is no header.
     frequency : str, int or None
         Name or number (from 1) of the column of frequencies.
     frequency_unit : str or None
         ``Hz``, ``kHz`` or ``rad/s``.
     representation : str or None
-        ``real-imag``, ``magnitude-phase`` or ``db-phase`` (20 lg of the magnitude).
+        ``real-imag``, ``magnitude-phase`` or ``db-phase`` (magnitude in dB).
     phase : str or None
         ``deg`` or ``rad``.
     unit : str or None
-        Unit of the FRFs, such as ``Pa/N`` or ``g/N``; of the response alone, the force is in newtons.
+        Unit of the FRFs, such as ``Pa/N`` or ``g/N``; if it is the unit of the response alone, the force is in newtons.
     quantity : str or None
         pressure, displacement, velocity or acceleration.
     coherence : str, int or None
-        Variable (MATLAB, HDF5) that holds the coherence; column of a text file, by its name or number (from 1), of the only FRF in it.
+        Variable (MATLAB, HDF5) that holds the coherence; in a text file with one FRF, name or number (from 1) of its column.
     columns : mapping
-        Record name to the name or number (from 1) of its two columns; all other columns are left out.
+        Record name to the name or number (from 1) of each of its two columns; all other columns are left out.
     """
 
     delimiter: Literal[",", ";", "\t", " "] | None = None
@@ -55,7 +55,7 @@ class TextLayout:
     columns: Mapping[str, tuple[str | int, str | int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check what the keys say of one another: those of a job and of its file come together here."""
+        """Check that the keys agree: those of a job and of a single file are merged by now."""
         if self.delimiter is not None and self.delimiter == self.decimal:
             raise ConfigError("delimiter and decimal sign are the same", place="format", expected="two signs", found=repr(self.delimiter))
         stated = self.si_unit
@@ -66,7 +66,7 @@ class TextLayout:
 
     @property
     def si_unit(self) -> Unit | None:
-        """The stated unit over force, or None where none is stated."""
+        """Stated unit of the FRFs as response over force; None if none is stated."""
         if self.unit is None:
             return None
         unit = parse_unit(self.unit)

@@ -1,4 +1,7 @@
-"""FRFs from named arrays: variables of MATLAB files, fields of their structures, data sets of HDF5 files of any origin."""
+"""Recognises FRFs among named arrays: variables of MATLAB files, fields of their structures, data sets of HDF5 files of any origin.
+
+The MATLAB and HDF5 readers turn a file into ``Named``; here frequencies, FRFs, names, units and coherences are told by name and shape.
+"""
 
 from __future__ import annotations
 
@@ -39,13 +42,13 @@ _UNITS = {"units", "unit", "y_unit", "yunit", "y_units"}
 
 @dataclass(frozen=True)
 class Named:
-    """What a file holds, by name; parts of a name are divided by points.
+    """Arrays and texts of a file by their names; a name is a path through structures or groups, with dots between its parts.
 
     Attributes
     ----------
-    arrays : mapping
+    arrays : mapping of str to array
         Numbers, of any shape.
-    texts : mapping
+    texts : mapping of str to tuple of str
         Lists of texts.
     """
 
@@ -56,30 +59,30 @@ class Named:
         return {key: texts for key, texts in self.texts.items() if _group(key) == group and fold(_last(key)) in known}
 
     def axis_unit(self, name: str) -> str:
-        """Unit that an array of frequencies states itself; empty where it does not."""
+        """Unit stated by an array of frequencies itself (an attribute of its own); empty if there is none."""
         return next((texts[0] for texts in self._in(name, _UNITS).values() if len(texts) == 1), "")
 
     def names_of(self, name: str, count: int) -> tuple[str, ...]:
-        """Names of the columns of an array; of several columns what its structure lies in may hold them, too."""
+        """Names of the `count` columns of an array, from the innermost structure that lists as many; empty if there is none."""
         return next((texts for texts in self.lists_of_names(name, count).values() if len(texts) == count), ())
 
     def lists_of_names(self, name: str, count: int) -> dict[str, tuple[str, ...]]:
-        """What may name the columns of an array, of any number of entries."""
+        """Lists of any length that may name the columns of an array; outer structures are searched only for several columns."""
         groups = [name, *self._around(name)]
         return {key: texts for group in (groups if count > 1 else groups[:2]) for key, texts in self._in(group, _NAMES).items()}
 
     def _around(self, name: str) -> list[str]:
-        """The structures that an array lies in, the innermost first, the last of them the file."""
+        """Names of the structures that contain an array, innermost first; the last one, the file, is empty."""
         parts = name.split(".")[:-1]
         return [".".join(parts[:count]) for count in range(len(parts), -1, -1)]
 
     def units_of(self, name: str, path: Path) -> tuple[str, ...]:
-        """Units of an array: its own, else those of its structure, else of what this lies in, up to the file.
+        """Units of an array: its own, else those of the innermost structure around it that states any.
 
         Raises
         ------
         DataError
-            If two of these are units that contradict each other.
+            If units stated at several levels contradict each other.
         """
         found = {key: texts for group in (name, *self._around(name)) for key, texts in self._in(group, _UNITS).items()}
         known = {key: texts[0] for key, texts in found.items() if len(texts) == 1 and parse_unit(texts[0]) is not None}
@@ -100,17 +103,17 @@ class Named:
 def frf_set(named: Named, path: Path, layout: TextLayout) -> FrfSet:
     """All FRFs among named arrays, with their coherences.
 
-    Frequencies are an array called ``f``, ``freq``, ``frequency`` and the like (or as ``layout.frequency`` says), FRFs complex
-    arrays with as many rows (or columns, or pages), or pairs of real arrays ``NAME_real`` and ``NAME_imag``, in the same structure, or,
-    where ``layout.representation`` says what they hold, real arrays with both parts in the last dimension.
-    ``names`` and ``units`` beside them tell of the columns; ``coh`` or ``coherence`` (or what ``layout.coherence`` names) of the
-    same shape is their coherence. A complex matrix on its own has the frequency in its first column. Structures of Simcenter
-    Testlab (``x_values``, ``y_values``) are known.
+    The frequencies are an array called ``f``, ``freq``, ``frequency`` and the like (or named by ``layout.frequency``). FRFs are complex
+    arrays with one dimension of the same length, or pairs of real arrays ``NAME_real`` and ``NAME_imag`` in the same structure, or, if
+    ``layout.representation`` is given, real arrays with both parts in the last dimension.
+    ``names`` and ``units`` beside them describe the columns; ``coh`` or ``coherence`` (or what ``layout.coherence`` names) of the
+    same size is their coherence. A complex matrix without frequencies has them in its first column. Structures of Simcenter
+    Testlab (``x_values``, ``y_values``) are recognised.
 
     Raises
     ------
     DataError
-        If no FRF is understood, or a value is not finite.
+        If no FRF is recognised, a value is not finite, or frequencies, units or coherences are wrong.
     """
     reader = _NamedFrfs(_spread(named), path, layout)
     for name, (array, axis) in reader.found().items():
@@ -133,12 +136,12 @@ def frf_set(named: Named, path: Path, layout: TextLayout) -> FrfSet:
 
 
 def coherences(named: Named, path: Path, layout: TextLayout) -> dict[str, tuple[Floats, Floats]]:
-    """Frequencies and values of arrays that are called coherences, by the name of their column.
+    """Frequencies [Hz] and values, both (F,), of the columns of all arrays called coherence, by the name of the column.
 
     Raises
     ------
     DataError
-        If a value is no coherence.
+        If ``layout.coherence`` names no array, or a value lies outside 0 to 1.
     """
     reader = _NamedFrfs(named, path, layout)
     reader.require_coherence()
@@ -154,7 +157,7 @@ def coherences(named: Named, path: Path, layout: TextLayout) -> dict[str, tuple[
 
 
 class _NamedFrfs:
-    """The arrays of one file, and what becomes of them."""
+    """Sorts the arrays of one file into frequencies, FRFs and coherences, and collects records, notes and warnings."""
 
     def __init__(self, named: Named, path: Path, layout: TextLayout) -> None:
         self.named, self.path, self.layout = named, path, layout
@@ -164,7 +167,7 @@ class _NamedFrfs:
         self._used: set[str] = set()
 
     def axis_of(self, name: str) -> Floats | None:
-        """Frequencies [Hz] that belong to an array: of its own structure, else of the file."""
+        """Frequencies [Hz] of an array: those in its own structure, else those at the top level of the file; None if there are none."""
         for group in (_group(name), ""):
             for key, array in self.named.arrays.items():
                 if _group(key) == group and key != name and self._is_axis(key, array):
@@ -180,7 +183,7 @@ class _NamedFrfs:
         return vector and (key == str(wanted) or _last(key) == str(wanted) if wanted is not None else fold(_last(key)) in _AXES)
 
     def cut(self) -> str:
-        """That frequencies and FRFs differ by a line or two, so that one of them was cut alone; empty where they do not."""
+        """Hint if frequencies and FRFs differ in length by one or two lines, so that only one of them was cut; else empty."""
         for key, axis in self.named.arrays.items():
             for name, array in self.named.arrays.items() if self._is_axis(key, axis) else ():
                 near = [size for size in array.shape if array.dtype.kind == "c" and 0 < abs(size - axis.size) <= 2]
@@ -202,7 +205,7 @@ class _NamedFrfs:
         return frequency
 
     def _no_axis(self, place: str, count: int) -> DataError:
-        """That nothing is called a frequency, and what may be one."""
+        """Error that no array is called a frequency, with a vector of `count` entries that may be one as a hint."""
         arrays = self.named.arrays
         vectors = [_last(key) for key, array in arrays.items() if array.size == max(array.shape) == count and array.dtype.kind == "f"]
         name, unit = (vectors[0], frequency_unit(vectors[0], "", self.path, place)) if vectors else ("...", "...")
@@ -216,14 +219,14 @@ class _NamedFrfs:
         )
 
     def is_coherence(self, name: str) -> bool:
-        """Whether an array is called a coherence."""
+        """Whether an array is a coherence by its name, or by ``layout.coherence``."""
         wanted, last = self.layout.coherence, _last(name)
         if wanted is not None:
             return str(wanted) in (name, last)
         return fold(last) in _COHERENCES or heading(last).part == "coherence"
 
     def found(self) -> dict[str, tuple[NDArray[Any], Floats]]:
-        """FRFs and their frequencies, by name."""
+        """Complex FRF arrays and their frequencies [Hz], by name."""
         arrays, found = self.named.arrays, {}
         wanted = self.layout.frequency
         if wanted is not None and not any(self._is_axis(key, array) for key, array in arrays.items()):
@@ -251,7 +254,7 @@ class _NamedFrfs:
         return found
 
     def _holds_parts(self, name: str, array: NDArray[Any], count: int) -> bool:
-        """Whether the last dimension of a real array is said to hold the two parts of complex numbers."""
+        """Whether, by ``layout.representation``, the last dimension of a real array holds the two parts of complex numbers."""
         one_part = self.is_coherence(name) or heading(_last(name)).part in ("real", "imag")
         if self.layout.representation is None or array.shape[-1] != 2 or array.ndim < 2 or one_part:
             return False
@@ -289,17 +292,17 @@ class _NamedFrfs:
         )
 
     def require_coherence(self) -> None:
-        """Refuse a name of the coherence that no array has."""
+        """Raise a DataError if ``layout.coherence`` names no array."""
         if self.layout.coherence is not None and not any(map(self.is_coherence, self.named.arrays)):
             raise self._not_there("coherence", "the coherence", str(self.layout.coherence))
 
     def labels(self, name: str, columns: list[NDArray[Any]]) -> list[str]:
-        """Names of the columns of an array."""
+        """Names of the records from the columns of an array: a list of names, else the array's own name, numbered."""
         names = self.named.names_of(name, len(columns))
         if names:
             return [text.strip() for text in names]
         for key, texts in self.named.lists_of_names(name, len(columns)).items():
-            # A list may be of another array.
+            # Warn only if the list fits no other array either.
             fits = any(array.ndim > 1 and len(texts) in array.shape for array in self.named.arrays.values())
             if len(columns) > 1 and len(texts) > 1 and not fits:
                 self.warnings.append(
@@ -307,13 +310,13 @@ class _NamedFrfs:
                     "records: {RESPONSE: NUMBER, ...} in the job"
                 )
         group, own = _group(name), heading(_last(name)).name
-        # What is alone in its structure is called by that.
+        # The only FRF array of a structure is named after the structure.
         alone = sum(array.dtype.kind == "c" and _group(key) == group for key, array in self.named.arrays.items()) == 1
         base = own if own and not (alone and group) else _last(group) or _last(name)
         return [base] if len(columns) == 1 else [f"{base}_{index + 1}" for index in range(len(columns))]
 
     def read(self, name: str, array: NDArray[Any], axis: Floats) -> None:
-        """Add the records of one array."""
+        """Append the records of one array, one for each column, converted to SI."""
         columns = _columns(array, axis.size)
         labels = self.labels(name, columns)
         units = self.named.units_of(name, self.path) if self.layout.unit is None else ()
@@ -344,7 +347,7 @@ class _NamedFrfs:
             )
 
     def _coherence_of(self, name: str, shape: tuple[int, ...], axis: Floats) -> list[NDArray[Any]] | None:
-        """Columns of the coherence of an array: of its own name, else the only one of its structure and shape."""
+        """Columns of the coherence of an array: the one with its name, else the only one of its structure and size."""
         fitting = [
             key
             for key, array in self.named.arrays.items()
@@ -358,7 +361,7 @@ class _NamedFrfs:
         return _columns(self.named.arrays[chosen[0]], axis.size)
 
     def left_out(self) -> list[str]:
-        """One line on the arrays that serve no FRF."""
+        """Note on the arrays that are part of no FRF."""
         names = [name for name, array in self.named.arrays.items() if name not in self._used and array.size > 1]
         return [f"left out: {listing(names, 6)} (no FRF)"] if names else []
 
@@ -377,14 +380,14 @@ def _are_parts(real: str, imag: str) -> bool:
 
 
 def _columns(array: NDArray[Any], count: int) -> list[NDArray[Any]]:
-    """Columns along the frequencies, which may be the first dimension or, in arrays of outputs by inputs, the last."""
+    """Columns (F,) of an array along its frequency dimension: the first, else the last (outputs by inputs), of length `count`."""
     along = 0 if array.shape[0] == count else array.ndim - 1 if array.shape[-1] == count else list(array.shape).index(count)
     flat = np.moveaxis(array, along, 0).reshape(count, -1)
     return [flat[:, index] for index in range(flat.shape[1])]
 
 
 def _spread(named: Named) -> Named:
-    """The same with the structures of Simcenter Testlab as frequencies and values: start, increment and number of an axis."""
+    """Copy with Simcenter Testlab structures (start, increment and number of values of the axis) as arrays of frequencies and FRFs."""
     arrays, texts = dict(named.arrays), dict(named.texts)
     for key in named.arrays:
         group, _, last = key.rpartition(".x_values.")

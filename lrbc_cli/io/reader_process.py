@@ -1,7 +1,7 @@
-"""Files that the HDF5 library may hang or crash on, read in another process with a deadline.
+"""Reads HDF5 files in another process with a time limit, because the library may hang or crash on damaged files.
 
-A few damaged bits can send the library into an endless loop, or end its process. Its calls hold Python's lock, so that neither another
-thread nor Ctrl-C comes through. One process reads all files of a run; it is started with the first of them and ends with the run.
+A few damaged bits can send the library into an endless loop, or end its process. Its calls hold Python's global lock, so neither another
+thread nor Ctrl-C can interrupt them. One process reads all files of a run; it starts with the first file and ends with the run.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-#: Seconds for any file, far above what opening takes on a busy machine; and bytes a second of a slow network drive, for large ones.
+#: Time limit of a file: seconds, far above what opening takes on a busy machine, plus its size over the bytes a second of a slow drive.
 SECONDS, BYTES_A_SECOND = 30.0, 1e6
 
-#: Seconds for the process to start: it imports NumPy and SciPy, from a slow disk and under a virus scanner too.
+#: Seconds for the process to start: it imports NumPy and SciPy, perhaps from a slow disk or under a virus scanner.
 START_SECONDS = 120.0
 
-#: Between two looks at the deadline; Windows delivers Ctrl-C only between them.
+#: Seconds between two checks of the time limit; Windows delivers Ctrl-C only between them.
 _POLL = 0.1
 
-# The path of the modules is handed over: the caller may know this package from its working folder only. All of it is imported before a
-# deadline begins.
+# The module search path is passed on, since the caller may find this package only by its working folder. All imports precede the first
+# time limit.
 _BOOT = """
 import sys
 sys.path[:] = sys.argv[1:]
@@ -48,7 +48,7 @@ lrbc_cli.io.reader_process.serve()
 
 
 class _ReaderProcess:
-    """The other process."""
+    """Handle of the reading process: sends requests and receives replies as pickles over pipes."""
 
     def __init__(self) -> None:
         flags = 0
@@ -63,7 +63,7 @@ class _ReaderProcess:
         threading.Thread(target=self._receive, daemon=True).start()
 
     def _receive(self) -> None:
-        """Hand on every reply, at last None: a thread waits where Ctrl-C would not come through."""
+        """Queue every reply, and None at the end; a thread of its own, since Ctrl-C cannot interrupt a blocking read of the pipe."""
         assert self.process.stdout is not None
         try:
             while True:
@@ -77,11 +77,12 @@ class _ReaderProcess:
         self.process.stdin.flush()
 
     def reply(self, seconds: float) -> tuple[bool, Any] | None:
-        """Next reply; None where the process ended.
+        """Next reply; None if the process has ended.
 
         Raises
         ------
         TimeoutError
+            If there is none within `seconds`.
         """
         end = time.monotonic() + seconds
         while True:
@@ -92,13 +93,13 @@ class _ReaderProcess:
                     raise TimeoutError from None
 
     def close(self) -> int:
-        """End the process at once; its exit code, negative for a signal."""
+        """Kill the process and return its exit code, negative for a signal; 0 in a fork, which does not own it."""
         if self.owner != os.getpid():
             return 0
         self.process.kill()
         code = self.process.wait()
         for stream in (self.process.stdin, self.process.stdout):
-            # What was not sent yet is of no use to anybody.
+            # Closing may try to send what is still buffered.
             with contextlib.suppress(OSError, ValueError):
                 stream.close()  # type: ignore[union-attr]
         return code
@@ -110,21 +111,21 @@ _told: list[str] = []
 
 
 def read_apart(reader: Callable[..., T], path: Path, *arguments: object) -> T:
-    """Give ``reader(path, *arguments)``, found in another process.
+    """Return ``reader(path, *arguments)``, evaluated in the reading process.
 
     Parameters
     ----------
     reader
-        A function of a module of this package.
+        A function at the top level of a module of this package.
     path
-        The file; its size decides about the deadline.
+        The file; its size sets the time limit.
     arguments
-        What can be pickled, as the result.
+        Further arguments; they and the result must be picklable.
 
     Raises
     ------
     DataError
-        What the reader raises; and where it does not come to an end or its process does not survive.
+        If the reader raises it, does not finish in time, or its process crashes.
     """
     with _lock:
         process = _running()
@@ -135,7 +136,7 @@ def read_apart(reader: Callable[..., T], path: Path, *arguments: object) -> T:
             process.send((reader, str(Path.cwd()), (path, *arguments), seconds))
             reply = process.reply(seconds)
             if reply is None:
-                # Its own code, before it is killed.
+                # Read the exit code before _stop kills the process.
                 code = process.process.wait(timeout=_POLL * 100)
                 _stop()
                 raise _unreadable(
@@ -152,7 +153,7 @@ def read_apart(reader: Callable[..., T], path: Path, *arguments: object) -> T:
         except DataError:
             raise
         except BaseException:
-            # Ctrl-C: a process that hangs must not stay behind.
+            # After Ctrl-C the process may still hang and must not be left running.
             _stop()
             raise
     fine, value = reply
@@ -166,7 +167,7 @@ def _unreadable(path: Path, problem: str, expected: str, found: str) -> DataErro
 
 
 def _running() -> _ReaderProcess | None:
-    """The process, started where there is none; None where none can be started, which is told once."""
+    """The reading process, started if there is none; None if it cannot be started, with one warning."""
     global _reader
     if _reader is not None and (_reader.owner != os.getpid() or _reader.process.poll() is not None):
         _stop()
@@ -197,11 +198,11 @@ atexit.register(_stop)
 
 
 def serve() -> None:
-    """Answer requests until the caller ends; called in the other process."""
-    # The terminal sends Ctrl-C to both processes: ended by the system, inside the library too, so that no thread of the caller waits on.
+    """Answer requests until the caller ends; runs in the reading process."""
+    # The terminal sends Ctrl-C to both processes. The default action ends this one even inside the library, so the caller need not wait.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     replies = os.fdopen(os.dup(1), "wb")
-    # What a library prints is no reply.
+    # Keep what a library prints out of the replies.
     os.dup2(2, 1)
 
     def answer(fine: bool, value: object) -> None:
@@ -214,7 +215,7 @@ def serve() -> None:
             reader, folder, arguments, seconds = pickle.load(sys.stdin.buffer)
         except EOFError:
             return
-        # Where the caller was killed meanwhile: this timer needs no lock of Python's.
+        # Ends this process if the caller was killed meanwhile; this timer does not need Python's global lock.
         faulthandler.dump_traceback_later(seconds + 10.0, exit=True)
         with contextlib.suppress(OSError):
             os.chdir(folder)

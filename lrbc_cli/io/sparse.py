@@ -1,4 +1,4 @@
-"""From raw arrays to one canonical sparse matrix, and what can be wrong on the way."""
+"""Turns arrays of any matrix file into one canonical sparse matrix, with the checks that all matrix readers share."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lrbc_cli.model.dofs import DofLabels
 
 @dataclass(frozen=True, kw_only=True)
 class MatrixFile:
-    """A matrix as it was read.
+    """A matrix read from a file, with what the reader found out about it.
 
     Attributes
     ----------
@@ -26,13 +26,13 @@ class MatrixFile:
     format : str
         One of the formats of ``matrices/read.py``.
     notes : tuple of str
-        What the reader assumed or noticed, for ``lrbc check``.
+        What the reader assumed or noticed; printed by ``lrbc check``.
     warnings : tuple of str
-        What may be wrong with the file, for every command.
+        What may be wrong with the file; printed by every command.
     labels : DofLabels or None
-        Node and component of each row, where the file has them.
+        Node and component of each row, if the file has them.
     sized : bool
-        False where the file does not say how many rows there are: those at the end may be empty.
+        False if the file does not state the number of rows: empty rows at the end may be missing.
     """
 
     matrix: Any
@@ -53,7 +53,7 @@ def numeric(array: Any, path: Path, place: str) -> NDArray[Any]:
     """
     array = np.asarray(array)
     if array.dtype.names is not None and set(array.dtype.names) == {"real", "imag"}:
-        # MATLAB and some HDF5 writers store a complex number as a compound.
+        # MATLAB and some HDF5 writers store a complex number as a compound type.
         values = np.empty(array.shape, dtype=np.complex128)
         values.real, values.imag = numeric(array["real"], path, place), numeric(array["imag"], path, place)
         return values
@@ -77,12 +77,12 @@ def from_compressed(
     place: str,
     file_size: int,
 ) -> Any:
-    """Compressed arrays as a canonical CSC matrix, checked before scipy sees them.
+    """Canonical CSC matrix from compressed arrays, which are checked before scipy uses them.
 
     Raises
     ------
     DataError
-        If lengths, bounds or the order of ``indptr`` are wrong.
+        If lengths, bounds or the order of ``indptr`` are wrong, or a value is not finite.
     """
 
     def refuse(problem: str, expected: object, found: object) -> DataError:
@@ -119,12 +119,12 @@ def from_compressed(
 
 
 def from_coordinates(data: Any, row: Any, column: Any, shape: tuple[int, int], *, path: Path, place: str, file_size: int) -> Any:
-    """Coordinate arrays (0-based) as a canonical CSC matrix.
+    """Canonical CSC matrix from coordinate arrays (0-based); duplicates are summed.
 
     Raises
     ------
     DataError
-        If lengths or bounds are wrong.
+        If lengths or bounds are wrong, or a value is not finite.
     """
     check_dimensions(shape, file_size, path, place)
     values = numeric(data, path, place)
@@ -146,7 +146,7 @@ def from_coordinates(data: Any, row: Any, column: Any, shape: tuple[int, int], *
 
 
 def canonical(matrix: Any, path: Path, place: str) -> Any:
-    """Any sparse or dense matrix as the one canonical form, without NaN or Inf.
+    """Sparse or dense matrix in canonical form: CSC, float64 or complex128, indices sorted, duplicates summed, no explicit zeros.
 
     Raises
     ------
@@ -182,7 +182,7 @@ def require_square(matrix: Any, path: Path, place: str) -> None:
     Raises
     ------
     DataError
-        If rows and columns differ in number, or there are none.
+        If the numbers of rows and columns differ, or are zero.
     """
     rows, columns = matrix.shape
     if rows != columns or rows == 0:
@@ -190,7 +190,7 @@ def require_square(matrix: Any, path: Path, place: str) -> None:
 
 
 def only_matrix(names: list[str], path: Path, notes: list[str], *, holder: str = "file", beside: list[str], hint: str | None) -> str:
-    """Name of the only matrix of a file, where none is asked for; it is noted.
+    """Name of the only matrix of a file, used if the campaign names none; a note says so.
 
     Parameters
     ----------
@@ -198,12 +198,13 @@ def only_matrix(names: list[str], path: Path, notes: list[str], *, holder: str =
         Matrices of the file.
     path : Path
     notes : list of str
+        The note is appended.
     holder : str
-        What the file is, in messages.
+        Word for the file in messages.
     beside : list of str
-        What it holds instead, where it holds no matrix.
+        What the file holds instead, listed if it holds no matrix.
     hint : str or None
-        What to do then.
+        What to do in that case.
 
     Raises
     ------
@@ -223,19 +224,19 @@ def only_matrix(names: list[str], path: Path, notes: list[str], *, holder: str =
 
 
 def no_such_matrix(name: str, names: list[str], path: Path, holder: str = "file") -> DataError:
-    """Error for a name that none of a file's matrices has."""
+    """Error for a name that no matrix of a file has."""
     problem, hint = f"the {holder} contains no such matrix", "give one of these after '#'"
     return DataError(problem, file=path, place=name, expected=repr(name), found=listing(names), hint=hint)
 
 
 def stored_triangle(matrix: Any, field: NDArray[Any] | None = None) -> str | None:
-    """``"lower"`` or ``"upper"`` where a field's own off-diagonal entries all lie in one triangle, else None.
+    """``"lower"`` or ``"upper"`` if the off-diagonal entries within a field all lie in that triangle, else None.
 
     Parameters
     ----------
     matrix : (n, n) csc_array
     field : (n,) array or None
-        Field of each row; one where None. Entries between fields do not count: the coupling blocks of u-p models lie in one triangle.
+        Field of each row; None: a single field. Entries between fields do not count: the coupling blocks of u-p models lie in one triangle.
     """
     if matrix.shape[0] != matrix.shape[1]:
         return None
@@ -252,14 +253,14 @@ def stored_triangle(matrix: Any, field: NDArray[Any] | None = None) -> str | Non
 
 
 def mirrored(matrix: Any) -> tuple[Any, tuple[str, ...]]:
-    """Complete a matrix of a format that stores symmetric ones by half: where no entry has its mirror image, all of them get one.
+    """Complete a symmetric matrix of which half is stored: if no off-diagonal entry has its mirror image, all mirror images are added.
 
-    Unlike ``stored_triangle``, in whatever order the rows stand.
+    Unlike ``stored_triangle``, this does not depend on the order of the rows.
 
     Returns
     -------
     csc_array, tuple of str
-        Notes on what was done.
+        The matrix, and notes on what was done.
     """
     entries = matrix.tocoo()
     off = entries.row != entries.col

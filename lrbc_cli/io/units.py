@@ -1,4 +1,4 @@
-"""Unit labels such as ``Pa/N`` or ``(m/s^2)/N`` and what they are in SI."""
+"""Parses unit labels such as ``Pa/N`` or ``(m/s^2)/N`` into a factor to SI and a dimension, which tells the quantity of an FRF."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Unit:
     time: int = 0
 
     def __mul__(self, other: Unit) -> Unit:
-        """Multiply two units."""
+        """Product of two units."""
         return Unit(self.factor * other.factor, self.length + other.length, self.force + other.force, self.time + other.time)
 
     def __pow__(self, exponent: int) -> Unit:
@@ -93,20 +93,20 @@ _SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 _TOKEN = re.compile(r"\s*(\*\*|\^|[()*/·]|[A-Za-zµμ°]+|-?\d+)")
 _DECIBEL = re.compile(r"db(?![a-z])\s*(?:(?:re|ref|rel|bez)\b\.?:?|/)?\s*([\d.,]+(?:e[-+]?\d+)?)?\s*(.*)", re.IGNORECASE)
 
-#: Quantity of an FRF by the dimension (length, time) of its response; rotations have no length.
+#: Quantity of a motion by its dimension (length, time); rotations have no length.
 _RESPONSES = {(1, 0): "displacement", (1, -1): "velocity", (1, -2): "acceleration"}
 
 
 def parse_unit(label: str) -> Unit | None:
-    """Read a unit label; None where it is empty, ``NONE`` or not understood.
+    """Unit of a label; None if it is empty, ``NONE`` or not understood.
 
-    Understands products, quotients (left to right), powers written as ``^2``, ``**2``, ``2`` or a superscript,
-    and parentheses. ``g`` is the standard acceleration of gravity, ``lb`` a pound-force.
+    Products, quotients (left to right), powers written as ``^2``, ``**2``, ``2`` or a superscript, and parentheses
+    are understood. ``g`` is the standard acceleration of gravity, ``lb`` a pound-force.
     """
     text = re.sub(
         r"[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+", lambda m: "^" + m.group().translate(_SUPERSCRIPTS), label.strip().strip("[]").replace("µ", "u").replace("μ", "u")
     )
-    # "ms-2" is no reciprocal square of a millisecond.
+    # "ms-2" means m/s^2, not the inverse square of a millisecond.
     text = re.sub(r"(?<![A-Za-z])m ?s\^?-([12])", r"m/s^\1", text)
     if not text or text.upper() in ("NONE", "-") or len(text) > 80:
         return None
@@ -127,7 +127,7 @@ def parse_unit(label: str) -> Unit | None:
 
 
 def decibel(label: str) -> tuple[float, str] | None:
-    """Reference of a unit such as ``dB re 1 Pa/N`` as value and unit, empty where it names none; None for what is no decibel."""
+    """Reference of a unit such as ``dB re 1 Pa/N`` as value and unit (empty if not stated); None if the label is not in decibels."""
     match = _DECIBEL.fullmatch(label.strip())
     if match is None:
         return None
@@ -141,9 +141,9 @@ def decibel(label: str) -> tuple[float, str] | None:
 
 
 def response_quantity(unit: Unit) -> str | None:
-    """Quantity of an FRF over force, by its dimension; None where it is none.
+    """Quantity of an FRF by the dimension of its unit, response over force; None if the unit is not that of an FRF.
 
-    Translations and rotations, forces and moments as input are understood; an angle over a moment counts
+    Responses may be pressures, translations or rotations, inputs forces or moments; an angle over a moment counts
     as a displacement.
     """
     length, force, time = unit.dimension
@@ -155,7 +155,7 @@ def response_quantity(unit: Unit) -> str | None:
 
 
 def numerator_quantity(unit: Unit) -> str | None:
-    """Quantity of a response alone (not over a force), by its dimension; None where it is none."""
+    """Quantity of a response alone (not over a force) by the dimension of its unit; None if it is not that of a response."""
     if unit.dimension == (-2, 1, 0):
         return "pressure"
     if unit.force == 0 and unit.length in (0, 1) and (unit.length, unit.time) != (0, 0):

@@ -1,1 +1,1 @@
-"""Identifies, judges and reports jobs as their files arrive."""
+"""The command ``lrbc watch``: identifies, judges and reports jobs as their measurement files arrive."""

@@ -1,4 +1,4 @@
-"""Which jobs have new files that nobody writes to any more."""
+"""Finds the jobs whose files are new and no longer being written, by polling their sizes and modification times."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-#: Size [bytes] and time of change [ns] of each file of a job.
+#: Path, size [bytes] and modification time [ns] of each file of a job.
 Signature = tuple[tuple[str, int, int], ...]
 
 
 @dataclass
 class _Arrival:
-    """What is known of the files of a job: how they are, since when, when they are looked at again, and whether that is over."""
+    """State of a job's files: signature, since when [s], when to check again [s], whether processed, whether a delay was reported."""
 
     signature: Signature
     since: float
@@ -22,12 +22,12 @@ class _Arrival:
 
 
 class Arrivals:
-    """Files by job, seen now and then; events may be missed, nothing but what is there counts.
+    """Tracks the files of all jobs by polling; file events are not needed, so none can be missed.
 
     Parameters
     ----------
     settle : float
-        Seconds for which size and time of change of all files of a job must have stayed.
+        Seconds for which the signature of a job's files must not have changed.
     """
 
     def __init__(self, settle: float) -> None:
@@ -35,19 +35,19 @@ class Arrivals:
         self._jobs: dict[str, _Arrival] = {}
 
     def look(self, files: Mapping[str, Sequence[Path]], now: float) -> list[str]:
-        """Jobs whose files are all there, stay as they are, and were not done with yet; those that wait longest first.
+        """Jobs whose files all exist, no longer change and are not processed yet, in the order in which their files settled.
 
         Parameters
         ----------
         files : mapping
             All files of each job.
         now : float
-            A clock that never runs backwards [s].
+            Time of a monotonic clock [s].
         """
         for name, paths in files.items():
             found, known = signature(paths), self._jobs.get(name)
             if found is None:
-                # A file that was renamed is another job's; one that comes back is new.
+                # A renamed file belongs to another job; a file that comes back counts as new.
                 self._jobs.pop(name, None)
             elif known is None or known.signature != found:
                 self._jobs[name] = _Arrival(found, now, now + self.settle)
@@ -58,40 +58,40 @@ class Arrivals:
 
     @property
     def next(self) -> float | None:
-        """When the next job is to be looked at again, by the clock of ``look``; None where all are done with."""
+        """Time at which the next job is to be checked, by the clock of ``look``; None if all are processed."""
         return min((job.again for job in self._jobs.values() if not job.done), default=None)
 
     def there(self, name: str) -> bool:
-        """Whether all files of a job are there."""
+        """Whether all files of a job exist."""
         return name in self._jobs
 
     def through(self, name: str) -> bool:
-        """Whether all files of a job are there and were done with."""
+        """Whether all files of a job exist and are processed."""
         return name in self._jobs and self._jobs[name].done
 
     def done(self, name: str) -> None:
-        """Its files are done with, until one of them changes."""
+        """Mark a job as processed, until one of its files changes."""
         if name in self._jobs:
             self._jobs[name].done = True
 
     def anew(self, name: str) -> None:
-        """What it rests on has changed: it is looked at once more."""
+        """Mark a job as not processed, since what its result rests on has changed."""
         if name in self._jobs:
             self._jobs[name].done = False
 
     def later(self, name: str, now: float, seconds: float) -> bool:
-        """Look at it again after some time; whether that has to be told, once for each state of its files."""
+        """Check a job again after `seconds`; True for the first delay of these files, which is reported."""
         job = self._jobs[name]
         first, job.again, job.told = not job.told, now + seconds, True
         return first
 
     def age(self, name: str, now: float) -> float:
-        """Seconds for which its files have stayed as they are."""
+        """Seconds since the last change of a job's files."""
         return now - self._jobs[name].since
 
 
 def signature(paths: Sequence[Path]) -> Signature | None:
-    """What changes when files do; None where one is missing or out of reach."""
+    """Path, size and modification time of each file; None if one is missing or cannot be reached."""
     found = []
     try:
         for path in paths:

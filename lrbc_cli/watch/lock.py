@@ -1,4 +1,7 @@
-"""One watcher a campaign: a file beside the results that its owner touches, and that nobody else obeys once the owner is gone."""
+"""Lock file beside the results that allows one ``lrbc watch`` for each campaign.
+
+The owner touches it regularly; a lock whose owner has ended, or on another machine has not touched it for ``GONE``, is taken over.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +19,15 @@ from lrbc_cli.errors import ConfigError, room_or
 
 NAME = ".watch.lock"
 
-#: Seconds without a sign of life after which a watcher on another machine counts as gone.
+#: Seconds without a touch after which a watcher on another machine counts as ended.
 GONE = 300.0
 
-#: Seconds in which a watcher that begins has written who it is.
+#: Seconds within which a starting watcher has written its name into the file.
 BEGINS = 5.0
 
 
 class Lock:
-    """Held from ``take`` to ``release``.
+    """The lock of one results folder, held from ``take`` to ``release``.
 
     Parameters
     ----------
@@ -37,12 +40,12 @@ class Lock:
         self.token = uuid.uuid4().hex
 
     def take(self) -> None:
-        """Become the watcher of these results.
+        """Acquire the lock.
 
         Raises
         ------
         ConfigError
-            Where another one is, or the folder cannot be written.
+            If another watcher holds it, or the folder cannot be written.
         """
         owner = {"token": self.token, "pid": os.getpid(), "host": socket.gethostname()}
         try:
@@ -73,7 +76,7 @@ class Lock:
         )
 
     def _create(self, text: str) -> None:
-        """Write it where there is none yet; one that could not be written is taken away again."""
+        """Create the lock file with `text`, and remove it if writing fails; FileExistsError if there is one."""
         file = self.path.open("x", encoding="utf-8")
         try:
             with file:
@@ -83,12 +86,12 @@ class Lock:
             raise
 
     def beat(self) -> None:
-        """Give a sign of life.
+        """Touch the lock file, or write it again if it is missing or unreadable.
 
         Raises
         ------
         ConfigError
-            Where another watcher took over, as after hours of sleep.
+            If another watcher took over, for instance after the machine slept for hours.
         """
         owner = _read(self.path)
         if owner is not None and owner.get("token") != self.token:
@@ -100,20 +103,20 @@ class Lock:
                 os.utime(self.path)
 
     def release(self) -> None:
-        """Let others watch."""
+        """Remove the lock file if it is still this watcher's."""
         owner = _read(self.path)
         if owner is not None and owner.get("token") == self.token:
             with suppress(OSError):
                 self.path.unlink()
 
     def _other(self) -> str | None:
-        """The watcher that holds it, in words; None where it is gone."""
+        """Description of the watcher that holds the lock; None if it has ended."""
         owner = _read(self.path) or {}
         pid, host = owner.get("pid"), owner.get("host")
         with suppress(OSError):
             quiet = time.time() - self.path.stat().st_mtime
             if not owner:
-                # Being written just now, or left by a full disk or a crash.
+                # The file is just being written, or was left empty by a full disk or a crash.
                 return "one that is just starting" if quiet < BEGINS else None
             if host == socket.gethostname() and type(pid) is int:
                 return f"process {pid}" if psutil.pid_exists(pid) else None

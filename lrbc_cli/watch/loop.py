@@ -1,4 +1,4 @@
-"""The loop of ``lrbc watch``: wait for files, judge what is complete, tell it, write the page."""
+"""The loop of ``lrbc watch``: wait for files, identify and judge complete jobs, write the page, report the verdicts."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Pace:
-    """Seconds: between looks without an event, that files must stay as they are, that a cut one is waited for, until a retry."""
+    """Times [s]: between checks without an event, for files to settle, to wait for an incomplete file, between retries of writing."""
 
     interval: float = 2.0
     settle: float = 0.3
@@ -34,9 +34,9 @@ class Pace:
 
 
 class Wake:
-    """Waits for changes in folders, or a time, whichever comes first.
+    """Waits until files in folders change or a time is over.
 
-    Events only save time: they get lost on network drives and while a machine sleeps, so what is there is looked at anyway.
+    Events only save time: they get lost on network drives and while a machine sleeps, so the files are polled as well.
     """
 
     def __init__(self) -> None:
@@ -44,7 +44,7 @@ class Wake:
         self._folders: set[Path] = set()
 
     def watch(self, folders: Iterable[Path]) -> None:
-        """Events of these folders from now on."""
+        """Listen to changes in these folders from now on, in place of those before."""
         there = {folder for folder in folders if folder.is_dir()}
         if there == self._folders:
             return
@@ -54,7 +54,7 @@ class Wake:
             threading.Thread(target=self._listen, args=(there, self._stop), daemon=True).start()
 
     def wait(self, seconds: float) -> None:
-        """Until something changed, or so long."""
+        """Wait for a change, for at most `seconds`."""
         self._changed.wait(seconds)
         self._changed.clear()
 
@@ -63,7 +63,7 @@ class Wake:
         return self._changed.is_set()
 
     def stop(self) -> None:
-        """No more events."""
+        """Stop listening."""
         self._stop.set()
 
     def _listen(self, folders: set[Path], stop: threading.Event) -> None:
@@ -85,16 +85,16 @@ class Watch:
     ----------
     session : Session
     tell : callable
-        Gets each verdict, once its page is written.
+        Called with each verdict, after the page is written.
     say : callable
-        Gets a line on what is not a verdict.
+        Called with each message that is not a verdict.
     pace : Pace
     findings : dict
-        What is known of each job that was measured, for an exit code.
+        Finding of each measured job, for the exit code.
     failed : set
-        Jobs without a verdict, though they were measured.
+        Measured jobs without a verdict.
     unusable : dict
-        Of these what is wrong with their files, for the page, until they are fixed or taken away.
+        Error of each job that failed or cannot be read, for the page, until its files are fixed or removed.
     """
 
     session: Session
@@ -112,25 +112,25 @@ class Watch:
         self._passed_over: list[str] = []
         self._cold = True
         self._known: object = None
-        # The page of earlier results is to refresh itself too.
+        # A page of earlier results is written again, so that it refreshes itself.
         self._page_again, self._undrawn = 0.0, any(self.session.output.glob("*/result.json"))
-        # Results that no page shows were told to nobody: whoever found them was killed before.
+        # Results newer than the page were not reported yet: the process that found them was killed before.
         self._shown = _written(self.session.output / "report.html")
         self._told: set[str] = set()
 
     def run(self, once: bool = False) -> None:
-        """Until interrupted; or, once, until everything that is there is judged.
+        """Run until interrupted; with `once`, until all complete jobs are judged.
 
         Raises
         ------
         LrbcError
-            Where another watcher has these results, the reduced model cannot be had, or it is interrupted.
+            If another watcher has or takes over these results, or the reduced model cannot be built.
         """
         self.lock.take()
         try:
             self.session.prepare()
             while True:
-                # Before the look: what changes after it wakes the next one.
+                # Listen before checking the files, so that a change in between ends the next wait.
                 self.wake.watch(self._folders())
                 self._reload()
                 for name in self._look():
@@ -144,14 +144,14 @@ class Watch:
                 self.lock.beat()
         finally:
             self.wake.stop()
-            # As it stays, it does not refresh itself; interrupted, its image files are left to `lrbc report`.
+            # The last page does not refresh itself; after an interruption its image files are left to `lrbc report`.
             self._page_again = 0.0
             if any(self.session.output.glob("*/result.json")):
                 self._page(figures=once, live=False)
             self.lock.release()
 
     def _idle(self) -> None:
-        """What need not be done while somebody waits for a verdict."""
+        """Work for idle times: prepare the next job, draw the image files."""
         reference = self.session.campaign.update.reference
         if self._cold and reference is not None and self.arrivals.there(reference) and reference not in self.failed:
             self._cold = False
@@ -169,7 +169,7 @@ class Watch:
         return own | ({campaign.watch.folder} if campaign.watch is not None else set())
 
     def _reload(self) -> None:
-        """Read the campaign file again where it, or what lies in the folder, is not what it was."""
+        """Read the campaign file again if it or the list of files in the watched folder has changed."""
         watch = self.session.campaign.watch
         before, self._passed_over = self._passed_over, passed_over(self.session.campaign)
         for text in self._passed_over:
@@ -187,7 +187,7 @@ class Watch:
             return
         self._known, campaign = now, self.session.campaign
         for name in old.jobs.keys() - campaign.jobs.keys():
-            # Renamed or taken away: what it was is another job's, or nobody's.
+            # A job that is gone was renamed or removed; its finding no longer counts.
             self.findings.pop(name, None)
             self.failed.discard(name)
         other = campaign.model_dump(exclude={"jobs"}) != old.model_dump(exclude={"jobs"})
@@ -202,7 +202,7 @@ class Watch:
             self.say(text)
 
     def _look(self) -> list[str]:
-        """Jobs that can be judged now, those that others rest on first."""
+        """Jobs that can be judged now; tight states, on which others rest, come first."""
         ready = self.arrivals.look({name: job.all_files for name, job in self.session.campaign.jobs.items()}, time.monotonic())
         gone = [name for name in self.unusable if not self.arrivals.there(name)]
         for name in gone:
@@ -215,8 +215,8 @@ class Watch:
         return sorted(ready, key=lambda name: tight.index(name) if name in tight else len(tight))
 
     def _one(self, name: str, once: bool) -> None:
-        """Judge a job, unless its files are not complete yet or a tight state is missing."""
-        # One whose file is still being copied is no failure of this job.
+        """Judge a job if its files are complete and the tight states that it needs are there; else let it wait."""
+        # A tight state whose file is still being copied makes this job wait, not fail.
         lacking = [other for other in self.session.needed(name) if not self.arrivals.through(other) or other in self.failed]
         if lacking:
             self.findings[name] = JobFinding(status="waiting")
@@ -265,24 +265,24 @@ class Watch:
             self._once(f"{other}: {problem}")
         if name in session.tight:
             self._cold = True
-            # What changed for the others is found where they are planned; those that nothing concerns are kept.
+            # The other jobs are checked again; `run_jobs` keeps the results that are still valid.
             for other in session.campaign.jobs:
                 if other not in session.tight[: session.tight.index(name) + 1]:
                     self.arrivals.anew(other)
 
     def _untold(self, name: str) -> bool:
-        """Whether a result that still holds was written after the page that was there at the start, and not told since."""
+        """Whether a kept result is newer than the page at the start and was not reported since."""
         return name not in self._told and _written(self.session.output / name / "result.json") > self._shown
 
     def _without(self, name: str, error: Exception, verdict: Verdict) -> None:
-        """Tell of a job that has no verdict, on the page too."""
+        """Report a job that cannot be judged, on the page too."""
         self.arrivals.done(name)
         self.unusable[name] = on_one_line(error)
         self._show()
         self._out(verdict)
 
     def _show(self) -> None:
-        """Write the page for what is said beside the verdicts, where there is one."""
+        """Write the page again for changed messages beside the verdicts, if there are results to show."""
         if any(self.session.output.glob("*/result.json")):
             self._page(figures=False)
 
@@ -306,11 +306,11 @@ class Watch:
         self.tell(verdict)
 
     def _page(self, *, figures: bool, live: bool = True) -> None:
-        """Write the page; where that fails the results are there all the same, and it is tried again."""
+        """Write the page; if that fails, the results are kept all the same and it is tried again after ``pace.retry``."""
         if time.monotonic() < self._page_again:
             return
         try:
-            # Image files are drawn while nobody waits for a verdict.
+            # Drawing stops as soon as a file changes: verdicts come first.
             halt = self.wake.due if live and figures else lambda: False
             self.session.report(live=live, figures=figures, halt=halt, unusable=self.unusable, passed_over=self._passed_over)
             self._undrawn = not figures or halt()
@@ -325,7 +325,7 @@ class Watch:
 
 
 def _written(path: Path) -> float:
-    """When a file was written [s]; zero where there is none."""
+    """Modification time of a file [s]; zero if it cannot be reached."""
     try:
         return path.stat().st_mtime
     except OSError:

@@ -1,4 +1,4 @@
-"""A campaign that stays in memory while its jobs arrive: model, calibration and reduced model are read or built once."""
+"""Keeps a campaign in memory while its jobs arrive: model, calibration and reduced model are read or built once."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from lrbc_cli.report.write import write_report
 from lrbc_cli.updating.misfit.cost import SLOPE_STEP
 from lrbc_cli.updating.statistics.lines import covers
 
-#: What is read of the end of a text file, to see whether its last line has one [bytes].
+#: Bytes read at the end of a text file, to see whether its last line has a line end.
 TAIL = 64
 
 
 @dataclass(frozen=True)
 class WatchSettings:
-    """What the command line says of a session, beside the campaign file."""
+    """Options of the command line for a session."""
 
     config: Path
     overrides: tuple[str, ...]
@@ -42,18 +42,18 @@ class WatchSettings:
 
 
 class Session:
-    """The campaign between two measurements.
+    """A campaign with its model, calibration and reduced model, which judges one job after another.
 
     Parameters
     ----------
     settings : WatchSettings
     progress : callable
-        Gets one line of text a step.
+        Called with one line of text for each step.
 
     Raises
     ------
     ConfigError, DataError
-        Where the campaign file or its model is unusable.
+        If the campaign file or its model cannot be used.
     """
 
     def __init__(self, settings: WatchSettings, progress: Callable[[str], None] = lambda _: None) -> None:
@@ -65,7 +65,7 @@ class Session:
 
     @property
     def campaign(self) -> Campaign:
-        """As the file and the folder have it now."""
+        """The campaign by the last reading of its file and of the watched folder."""
         return self.inputs.campaign
 
     @property
@@ -75,22 +75,22 @@ class Session:
 
     @property
     def tight(self) -> tuple[str, ...]:
-        """Jobs that others rest on: the one of the calibration, the reference job, the baselines; those before that others need."""
+        """Jobs on which others rest, in the order of judging: the job of the calibration, the reference job, the baselines."""
         update, calibration = self.campaign.update, self.campaign.calibration if self.settings.calibration else None
         names = (None if calibration is None else calibration.job, update.reference, *update.baselines)
         return tuple(dict.fromkeys(name for name in names if name is not None))
 
     def needed(self, name: str) -> tuple[str, ...]:
-        """Jobs without which a job cannot be judged; a baseline that is not measured yet is none."""
+        """Jobs without which a job cannot be judged: those of ``tight`` except baselines, which may be missing."""
         return tuple(other for other in self.tight if other != name and other not in self.campaign.update.baselines)
 
     def reload(self) -> None:
-        """Take up jobs that have come or gone, and everything else where the file says something else.
+        """Read the campaign again: new or removed jobs are taken over; if anything else changed, the model is read again too.
 
         Raises
         ------
         ConfigError, DataError
-            Where the file is unusable now; the session goes on with what it has.
+            If the file cannot be used; the session keeps its earlier state.
         """
         new = load_campaign(self.settings.config, self.settings.overrides)
         require_inputs_apart(new)
@@ -102,26 +102,26 @@ class Session:
         self._source, self._calibrated = None, False
 
     def prepare(self) -> FrfSource:
-        """FRFs of the reduced model, in memory; raises as ``obtain_reduction`` does."""
+        """FRF source of the reduced model, built or loaded at the first call; raises as ``obtain_reduction``."""
         if self._source is None:
             settings = self.settings
             self._source = obtain_source(self.inputs, settings.cache, accept=settings.accept, progress=self.progress)
         return self._source
 
     def complete(self, name: str) -> bool:
-        """Whether the measurement of a job looks as if it were all there.
+        """Whether the measurement of a job seems complete: it covers the band, and no text file ends within a line.
 
         Raises
         ------
         LrbcError
-            Where it cannot be read to its end.
+            If it cannot be read.
         """
         job = self.campaign.jobs[name]
         found = read_measurement(self.inputs, job, name).frequency_hz
         return covers(found, self.campaign.reduction.band) and not any(_cut(path) for path in job.all_files)
 
     def judge(self, name: str, missing: Sequence[str]) -> Outcome:
-        """Identify and judge one job, and what it rests on where that changed; calibrates first where that is to be done.
+        """Identify and judge one job, and the jobs that it rests on if they changed; calibrates first if the campaign says so.
 
         Parameters
         ----------
@@ -132,7 +132,7 @@ class Session:
         Raises
         ------
         LrbcError
-            Where the calibration fails or nothing can be written.
+            If the calibration fails or the results cannot be written.
         """
         settings, calibration = self.settings, self.campaign.calibration
         if calibration is not None and settings.calibration and (name == calibration.job or not self._calibrated):
@@ -154,7 +154,7 @@ class Session:
         return outcome
 
     def warm(self, name: str) -> None:
-        """Have at hand what the next job on the lines of this one asks for: libraries, port FRFs, start values; raises as ``judge``."""
+        """Prepare libraries, interface FRFs and start values for further jobs with the lines of this one; raises as ``judge``."""
         source, found = self.prepare(), read_measurement(self.inputs, self.campaign.jobs[name], name)
         select_lines(self.inputs, found, name)
         s = 2j * np.pi * found.frequency_hz
@@ -164,7 +164,7 @@ class Session:
     def report(
         self, *, live: bool, figures: bool, halt: Callable[[], bool], unusable: Mapping[str, str], passed_over: Sequence[str]
     ) -> Path:
-        """Write the page anew; raises as ``write_report`` does."""
+        """Write the page again; raises as ``write_report``."""
         return write_report(
             self.output,
             expected=list(self.campaign.jobs),
@@ -182,7 +182,7 @@ class Session:
 
 
 def _cut(path: Path) -> bool:
-    """Whether a text file stops within a line."""
+    """Whether a text file ends within a line; False for binary files."""
     if b"\0\0" in head(path, 4096):
         return False
     with path.open("rb") as file:

@@ -1,4 +1,4 @@
-"""What is told of one job: on the terminal, as a JSON line, and to the hook."""
+"""The verdict on one job as ``lrbc watch`` reports it: on the terminal, as a JSON line, and to the hook command."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from lrbc_cli.errors import ConfigError
 from lrbc_cli.results.job import Job
 from lrbc_cli.updating.judging.clearance import FINISHED, JobFinding, not_clear, once_more
 
-#: Seconds that a hook may take.
+#: Time limit of a hook [s].
 PATIENCE = 30.0
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What was found in one job.
+    """Verdict on one job.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class Verdict:
     verdict : str
         ``loose``, ``tight``, ``inconclusive``, ``reference``, ``baseline``, ``unexplained``, ``failed`` or ``unusable``.
     exit_code : int
-        What ``lrbc update --job NAME --fail-on-loose`` gives: 0 all clear, 6 loose, 7 no all-clear, 5 failed, 3 unusable.
+        That of ``lrbc update --job NAME --fail-on-loose``: 0 all clear, 6 loose, 7 no all-clear, 5 failed, 3 unusable.
     sentence : str
     """
 
@@ -38,12 +38,12 @@ class Verdict:
     sentence: str
 
     def tree(self) -> dict[str, str | int]:
-        """As a JSON line has it."""
+        """Content of the JSON line."""
         return asdict(self)
 
 
 def verdict_of(record: Job, known: Mapping[str, JobFinding]) -> Verdict:
-    """Of a job that was identified, or failed at that, beside what is known of the others."""
+    """Verdict on a job with a result or a failure; the findings of the other jobs (`known`) show whether it was measured twice."""
     found = record.finding
     if found.status not in FINISHED:
         word, code = found.status, 5 if found.status == "failed" else 7
@@ -56,24 +56,24 @@ def verdict_of(record: Job, known: Mapping[str, JobFinding]) -> Verdict:
 
 
 def unusable(job: str, error: Exception) -> Verdict:
-    """Of a job whose files cannot be read."""
+    """Verdict on a job whose files cannot be read."""
     return Verdict(job, "unusable", 3, f"{job}: no verdict; measure again or fix the file: {error}")
 
 
 class Hook:
-    """A command that is run at each verdict, with the job, the verdict and the exit code as further arguments.
+    """A command of the user that runs at each verdict, with the job, the verdict and the exit code as further arguments.
 
-    They are given as arguments, never to a shell, and together with the sentence and the page in the environment too.
+    No shell is used. The environment holds the same (``LRBC_JOB`` etc.), and the sentence and the path of the page.
 
     Parameters
     ----------
     command : str
-        Program and arguments, in quotes where they hold blanks.
+        Program and arguments, in quotes if they contain blanks.
 
     Raises
     ------
     ConfigError
-        Where there is no such program.
+        If the command cannot be parsed or there is no such program.
     """
 
     def __init__(self, command: str) -> None:
@@ -89,7 +89,7 @@ class Hook:
         self.words[0] = program
 
     def run(self, verdict: Verdict, page: Path) -> str | None:
-        """Run it; why it did not end well, None where it did."""
+        """Run the command; returns why it failed, None if it did not."""
         told: Mapping[str, str] = {
             "LRBC_JOB": verdict.job,
             "LRBC_VERDICT": verdict.verdict,
@@ -99,7 +99,7 @@ class Hook:
         }
         line = [*self.words, verdict.job, verdict.verdict, str(verdict.exit_code)]
         try:
-            # What it prints is no result of this command.
+            # Its output goes to stderr: stdout carries the results of lrbc.
             done = subprocess.run(line, env={**os.environ, **told}, stdin=subprocess.DEVNULL, stdout=2, timeout=PATIENCE, check=False)
         except subprocess.TimeoutExpired:
             return f"stopped after {PATIENCE:g} s"
