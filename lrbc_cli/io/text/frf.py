@@ -79,7 +79,7 @@ def read_frf_text(path: Path, layout: TextLayout) -> FrfSet:
 
 def _of_table(table: TextTable, path: Path, layout: TextLayout, within: str = "") -> FrfSet:
     """All FRFs of one table ``within`` the file."""
-    notes = list(table.notes)
+    notes = [*table.notes] if within else [*table.notes, table.begins]
     at = _frequency_column(table, layout, path)
     frequency = _frequencies(table, at, layout, path, notes)
     named = None if layout.coherence is None else _find(table, layout.coherence, path, "format.coherence")
@@ -142,7 +142,7 @@ def _of_blocks(several: list[Block], path: Path, layout: TextLayout) -> FrfSet:
             if layout.representation is None and not layout.columns:
                 table = replace(table, headings=block.stated(table.headings))
             found = _of_table(table, path, layout, f"{block.place}, ")
-            told += [note for note in found.notes if not note.startswith("numbers from line")]
+            told += found.notes
             warnings += found.warnings
             records += [(block, replace(record, number=number, place=block.place)) for record in found.records]
     if not records:

@@ -46,6 +46,8 @@ class TextTable:
         That of the frequencies, likewise.
     notes : tuple of str
         What was found out rather than told.
+    begins : str
+        Note on where the numbers begin, for a file of one table.
     delimiter : str
         Between the cells.
     """
@@ -56,6 +58,7 @@ class TextTable:
     unit: str
     axis_unit: str
     notes: tuple[str, ...]
+    begins: str
     delimiter: str
 
     def called(self, at: int) -> str:
@@ -99,9 +102,6 @@ def read_table(path: Path, layout: TextLayout, lines: list[str], before: int = 0
         headings = tuple(replace(one, part=part or one.part) for one, two in zip(headings, parts, strict=True) for part in two)
     if layout.delimiter is None or layout.decimal is None:
         notes.append(f"columns separated by {_NAMES[delimiter]}, decimal {'point' if decimal == '.' else 'comma'}")
-    notes.append(
-        f"numbers from line {before + start + 1} on, {'header found' if any(one != Heading() for one in headings) else 'no header'}"
-    )
     usable = np.isfinite(rows).all(axis=1)
     first = int(np.argmax(usable)) if usable.any() else 0
     if first or unusable:
@@ -114,6 +114,7 @@ def read_table(path: Path, layout: TextLayout, lines: list[str], before: int = 0
         unit=stated_unit(above),
         axis_unit=stated_axis_unit(above),
         notes=tuple(notes),
+        begins=f"numbers from line {before + start + 1} on, {'header found' if any(one != Heading() for one in headings) else 'no header'}",
         delimiter=delimiter,
     )
 

@@ -206,11 +206,9 @@ def judge(
             why = f"{which} the reference job: check whether all bolts were tight there"
         else:
             # Without a loose bolt no change is certain enough to explain the apparent fault of the measurement.
-            why = f"{evidence.excused}; the change identified would explain it, but no bolt is judged loose;"
-        reasons = "; ".join([why.rstrip(";"), *([valid.unvalidated] if valid.unvalidated else [])])
-        valid = replace(
-            valid, passed=None, unvalidated=reasons, reason=f"not validated: {why}{'' if why.endswith('?') else ';'} {valid.reason}"
-        )
+            why = f"{evidence.excused}; the change identified would explain it, but no bolt is judged loose"
+        reasons = "; ".join([why, *([valid.unvalidated] if valid.unvalidated else [])])
+        valid = replace(valid, passed=None, unvalidated=reasons, reason=f"not validated: {why}; {valid.reason}")
     several = _alternatives(evidence, found) if valid.explained and role == JOB else ()
     return Judgement(validity=valid, bolts=found, implausible=rises, alternatives=several, fallen=fallen)
 
