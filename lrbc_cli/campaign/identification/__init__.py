@@ -1,1 +1,1 @@
-"""One identification: the measurement of a job, its unknowns and weights, the fit, and the outcome."""
+"""Identification of one job: its measurement, unknowns, weights, fit and result. Begin with ``identify`` and ``job``."""

@@ -1,4 +1,4 @@
-"""Correlation figures of a job for its result files."""
+"""Correlation of measured and computed FRFs (FRAC, FDAC, peak frequencies) for the result files of a job."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ FDAC_COLUMNS = ["measured_hz", "model_hz", "initial", "updated"]
 
 
 def correlation_of(inputs: Inputs, result: Identification) -> Correlation:
-    """Compare the measured with the initial and the updated FRFs of a job, validation channels included."""
+    """Correlation of the measured FRFs of a job with those of the initial and the updated model, validation channels included."""
     quantities = tuple(response.quantity for response in inputs.responses)
     measurement = result.measurement
     return correlate(measurement.frequency_hz, measurement.values, result.initial, result.updated, quantities)
 
 
 def correlation_tree(inputs: Inputs, found: Correlation) -> dict[str, Any]:
-    """The key ``correlation`` of ``result.json``; means of FRAC are over the responses that the updating uses, and over the others."""
+    """Value of the key ``correlation`` of ``result.json``; FRAC is averaged over the responses used, and over the validation channels."""
     initial, final = found.mean_peaks.shifts_percent()
     used, validation = inputs.used, inputs.validation
     return {
@@ -45,18 +45,18 @@ def correlation_tree(inputs: Inputs, found: Correlation) -> dict[str, Any]:
 def _peaks(table: PeakTable) -> list[dict[str, float]]:
     columns = (table.measured_hz, table.initial_hz, table.final_hz)
     names = ("measured_hz", "initial_hz", "final_hz")
-    # Six digits are finer than any line.
+    # Six digits are finer than any line spacing.
     return [{name: float(f"{value:.6g}") for name, value in zip(names, row, strict=True)} for row in zip(*columns, strict=True)]
 
 
 def mean_of(values: Floats) -> float | None:
-    """Of the values that there are."""
+    """Mean of the finite values; None if there are none."""
     finite = values[np.isfinite(values)]
     return float(finite.mean()) if finite.size else None
 
 
 def fdac_rows(result: Identification, found: Correlation) -> list[list[float]]:
-    """Rows of ``fdac.csv``: measured line, line of the model, FDAC before and after, to three decimals."""
+    """Rows of ``fdac.csv``: measured line [Hz], line of the model [Hz], FDAC of the initial and of the updated model, to three decimals."""
     f = result.measurement.frequency_hz[found.lines]
     initial, updated = found.fdac_initial.round(3), found.fdac_final.round(3)
     n = range(f.size)

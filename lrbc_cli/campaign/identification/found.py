@@ -1,4 +1,4 @@
-"""What one updating job found."""
+"""Results of one job: ``Fit`` passes from step to step of the identification, ``Identification`` goes on to the judgement and the files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,24 @@ from lrbc_cli.updating.statistics.saturation import Saturation
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """One way to compare, carried through; ``plain`` is the cost about the measurement without what drifted."""
+    """A fit to the measurement, absolute or relative to the reference job.
+
+    Attributes
+    ----------
+    measured : (m, U) complex array
+        What the FRFs of the model are compared with, on the selected lines, nuisance parameters taken out at their estimates.
+    relative : bool
+        The measurement was corrected by the model discrepancy of the reference state.
+    plain : Misfit
+        Cost about ``measured``, without nuisance parameters.
+    misfit : Misfit
+        Cost with nuisance parameters; the same as ``plain`` without any.
+    solution : Solution
+    knowledge : Posterior
+    curve : LCurve or None
+    evaluations : int
+        Evaluations of the cost.
+    """
 
     measured: Complexes
     relative: bool
@@ -32,11 +49,11 @@ class Fit:
 
     @property
     def left_db(self) -> float:
-        """Mean difference at the lines compared, a gain that is allowed for taken out [dB]."""
+        """Mean absolute difference over the lines compared, without a gain that is marginalised [dB]."""
         return self.plain.mean_db(self.plain.model.frf(self.solution.theta))
 
     def after(self, evaluations: int) -> Fit:
-        """The same, with what was evaluated on another way."""
+        """The same, with the evaluations of other attempts added."""
         solution = replace(self.solution, evaluations=self.solution.evaluations + evaluations)
         return replace(self, solution=solution, evaluations=self.evaluations + evaluations)
 
@@ -49,47 +66,49 @@ class Identification:
     ----------
     name : str
     solution : Solution
-        Its theta is that of ``parameters``.
+        Its theta holds the values of ``parameters``, without nuisance parameters.
     parameters : Parameterisation
     saturations : dict
-        By stiffness group.
+        Where the FRFs saturate, by stiffness group.
     measurement : Measurement
     selected : int array
         Lines that entered the cost.
     initial, updated : (F, R) complex arrays
-        FRFs of the model on all measured lines, what drifted included in the latter.
+        FRFs of the model on all measured lines; the latter with nuisance parameters and gains.
     misfit_initial, misfit_final : (R,) float arrays
         Mean absolute dB difference over all lines of the band.
     notes : tuple of str
-        On weights, on the choice of the regularisation, on what was compared.
+        On weights, on the choice of the regularisation, and on what was compared.
     posterior : Posterior
     opens : two (size,) bool arrays
-        Whether the data object to each value being free, or clamped; True where they do not.
+        Whether each value may be free, and whether it may be clamped: True if the data do not exclude it.
     prior : (size,) float array
+        Theta of the reference job, or the start values.
     against_reference : bool
         The unknowns are changes against the reference job.
     relative : bool
         The measurement was corrected by the model discrepancy of the reference state.
     line_evaluations : int
     seconds : dict
+        Wall time of each step [s].
     regularisation : float
         Weight of the penalty [dB² per decade²].
     l_curve : LCurve or None
-        Where the weight was chosen by it.
+        If the weight was chosen by it.
     changes : ChangeSamples or None
-        Changes at the bolts where their prior is a mixture.
+        Sampled changes at the bolts, if their prior is a mixture.
     beyond : (b,) float array or None
-        How much further those of joints may have loosened, see ``sampling.beyond_of`` [decades].
+        How much further joints may have loosened than their samples say, see ``sampling.beyond_of`` [decades].
     warnings : tuple of str
-        Those of the notes that a user has to act on.
+        Notes that the user has to act on.
     reference : ReferenceState or None
-        Of the reference job, where there is another and it has a result.
+        Of the reference job, if it is another job and has a result.
     tight : Measurement or None
-        Of that job, where it can be read.
+        Of the reference job, if it can be read.
     expected : (F, R) complex array or None
-        What the reference job measured, with the change that was identified; None without it, or on other lines.
+        Measured FRFs of the reference job times the identified change; None without that measurement, or if its lines differ.
     gains : Gains or None
-        Against the reference job, in that itself against the model; part of ``updated``, as those of the reference job are.
+        Relative to the reference job, in the reference job to the model; ``updated`` contains them and those of the reference job.
     """
 
     name: str

@@ -1,6 +1,7 @@
-"""Gains: factors of FRFs that are the same at all lines, as sensitivities that are off leave them.
+"""Gains: factors of FRFs that are the same at all lines, caused by wrong sensitivities.
 
-A job may differ from the reference job by one gain of all responses, another hammer; the reference job from the model by one of each.
+A job may differ from the reference job by one gain that all responses share (another hammer), the reference job from the model by one
+gain of each response. Which gains are believed: guide page *statistics*, section 1.
 """
 
 from __future__ import annotations
@@ -18,14 +19,14 @@ from lrbc_cli.updating.statistics.error_model import ErrorModel
 
 @dataclass(frozen=True)
 class Gains:
-    """By how much measured FRFs lie above expected ones at all lines.
+    """Levels of measured above expected FRFs, the same at all lines.
 
     Attributes
     ----------
     values, stds : (U,) float arrays
-        Of the responses used, and their standard deviations [dB].
+        Gains of the responses used, and their standard deviations [dB].
     shared : bool
-        One gain of all responses, against the reference job; else one of each, against the model.
+        True: one gain of all responses relative to the reference job; False: one of each relative to the model.
     """
 
     values: Floats
@@ -34,36 +35,36 @@ class Gains:
 
     @property
     def mean(self) -> tuple[float, float]:
-        """Of all responses used; the standard deviation of a shared gain, else that of their mean."""
+        """Mean gain of the responses used, and its standard deviation [dB]."""
         return float(self.values.mean()), float(self.stds.max() if self.shared else np.sqrt(np.mean(self.stds**2) / self.stds.size))
 
     def alike(self, errors: ErrorModel) -> bool:
-        """Whether all responses lie on one side, and less far from each other than from none."""
+        """Whether the gains are shared, or differ by less than ``gain_shown`` times their mean."""
         return self.shared or float(np.ptp(self.values)) < errors.gain_shown * abs(float(self.values.mean()))
 
     def seen(self, errors: ErrorModel) -> Bools:
-        """(U,) whether it lies, with its 95 % interval, beyond what a measuring chain is calibrated to."""
+        """(U,) whether the 95 % interval of a gain lies beyond ``least_gain_db``, the accuracy of a calibrated measuring chain."""
         return np.asarray(np.abs(self.values) - NORMAL_95 * self.stds > errors.least_gain_db)
 
     def shown(self, elsewhere: Floats, errors: ErrorModel) -> Bools:
-        """(U,) whether a gain shows on lines where damping would not, which moves levels about resonances, and hardly others.
+        """(U,) whether the lines that were not compared confirm a gain; damping moves levels about resonances, and others hardly.
 
         Parameters
         ----------
         elsewhere : (m, U) float array
-            By how much levels lie above what the fit expects on lines that are not compared [dB]; NaN where not known.
+            Measured levels above those that the fit expects, on the lines that are not compared [dB]; NaN if unknown.
         """
         middle = np.array([_median(elsewhere if self.shared else elsewhere[:, at]) for at in range(self.values.size)])
         return np.asarray(np.isnan(middle) | (np.abs(middle - self.values) < errors.gain_shown * np.abs(self.values)))
 
     def over(self, inputs: Inputs) -> Floats:
-        """(R,) those of all responses [dB]: of one that is not used what the others have in common, as far as they tell it."""
+        """(R,) gains of all responses [dB]; validation channels get the mean of the others, shrunk to zero if gains are not shared."""
         found = np.full(len(inputs.responses), self.mean[0] * (1.0 if self.shared else self.values.size / (1.0 + self.values.size)))
         found[inputs.used] = self.values
         return found
 
     def factors(self, inputs: Inputs) -> Floats:
-        """(R,) the same as factors on FRFs."""
+        """(R,) gains of all responses as factors of the FRFs."""
         return np.asarray(10.0 ** (self.over(inputs) / 20.0))
 
 
@@ -73,7 +74,7 @@ def _median(values: Floats) -> float:
 
 
 def columns_of(inputs: Inputs, *, shared: bool) -> Floats:
-    """(U, K) gains that may be wrong, of one standard deviation [dB]: of all responses used, and of each where they are not shared."""
+    """(U, K) prior gains of one standard deviation [dB]: one that all responses used share and, unless ``shared``, one of each."""
     common = np.ones((inputs.used.size, 1))
     return inputs.statistics.errors.gain_db * (common if shared else np.hstack([common, np.eye(inputs.used.size)]))
 
@@ -81,7 +82,7 @@ def columns_of(inputs: Inputs, *, shared: bool) -> Floats:
 def gains_of(
     inputs: Inputs, misfit: Misfit, theta: Floats, jacobian: Floats, covariance: Floats, variance: float, *, shared: bool
 ) -> Gains | None:
-    """Gains at an optimum; None where the cost allows for none. For the parameters see ``Misfit.gains``."""
+    """Gains at an optimum; None if the cost has none. For the parameters see ``Misfit.gains``."""
     found = misfit.gains(theta, jacobian, covariance, variance)
     if found is None:
         return None
@@ -90,30 +91,30 @@ def gains_of(
 
 
 def none_shown(inputs: Inputs, elsewhere: Floats) -> bool:
-    """Whether the lines that are not compared lie so near to the model that no gain of a response could show there.
+    """Whether the levels on lines that are not compared differ so little from the model that they could confirm no gain.
 
     Parameters
     ----------
     elsewhere : (m, U) float array
-        See ``Gains.shown``, of a fit without gains.
+        As in ``Gains.shown``, for a fit without gains.
     """
     middle, errors = np.array([_median(column) for column in elsewhere.T]), inputs.statistics.errors
     return bool(middle.size and np.all(np.abs(middle) < errors.gain_shown * errors.least_gain_db))
 
 
 def kept(inputs: Inputs, gains: Gains | None, left: tuple[float, float], elsewhere: Floats) -> bool:
-    """Whether gains bring a fit nearer to the measurement, and one of them is seen and shows.
+    """Whether gains are accepted: the misfit falls with them, and at least one is significant and confirmed by other lines.
 
-    Where bolts change much, errors of the predicted changes and a gain are told apart by little: one that leaves more than was left
-    without it is none. Against the model the mass may be the inverse of a gain, and stiffnesses with it: there half of the gains has to be
-    missing without them, by the squares, else nothing is wrong that they would mend.
+    If bolts change much, errors of the predicted changes resemble a gain: one with which the misfit does not fall is none. Relative to the
+    model, factors of mass and stiffness together can act like a gain. There the square of the misfit must also fall by the mean square of
+    the gains times ``gain_shown`` squared.
 
     Parameters
     ----------
     inputs : Inputs
     gains : Gains or None
     left : (float, float)
-        Misfit without gains, and with them [dB].
+        Misfit without and with gains [dB].
     elsewhere : (m, U) float array
         See ``Gains.shown``.
     """

@@ -1,4 +1,4 @@
-"""One updating job: from a measurement to identified parameters and what is known of them."""
+"""Entry to the identification of one job: fit (``job``), posterior of the changes (``sampling``), result to be judged and written."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from lrbc_cli.updating.search.lcurve import curve_notes
 
 
 def fit(inputs: Inputs, source: FrfSource, name: str, reference: ReferenceState | None, measurements: Mapping[str, Measurement]) -> Fit:
-    """The optimisation of one job alone: the cost as it was weighted in the end, and its minimum. Parameters as of ``identify``."""
+    """Minimum of the cost of one job, with the final weights, without posterior samples. Parameters as in ``identify``."""
     with source.threads():
         return Job(inputs, source, name, reference, measurements).best()
 
@@ -35,17 +35,19 @@ def identify(
     reference: ReferenceState | None = None,
     measurements: Mapping[str, Measurement] | None = None,
 ) -> Identification:
-    """Run one job.
+    """Identify the parameters of one job, with their posterior.
 
     Parameters
     ----------
     inputs : Inputs
     source : FrfSource
+        Interface FRFs of the reduced (or full) model.
     name : str
+        Job of the campaign.
     reference : ReferenceState or None
-        What the reference job found; None: a direct identification.
+        Result of the reference job; None for an identification that does not start from one.
     measurements : mapping or None
-        Measurements that are at hand, by job: their files are not read.
+        Measurements by job that were read already; the files of other jobs are read.
 
     Returns
     -------
@@ -54,9 +56,9 @@ def identify(
     Raises
     ------
     DataError
-        Where its measurement is unusable.
+        If the measurement is unusable.
     NumericalError
-        Where the optimisation fails.
+        If the optimisation fails.
     """
     with source.threads():
         return _identified(Job(inputs, source, name, reference, measurements or {}))

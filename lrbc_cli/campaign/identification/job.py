@@ -1,4 +1,7 @@
-"""One job of a campaign: its measurement, its cost, and the descents of it."""
+"""The fit of one job: reads its measurement, sets up its cost, and finds the minimum. ``Job.best`` runs all steps in order.
+
+The search is described on the guide page *method* (Updating), weights and gains on the page *statistics*.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +44,31 @@ log = logging.getLogger(__name__)
 
 
 class Job:
-    """What the steps of one identification share."""
+    """Measurement, model, unknowns and weights of one job, and the steps of its identification.
+
+    Attributes
+    ----------
+    measurement : Measurement
+    s : (F,) complex array
+        i omega of the measured lines [rad/s].
+    parameters, limits : Parameterisation, dict
+        See ``unknowns.parameterise``.
+    start, prior : (size,) float arrays
+        Theta of the start values; theta of the reference job, or the start values without it.
+    against_reference : bool
+        The unknowns are changes relative to the reference job.
+    shapes : Shapes
+        ``theta = prior + T z``: hats and joints in jobs that follow a reference job, single values otherwise.
+    selected : (m,) int array
+        Lines that enter the cost.
+    sharp : bool
+        The lines do not resolve the peaks.
+    error : ChangeError or None
+    gains : (U, K) float array or None
+        Gains to be marginalised, see ``gains.columns_of``.
+    sigma, tight_sigma : (m, U) float arrays or None
+        Measurement noise of this and of the reference job [dB].
+    """
 
     def __init__(
         self, inputs: Inputs, source: FrfSource, name: str, reference: ReferenceState | None, given: Mapping[str, Measurement]
@@ -76,13 +103,13 @@ class Job:
         self.notes += [*notes, *left_out(inputs, self.measurement, self._told(name, self.measurement), noise_of)]
 
     def _read(self, name: str) -> Measurement:
-        """From its file where it was not handed over, once."""
+        """Measurement of a job, read from its files unless it was passed in or read before."""
         if name not in self._given:
             self._given[name] = read_measurement(self.inputs, self.inputs.campaign.jobs[name], name)
         return self._given[name]
 
     def _before(self) -> Floats | None:
-        """Theta of the reference job, where it is the prior."""
+        """Theta of the reference job if that is the prior, else None."""
         job = self.inputs.campaign.update.reference
         if self.method.approach == "paper" or job is None or job == self.name:
             return None
@@ -92,7 +119,7 @@ class Job:
         return found
 
     def _change_error(self) -> ChangeError | None:
-        """How wrong the changes may be that the model predicts; None without a state that it explains."""
+        """Error of the changes that the model predicts; None without a result of the reference job, or if lines are not weighted."""
         if self.reference is None or not self.shapes.by_bolt or not self.method.weighted:
             return None
         step = SLOPE_STEP * float(self.measurement.frequency_hz[-1])
@@ -109,17 +136,17 @@ class Job:
             found = bolt_shapes(self.parameters, bolts.xyz, values, self.statistics.bolts)
             if (found.bolts >= 0).any():
                 return found
-        # A weight that is given is one of decades.
+        # A weight given in the campaign refers to decades, not to standard deviations.
         return node_shapes(self.parameters, values.std if self.method.follows_noise else 1.0)
 
     def measured(self) -> Complexes:
-        """(F, U) measurement on the selected lines, for the responses used, without the gains of the reference job."""
+        """(m, U) measured FRFs on the selected lines, for the responses used, without the gains of the reference job."""
         return self._used(self.name, self.measurement, self.selected)
 
     def _told(self, job: str, measurement: Measurement) -> Complexes:
-        """See ``out_of_noise``, worked out once; beside a reference job, where that is out of noise.
+        """(F, R) measured values, NaN where noise prevents comparison, see ``out_of_noise``; computed once per job.
 
-        A loosened bolt may drown what is clear there: that is evidence, and no noise to do without.
+        With a reference job its noise decides: where a loosened bolt lets a response drown in noise, that is evidence.
         """
         reference = str(self.inputs.campaign.update.reference)
         if job not in self._values and self.against_reference and job != reference:
@@ -132,7 +159,7 @@ class Job:
         return self._values[job]
 
     def _used(self, job: str, measurement: Measurement, lines: Integers) -> Complexes:
-        """(F, U) some lines of a job, out of noise, for the responses used, without the gains of the reference job."""
+        """(m, U) FRFs of a job on some lines, for the responses used, NaN where noisy, without the gains of the reference job."""
         return np.asarray((self._told(job, measurement) / self.lifted)[np.ix_(lines, self.inputs.used)])
 
     @property
@@ -142,9 +169,9 @@ class Job:
         return np.array([10.0 ** (known.get(response.name, 0.0) / 20.0) for response in self.inputs.responses])
 
     def corrected(self) -> Complexes | None:
-        """The same times what the model at the reference state has over the reference measurement, where both are known.
+        """(m, U) ``measured`` times the model's over the measured FRFs of the reference state; None if these cannot be compared.
 
-        The model discrepancy of the tight state is mostly that of the others too; a small change then shows above it.
+        The model discrepancy of the reference state is mostly that of the other states too, so it cancels, and small changes show.
         """
         reference = self.inputs.campaign.update.reference
         if not self.against_reference or reference is None:
@@ -152,7 +179,7 @@ class Job:
         try:
             tight = self.tight = self._read(reference)
         except DataError as error:
-            # Its earlier result still serves.
+            # The stored result of the reference job is still the prior.
             self.warnings.append(f"the measurement of {reference} is unusable ({error.problem}): compared without correction")
             return None
         if which := unlike(self.measurement.frequency_hz, tight.frequency_hz):
@@ -163,7 +190,7 @@ class Job:
         return self.measured() * correction(self._tight_frf(), known, self.statistics.errors.most_correction_db)
 
     def of_reference(self) -> Measurement | None:
-        """The measurement of the reference job; None in that itself, or where it cannot be read."""
+        """Measurement of the reference job; None in the reference job itself, or if it cannot be read."""
         reference = self.inputs.campaign.update.reference
         if self.tight is not None or reference in (None, self.name):
             return self.tight
@@ -173,7 +200,7 @@ class Job:
             return None
 
     def fit(self, measured: Complexes, relative: bool, *, unexplained_db: float = 3.0) -> Fit:
-        """Minimise; the weight of the prior by the method. An end that leaves more than so much is not yet believed."""
+        """Minimum of the cost, with the weight of the prior as the method sets it; more starts if more than ``unexplained_db`` is left."""
         method, bounds, weight = self.method, self.parameters.bounds, self.method.regularisation
         eta = self.statistics.values.first_variance if weight == "noise" else 0.0 if weight == "l-curve" else float(weight)
         misfit = self._misfit(measured, eta, relative)
@@ -197,7 +224,7 @@ class Job:
                 further, sought = self._sought(misfit, beside["wide"])
             solution = gauss_newton_by_levels(misfit, begin, bounds, further=further, **beside, **stop)
             if span is not None and solution.evaluation.misfit_db > unexplained_db:
-                # The table may have stepped over a narrow valley: before anything is blamed, a closer one.
+                # The valley may be narrower than the steps of the table: try levels between them.
                 closer, more = self._table(misfit, between(LEVELS))
                 first, places = solution, {"the end without it": solution.theta} | closer
                 again = gauss_newton_by_levels(misfit, begin, bounds, further=places, **beside, **stop)
@@ -223,17 +250,17 @@ class Job:
         ).after(sought)
 
     def _table(self, misfit: Misfit, levels: Sequence[float] = LEVELS) -> tuple[dict[str, Floats], int]:
-        """States of loosened bolts by a table, described; bolts side by side may have loosened together. And evaluations."""
+        """Theta of the best states of loosened bolts by tables, by description, and evaluations; neighbours are tried in pairs, too."""
         bolts = self.inputs.bolts
         assert bolts is not None
         pairs = neighbouring_columns(self.parameters, bolts.xyz, self.shapes)
         return search(misfit, self.shapes, self.parameters.bounds, pairs, names=bolts.name, levels=levels)
 
     def _sought(self, misfit: Misfit, wide: Sequence[Misfit]) -> tuple[dict[str, Floats], int]:
-        """States from which to descend, described; and evaluations. ``wide`` are costs between smoothed spectra, where there are some."""
+        """Theta of the starts of descents, by description, and evaluations; ``wide``: costs between smoothed spectra, may be empty."""
         further, sought = self._table(misfit)
         if wide:
-            # Where all joints scatter, a loose one shows there only; where the model errs, on the lines only.
+            # If all joints scatter, a loose one shows in smoothed spectra only; where the model errs, on the measured lines only.
             tabled, more = self._table(wide[0])
             led, most = narrowed(wide, tabled, self.parameters.bounds, self.shapes.T)
         else:
@@ -249,7 +276,7 @@ class Job:
         return Misfit(self.model, measured, self.prior, eta, rows, sigma=sigma, errors=errors, **further)
 
     def _smoothed(self, misfit: Misfit, relative: bool) -> list[Misfit]:
-        """Costs between smoothed spectra, the widest first."""
+        """Costs between smoothed spectra, the strongest smoothing first."""
         used, every = self.inputs.used, np.arange(self.s.size)
         reference = self.inputs.campaign.update.reference
         tight = self._used(str(reference), self.tight, every) if relative and self.tight is not None else None
@@ -257,21 +284,21 @@ class Job:
         return smoothed_costs(misfit, model, self.measurement.frequency_hz, own, tight, self.statistics.calibration)
 
     def _descend(self, misfit: Misfit, start: Floats) -> Solution:
-        """One descent by the optimiser of the method; the Jacobian of its evaluation is to z."""
+        """One descent from theta ``start`` by the optimiser of the method; the Jacobian of its result is with respect to z."""
         method, bounds = self.method, self.parameters.bounds
         if method.optimiser == "gauss-newton":
             return descend(misfit, start, bounds, self.shapes.T, tolerance=method.tolerance, max_iterations=method.max_iterations)
         return bfgs(misfit, start, bounds, tolerance=method.tolerance, max_iterations=method.max_iterations)
 
     def _nuisances(self) -> tuple[Nuisance, ...]:
-        """What may have drifted; in the reference job itself, from which the others drift, where the hammer hit."""
+        """Nuisance parameters of this job; in the reference job only the hammer offset, as the others are relative to that job."""
         update = self.inputs.campaign.update
         if self.against_reference:
             return nuisances_of(self.inputs, update.nuisances)
         return hits_of(self.inputs, update.nuisances) if self.name == update.reference else ()
 
     def _tight_frf(self) -> Complexes:
-        """FRFs of the model at the reference state on the selected lines, hit where the reference job was."""
+        """(m, U) FRFs of the model in the reference state on the selected lines, with the hammer offset of the reference job."""
         nuisances = hits_of(self.inputs, self.inputs.campaign.update.nuisances)
         offsets = {} if self.reference is None else self.reference.hammer_offset_m
         if not nuisances or self.source.stage is None or not offsets:
@@ -280,15 +307,15 @@ class Job:
         return model.frf(np.concatenate([self.prior, [offsets.get(nuisance.name, 0.0) for nuisance in nuisances]]))
 
     def drifted(self, fit: Fit, *, rounds: int = 3, steps: int = 12, tolerance: float = 1e-3, change: float = 0.15) -> Fit:
-        """The same with what may have drifted since the reference job, from here and from the reference state.
+        """The fit continued with nuisance parameters, from its end and from the reference state; the same fit without any.
 
-        Its evaluations cost a factorisation of the reduced model a line. Rounds of noise, iterations and stop rule of each, and change of
-        the noise variance that needs no further round.
+        Each evaluation factorises the reduced model at every line. At most ``rounds`` of new weights, each with ``steps`` iterations
+        (stop: ``tolerance``), until the noise variance changes by less than the share ``change``.
         """
         nuisances = self._nuisances()
         if not nuisances:
             return fit
-        # The campaign file is refused where it asks for drift of the full model.
+        # With the full model, campaigns with nuisance parameters were refused when the file was read.
         model = self.source.drifting(self.s[self.selected], self.parameters, nuisances, self.inputs.used)
         noise, least = fit.knowledge.noise, self.statistics.errors.least_variance
         T = np.zeros((model.size, self.shapes.T.shape[1] + len(nuisances)))
@@ -302,7 +329,7 @@ class Job:
             limit = min(iterations, self.method.max_iterations)
             return gauss_newton(level, np.clip(z, box[:, 0], box[:, 1]), box, tolerance=tolerance, max_iterations=limit)
 
-        # Drift alone may explain what a first fit gave to the bolts: the reference state is a start of its own.
+        # Nuisance parameters alone may explain what the first fit attributed to bolts: the reference state is a second start.
         first = np.concatenate([fit.knowledge.z, np.zeros(len(nuisances))])
         begun = [onwards(z, 2) for z in (first, np.zeros(first.size))]
         evaluations = fit.evaluations + sum(found.evaluations for found in begun)
@@ -332,14 +359,14 @@ class Job:
             iterations=fit.solution.iterations + found.iterations,
             evaluations=fit.solution.evaluations + evaluations - fit.evaluations,
         )
-        # The same measurement without what drifted, as far as it is known: the port formula then serves for what follows.
+        # Nuisance parameters are taken out of the measurement at their estimates, so that later steps can use the interface FRFs.
         own = solution.theta
         measured = fit.measured * (self.model.frf(own) / model.frf(found.theta))
         plain = self._misfit(measured, misfit.eta if fit.plain.eta else 0.0, fit.relative).weighted_as(misfit)
         return replace(fit, measured=measured, plain=plain, misfit=misfit, solution=solution, knowledge=knowledge, evaluations=evaluations)
 
     def best(self) -> Fit:
-        """Relative for changes at bolts, where the reference job has the same lines."""
+        """Final fit: relative to the reference job if its lines are the same, with gains if accepted, then with nuisance parameters."""
         corrected = self.corrected() if self.method.relative and self.error is not None else None
         known = (self.measured(), False) if corrected is None else (corrected, True)
         found = self.fit(*known)
@@ -355,23 +382,23 @@ class Job:
         return self.drifted(found)
 
     def _may_have_gains(self, found: Fit) -> bool:
-        """Whether the job may have another gain than the reference job, or that others than the model, which knows no sensitivities."""
+        """Whether gains are looked for: relative to the reference job, or of the reference job relative to the model."""
         update = self.inputs.campaign.update
         if self.against_reference:
             return self.error is not None and update.nuisances.gain is None
         return self.method.approach != "paper" and self.name == update.reference and not none_shown(self.inputs, self._elsewhere(found))
 
     def gains_of(self, fit: Fit) -> Gains | None:
-        """The gains at the end of a fit; None where its cost allows for none."""
+        """Gains at the end of a fit; None if its cost has none."""
         solution, knowledge = fit.solution, fit.knowledge
         rows = solution.evaluation.jacobian[: fit.plain.valid.sum() * (2 if self.method.residual.phase else 1)]
         of = rows, knowledge.covariance, knowledge.noise.variance
         return gains_of(self.inputs, fit.plain, solution.theta, *of, shared=self.against_reference)
 
     def _off(self, fit: Fit) -> tuple[bool, int]:
-        """Whether gains are seen beside a fit without them, and evaluations.
+        """Whether any gain is significant when identified from the end of a fit without gains, and evaluations.
 
-        Bolts make up for a gain in part: it is sought from the end of that fit, and from the reference state or the start values.
+        Changes at bolts partly compensate for a gain, so there is a second descent from the reference state or the start values.
         """
         misfit = fit.misfit.with_gains(columns_of(self.inputs, shared=self.against_reference))
         ends = [self._descend(misfit, theta) for theta in (fit.solution.theta, self.prior)]
@@ -382,10 +409,10 @@ class Job:
         return seen, sum(end.evaluations for end in ends)
 
     def _elsewhere(self, fit: Fit) -> Floats:
-        """(m, U) by how much levels lie above what a fit expects, but for what another damping changes [dB]; against the reference job.
+        """(m, U) measured levels above those that a fit expects, on lines that are not compared, the effect of damping removed [dB].
 
-        On lines that are not compared, where damping moves little; of a structure that is damped heavily it moves levels on all of them.
-        Empty where nothing can be compared.
+        Relative to the reference job if there is one. Far from resonances damping matters little, but in a heavily damped structure it
+        affects all lines. Without other lines the compared ones are used; no rows if the lines of the reference job differ.
         """
         rest, used = np.setdiff1d(np.arange(self.s.size), self.selected), self.inputs.used
         rest = rest if rest.size else self.selected
@@ -404,12 +431,12 @@ class Job:
         return beside_damping(above, damping_pattern(self.measurement.frequency_hz[rest], slope))
 
     def about_reference(self, fit: Fit) -> Fit:
-        """The same with the uncertainty of the reference state."""
+        """The same fit with the uncertainty of the reference state added to its posterior."""
         if not self.against_reference:
             return fit
         state, knowledge = stored_covariance(self.parameters, self.reference), fit.knowledge
         if fit.relative:
-            # Its error is in model and measurement alike; that of its measurement is in the residuals.
+            # Its error cancels between model and corrected measurement; the noise of its measurement is in the residuals.
             return replace(fit, knowledge=knowledge.about_estimate(state))
         value = fit.misfit(np.concatenate([fit.solution.theta, knowledge.values]))
         rows = fit.misfit.data_rows(value)
@@ -417,7 +444,7 @@ class Job:
         return replace(fit, knowledge=knowledge.about_estimate(state, jacobian, value.jacobian[:rows, : self.parameters.size])).after(1)
 
     def frf(self, theta: Floats, knowledge: Posterior | None = None) -> Complexes:
-        """(F, R) FRFs on all measured lines, with what drifted; a common gain apart."""
+        """(F, R) FRFs of the model on all measured lines, with the nuisance parameters of ``knowledge``, without common gain."""
         if knowledge is None or self.source.stage is None or not knowledge.nuisances:
             return self.source.model(self.s, self.parameters).frf(theta)
         return self.source.drifting(self.s, self.parameters, knowledge.nuisances).frf(np.concatenate([theta, knowledge.values]))

@@ -1,4 +1,4 @@
-"""Nuisance parameters of a job: as unknowns with priors, and as results."""
+"""Nuisance parameters of a job (speed of sound, gains, offset of the hammer point): as unknowns with priors, and as results."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lrbc_cli.updating.posterior.fit import Posterior
 
 
 def nuisances_of(inputs: Inputs, nuisances: NuisanceConfig, responses: Integers | None = None) -> tuple[Nuisance, ...]:
-    """The nuisance parameters that the settings ask for, for these responses (those used where None)."""
+    """Nuisance parameters of the settings, with gains of the given responses (None: those used)."""
     found: list[Nuisance] = []
     speed = speed_std(nuisances)
     if speed is not None and SOUND_SPEED in inputs.recipe.names:
@@ -29,7 +29,7 @@ def nuisances_of(inputs: Inputs, nuisances: NuisanceConfig, responses: Integers 
 
 
 def hits_of(inputs: Inputs, nuisances: NuisanceConfig) -> tuple[Nuisance, ...]:
-    """Those of them that say where the hammer hit."""
+    """Nuisance parameters of the hammer: two offsets of each excitation point across its normal [m]."""
     found: list[Nuisance] = []
     if nuisances.hammer is not None and inputs.shifts is not None:
         for load, (name, (_, normal)) in enumerate(zip(inputs.excitations, inputs.excitation_points, strict=True)):
@@ -44,14 +44,14 @@ def _nuisance(inputs: Inputs, kind: str, name: str, index: int, std: float) -> N
 
 
 def gain_tree(inputs: Inputs, gains: Gains) -> dict[str, Any]:
-    """Gains of all responses, with standard deviations; null of a response that is not used: its gain follows from the others."""
+    """Gains of all responses and their standard deviations [dB]; ``std`` is null for a response that is not used."""
     stds = dict(zip(inputs.used.tolist(), gains.stds.tolist(), strict=True))
     both = zip(inputs.responses, gains.over(inputs).tolist(), strict=True)
     return {response.name: {"value": value, "std": stds.get(at)} for at, (response, value) in enumerate(both)}
 
 
 def nuisance_tree(inputs: Inputs, knowledge: Posterior, gains: Gains | None = None) -> dict[str, Any]:
-    """What drifted, with standard deviations, as in ``result.json``."""
+    """Estimates of the nuisance parameters and gains with standard deviations: the key ``nuisances`` of ``result.json``."""
     nuisances, tree = inputs.campaign.update.nuisances, dict[str, Any]()
     if gains is not None and gains.shared:
         tree["common_gain_db"] = dict(zip(("value", "std"), gains.mean, strict=True))

@@ -1,4 +1,4 @@
-"""The measurement of a job: its files, arranged by response on the lines of the band."""
+"""Reads the measurement of a job: FRFs and coherence of its files, assigned to the responses of the campaign on the lines of the band."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.statistics.decibels import DB, decibel
 from lrbc_cli.updating.statistics.lines import MIN_BAND, covers
 
-#: Share of the lines that a coherence should hold.
+#: Share of the lines on which a coherence should have values.
 MIN_COHERENCE = 0.8
-#: Files that were read: the reference job and the baselines are asked for by every job.
+#: Files that were read: every job needs the reference job and the baselines.
 _files = Remembered[FrfSet](16)
 
 
@@ -43,17 +43,18 @@ class Measurement:
         NaN where unknown.
     notes, warnings : tuples of str
     records : tuple of str
-        Which record each response is, where it has one.
+        The record of each response that has one.
     hashes : dict
+        Content hash of each file read, by path.
     sigma_db : (F, R) float array or None
         Standard deviation of the magnitude of ``values`` from repeated measurements [dB], NaN where there is one value only; None
         without repeats.
     files : int
-        Measurements of which ``values`` is the mean.
+        Number of measurements of which ``values`` is the mean.
     left_out : (int, int)
-        Lines below and above the band.
+        Number of lines below and above the band.
     titles : tuple of str
-        What its files say of it, see ``FrfSet``.
+        Descriptions in the files, see ``FrfSet``.
     """
 
     frequency_hz: Floats = field(repr=False)
@@ -70,14 +71,14 @@ class Measurement:
 
     @property
     def lines(self) -> str:
-        """Its lines in words."""
+        """Number and range of the lines, in words."""
         axis, (low, high) = self.frequency_hz, self.left_out
         outside = f" ({low} below and {high} above the band left out)" if low or high else ""
         return f"{axis.size} lines from {axis[0]:g} to {axis[-1]:g} Hz{outside}"
 
     @property
     def means(self) -> Floats:
-        """(2 R,) means of the level of each response, over all lines alike and with weights that rise along them [dB]; 0 without values."""
+        """(2 R,) sums of levels over lines, weight 1 and weight rising from 0 to 1, over the number of valid lines [dB]; 0 without any."""
         valid = measured_values(self.values)
         level = np.where(valid, decibel(np.where(valid, self.values, 1.0)), 0.0)
         rising = np.linspace(0.0, 1.0, max(level.shape[0], 1))[: level.shape[0], None]
@@ -85,23 +86,24 @@ class Measurement:
 
 
 def with_job(inputs: Inputs, name: str) -> Inputs:
-    """The inputs with a job that has no file: whoever identifies it hands over its measurement."""
+    """The inputs with a further job without files, whose measurement is passed to the identification."""
     job = JobConfig.model_construct(frf=Path(name))
     return replace(inputs, campaign=inputs.campaign.model_copy(update={"jobs": {**inputs.campaign.jobs, name: job}}))
 
 
 def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
-    """Read a job's FRFs, the mean of its repeats, and arrange them by response on the lines inside the band.
+    """FRFs of a job, averaged over its repeats, by response on the lines inside the band.
 
     Raises
     ------
     DataError
-        Where a file is unusable, a response that enters the cost has no record, no line lies in the band, or a repeat has other lines.
+        If a file is unusable, a response that enters the cost has no record, fewer than two lines lie in the band, or a repeat has
+        other lines.
     """
     first = _read(inputs, job, name)
     if not job.repeats:
         return first
-    # A coherence in a file of its own belongs to the first measurement, and so does the name of its variable.
+    # A separate coherence file, and the variable name for it, belong to the first measurement.
     alone: dict[str, object] = {"coherence": None, "repeats": ()}
     if job.format is not None and job.coherence is not None:
         alone["format"] = job.format.model_copy(update={"coherence": None})
@@ -135,7 +137,7 @@ def _lines_text(axis: Floats) -> str:
 
 
 def unlike(axis: Floats, other: Floats) -> str:
-    """In what the lines of a measurement differ from those of another; empty where they are the same."""
+    """How the lines of a measurement [Hz] differ from those of another, in words; empty if they are the same."""
     if axis.shape == other.shape and np.allclose(axis, other, rtol=1e-6):
         return ""
     here, there = _lines_text(axis), _lines_text(other)
@@ -152,7 +154,7 @@ def _mean_of(parts: list[Measurement]) -> Measurement:
     count = known.sum(axis=0)
     mean = np.where(count > 0, np.where(known, values, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan + 0j)
     square = np.where(known, np.abs(np.where(known, values, 0.0) - mean) ** 2, 0.0).sum(axis=0)
-    # Half of a complex deviation lies along the mean.
+    # Half of the variance of a complex deviation is along the mean, where it changes the magnitude.
     variance = square / (2.0 * np.maximum(count - 1, 1) * np.maximum(count, 1))
     with np.errstate(divide="ignore", invalid="ignore"):
         sigma = np.where(count > 1, DB * np.sqrt(variance) / np.abs(mean), np.nan)
@@ -172,7 +174,7 @@ def _mean_of(parts: list[Measurement]) -> Measurement:
 
 
 def layout_of(job: JobConfig, file: Path, of_coherence: bool = False) -> TextLayout | None:
-    """Layout that the campaign states for one of a job's files."""
+    """Layout that the campaign states for one of a job's files; None if it states none."""
     given = job.format_of(file, of_coherence)
     return None if given is None else TextLayout(**given.model_dump())
 
@@ -229,7 +231,7 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
 
 
 def _strange(coherences: Collection[CoherenceKey], inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -> list[str]:
-    """Warn of coherences none of which is a response's."""
+    """Warning if none of the coherences belongs to a response."""
     taken = {key for response, record in zip(inputs.responses, records, strict=True) for key in _keys_of(response, record)}
     if not coherences or taken & set(coherences):
         return []
@@ -240,19 +242,19 @@ def _strange(coherences: Collection[CoherenceKey], inputs: Inputs, job: JobConfi
 
 
 def _keys_of(response: Response, record: FrfRecord | None) -> tuple[CoherenceKey | tuple[int | None, int], ...]:
-    """What a coherence of a response may be called."""
+    """Keys under which the coherence of a response may be stored."""
     if record is None:
         return (response.name,)
     return response.name, record.name, (record.response_node, record.response_direction)
 
 
 def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
-    """All records of a job's files, and the hashes of these.
+    """All records of a job's files, and content hashes by path.
 
     Raises
     ------
     DataError
-        Where a file is unusable, or two are the same.
+        If a file is unusable, or two have the same content.
     """
     files = job.measurements[0]
     records, told, hashes = list[FrfRecord](), dict[str, list[str]](), dict[str, str]()
@@ -280,7 +282,7 @@ def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
         for note in found.notes:
             told.setdefault(note, []).append(file.name)
         warnings += [f"{file.name}: {warning}" for warning in found.warnings]
-    # What holds for every file is said once.
+    # A note that holds for every file is given once.
     notes = [note if len(of) == len(files) else f"{', '.join(of)}: {note}" for note, of in told.items()]
     if named:
         notes.append(f"no name in the file, named after the file: {', '.join(named)}")
@@ -288,7 +290,7 @@ def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
 
 
 def _coherences(job: JobConfig, hashes: dict[str, str]) -> dict[CoherenceKey, tuple[Floats, Floats]]:
-    """Coherences from files of their own, whose hashes are added."""
+    """Coherences of separate files, each with its lines [Hz]; adds the hashes of these files."""
     found: dict[CoherenceKey, tuple[Floats, Floats]] = {}
     for file in files_of(job.coherence):
         own = read_coherence(file, layout_of(job, file, of_coherence=True))
@@ -303,7 +305,7 @@ def _coherences(job: JobConfig, hashes: dict[str, str]) -> dict[CoherenceKey, tu
 
 
 def _missing(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None], frf: FrfSet) -> list[str]:
-    """Warnings of responses that the files do not hold, with what may be theirs."""
+    """Warnings about responses without a record, with unassigned records that may be theirs."""
     spare = unmatched(records, frf)
     lacking = [i for i, record in enumerate(records) if record is None]
     used = [inputs.responses[i].name for i in lacking if i in inputs.used]
@@ -325,13 +327,7 @@ def _missing(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None], fr
 
 
 def _require_one_axis(records: list[FrfRecord | None], job: JobConfig, name: str, inputs: Inputs) -> None:
-    """Refuse files whose records lie on different lines of the band.
-
-    Raises
-    ------
-    DataError
-        Naming both files.
-    """
+    """Raise a DataError that names both files if two files of a job have different lines in the band."""
     low, high = inputs.campaign.reduction.band
     eps = 1e-9 * high
     axes: dict[str, Floats] = {}
@@ -352,12 +348,12 @@ def _require_one_axis(records: list[FrfRecord | None], job: JobConfig, name: str
 
 
 def _why_short(axis: Floats, every: Floats, band: tuple[float, float]) -> str:
-    """Why lines may not cover the band, and what to do.
+    """Likely reason why lines do not cover the band, and remedy.
 
     Parameters
     ----------
     axis, every : float arrays
-        Lines in the band, and all of the files [Hz].
+        Lines in the band, and all lines of the files [Hz].
     band : (float, float)
     """
     low, high = band
@@ -368,20 +364,20 @@ def _why_short(axis: Floats, every: Floats, band: tuple[float, float]) -> str:
     measured = f"[{max(low, axis[0]):g}, {min(high, axis[-1]):g}]"
     whole = "Check whether the file is complete. Otherwise measure again over the whole band, or end the band of all jobs there"
     text = f"{whole}: reduction.band: {measured}"
-    # Lines that begin where the band does in Hz are in the unit of the band.
+    # If the lines began where the stated band begins, the band would be in Hz.
     if _covers(every, circular) and every.min() ** 2 < low * circular[0]:
         text += f"; or, if the band is in rad/s, write it in Hz: reduction.band: [{circular[0]:.3g}, {circular[1]:.3g}]"
     return text
 
 
 def _covers(lines: Floats, band: tuple[float, float]) -> bool:
-    """Whether lines reach over the band, and not many times beyond."""
+    """Whether lines cover the band without extending to more than five times its upper end."""
     inside = lines[(lines >= band[0]) & (lines <= band[1])]
     return inside.size > 1 and float(np.ptp(inside)) > MIN_BAND * (band[1] - band[0]) and float(lines.max()) < 5.0 * band[1]
 
 
 def _gaps(axis: Floats, records: list[FrfRecord | None], values: Complexes, job: JobConfig, inputs: Inputs) -> list[str]:
-    """Warn of a measurement that is much smaller than the band: it may have been cut off on its way here."""
+    """Warnings if lines, or values of a response, cover only part of the band: the file may be incomplete."""
     found = []
     low, high = inputs.campaign.reduction.band
     every = np.concatenate([record.frequency_hz for record in records if record is not None])
@@ -390,7 +386,7 @@ def _gaps(axis: Floats, records: list[FrfRecord | None], values: Complexes, job:
             f"{called(job)}: the lines from {axis[0]:g} to {axis[-1]:g} Hz cover {(axis[-1] - axis[0]) / (high - low):.0%} of the band "
             f"from {low:g} to {high:g} Hz. {_why_short(axis, every, (low, high))}"
         )
-    # Validation channels too: what they do not hold they cannot test.
+    # Validation channels, too: without values they cannot validate.
     for i in range(values.shape[1]):
         finite = np.isfinite(values[:, i])
         if finite.any() and finite.mean() < inputs.statistics.validation.least_lines:
@@ -403,10 +399,10 @@ def _gaps(axis: Floats, records: list[FrfRecord | None], values: Complexes, job:
 
 
 def _axis(records: list[FrfRecord], job: JobConfig, name: str, inputs: Inputs) -> tuple[Floats, int, int]:
-    """Lines of the band on which any record has a value, and how many were left out below and above."""
+    """Union of the lines of all records within the band [Hz], and the numbers of lines below and above it."""
     band = inputs.campaign.reduction.band
     lines = np.unique(np.concatenate([r.frequency_hz for r in records]))
-    # Two records written with other precision share their lines all the same.
+    # Lines of records written with different precision are the same lines.
     lines = lines[np.concatenate([[True], np.diff(lines) > 1e-6 * np.maximum(lines[1:], 1e-12)])]
     eps = 1e-9 * band[1]
     low, high = int((lines < band[0] - eps).sum()), int((lines > band[1] + eps).sum())
@@ -433,7 +429,7 @@ def _axis(records: list[FrfRecord], job: JobConfig, name: str, inputs: Inputs) -
 
 
 def _why_none(lines: Floats, band: tuple[float, float]) -> str:
-    """Why no line may lie in the band, and what to do."""
+    """Likely reason why no line lies in the band, and remedy."""
     for unit, factor in HERTZ.items():
         if factor != 1.0 and _covers(lines * factor, band):
             return f"if the frequencies are in {unit}, write format: {{frequency_unit: {unit}}} in the job; otherwise change reduction.band"
@@ -443,7 +439,7 @@ def _why_none(lines: Floats, band: tuple[float, float]) -> str:
 
 
 def _indices(lines: Floats, axis: Floats) -> tuple[Integers, Bools]:
-    """For each line of the axis the nearest of ``lines``, and whether it is the same line."""
+    """Index of the nearest of ``lines`` for each line of ``axis``, and whether both are the same line."""
     at = np.clip(np.searchsorted(lines, axis), 1, max(lines.size - 1, 1)) if lines.size > 1 else np.zeros(axis.size, dtype=np.int64)
     if lines.size > 1:
         at = np.where(np.abs(lines[at - 1] - axis) <= np.abs(lines[at] - axis), at - 1, at)

@@ -1,4 +1,7 @@
-"""The mixture prior in a job: its fit as a problem of tight and loose bolts, with what drifted and the reference state marginalised."""
+"""Posterior of the changes at bolts of one job: poses the mixture problem (tight or loose bolts) about the fit, and samples it.
+
+Nuisance parameters and the error of the reference state are marginalised. Guide page *statistics*, section 6.
+"""
 
 from __future__ import annotations
 
@@ -33,30 +36,30 @@ def changes_of(
     *,
     least: float = 1e-10,
 ) -> ChangeSamples | None:
-    """Sample the changes at the bolts of a job whose prior is a mixture, or a Gaussian and a mixture.
+    """Samples of the changes at the bolts under the mixture prior, linearised about the fit.
 
     Parameters
     ----------
     inputs : Inputs
     plain : Misfit
-        About the measurement without what drifted; its prior is the reference state.
+        Cost without nuisance parameters; its prior is the reference state.
     knowledge : Posterior
-        Of the fit with a Gaussian prior: its noise, and where to begin.
+        Of the fit with a Gaussian prior: gives the noise and the start.
     jacobian : (n, m + k) float array
-        Of the fit, to its unknowns and to what drifted.
+        Derivatives of the residuals at the fit with respect to m unknowns and k nuisance parameters.
     state : (size, size) float array or None
-        Covariance of the reference state; None where the comparison is free of its error.
+        Covariance of the reference state; None if the comparison is free of its error.
     error : ChangeError or None
-        How wrong predicted changes may be: the tight state predicts none, so nothing of it is forgiven there.
+        Error of predicted changes; zero in the tight state, which changes nothing.
     ends : sequence of (size,) float array
-        Theta where other descents ended: alternatives may begin there.
+        Theta at the ends of other descents: further starts of the search for the most probable state.
     least : float
-        Directions of the reference state's covariance below this share of its largest say nothing.
+        Eigenvalues of ``state`` below this share of the largest are taken as zero.
 
     Returns
     -------
     ChangeSamples or None
-        None where the prior is no mixture, or where the unknowns are no changes at bolts.
+        None if the prior is no mixture or the unknowns are no changes at bolts.
     """
     shapes = knowledge.shapes
     if not inputs.method.mixture or inputs.bolts is None or not shapes.by_bolt:
@@ -66,13 +69,13 @@ def changes_of(
     count = shapes.std.size
     value = plain(prior + shapes.T @ knowledge.z)
     rows = plain.data_rows(value)
-    # What drifted was taken out at its estimate: its prior lies that far from zero.
+    # The measurement is corrected by the estimates of the nuisance parameters, so their prior means are relative to these.
     columns, std = [jacobian[:rows, count:]], [nuisance.std for nuisance in knowledge.nuisances]
     mean = [nuisance.mean - float(at) for nuisance, at in zip(knowledge.nuisances, knowledge.values, strict=True)]
     if state is not None:
         variances, directions = np.linalg.eigh(state)
         kept = variances > least * max(float(variances.max(initial=0.0)), np.finfo(float).tiny)
-        # An error of the reference state moves the model whatever the changes are.
+        # An error of the reference state moves the model in the same way for all changes.
         columns.append(value.jacobian[:rows, : parameters.size] @ (directions[:, kept] * np.sqrt(variances[kept])))
         mean += [0.0] * int(kept.sum())
         std += [1.0] * int(kept.sum())
@@ -116,9 +119,9 @@ def changes_of(
 
 
 def beyond_of(model: FrfModel, fit: Fit, changes: ChangeSamples | None, *, steps: tuple[int, int] = (65, 17)) -> Floats | None:
-    """How much further each sampled joint may have loosened by the errors of its predicted effect, see ``confidence.beyond_errors``.
+    """Decades by which errors of the predicted effect extend the interval of each joint, see ``confidence.beyond_errors``.
 
-    Of joints that rather changed than not, along their common change to where all their values are free; zero of the others.
+    Computed for joints that probably loosened, along their common change to where all their values are free; zero for the others.
 
     Parameters
     ----------
@@ -126,12 +129,13 @@ def beyond_of(model: FrfModel, fit: Fit, changes: ChangeSamples | None, *, steps
     fit : Fit
     changes : ChangeSamples or None
     steps : tuple of int
-        Along the way: a sixteenth of a decade each where bounds lie four apart; fewer without ports, where each costs an evaluation.
+        Number of states on the path, with and without interface FRFs (ports): a sixteenth of a decade each if bounds are four decades
+        apart; fewer without ports, where each state costs a solve.
 
     Returns
     -------
     (b,) float array or None
-        [decades]; None without samples.
+        For each sampled bolt [decades]; None without samples.
     """
     if changes is None:
         return None
@@ -154,14 +158,19 @@ def beyond_of(model: FrfModel, fit: Fit, changes: ChangeSamples | None, *, steps
 
 
 def opens_of(inputs: Inputs, fit: Fit, frf: Callable[[Floats], Complexes]) -> tuple[Bools, Bools]:
-    """Whether the data object to a stretch of half a pitch about each stiffness value being free, or clamped.
+    """Whether the data allow each stiffness value, with its surroundings of half a bolt pitch, to be free, and to be clamped.
 
     Parameters
     ----------
     inputs : Inputs
     fit : Fit
     frf : callable
-        FRFs near its end, see ``FrfModel.nearby``.
+        From theta to FRFs near the end of the fit, see ``FrfModel.nearby``.
+
+    Returns
+    -------
+    two (size,) bool arrays
+        True if the data do not exclude it: the interval is open to that side.
     """
     pitch = 0.0 if inputs.bolts is None else pitch_of(inputs.bolts.xyz)
     data, noise = partial(fit.plain.data_sum, frf=frf), fit.knowledge.noise

@@ -1,4 +1,4 @@
-"""Unknowns and lines of one job: start values, bounds, what an earlier result says, which lines count."""
+"""Unknowns and lines of one job: start values, bounds, values taken from earlier results, penalty, and the lines that enter the cost."""
 
 from __future__ import annotations
 
@@ -29,13 +29,20 @@ from lrbc_cli.updating.unknowns.shapes import Shapes
 
 
 def parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Parameterisation, dict[str, Saturation]]:
-    """Start values, bounds and smoothing of every group; ``auto`` is resolved on the lines s, once for all jobs that have them.
+    """Start values, bounds and smoothing of every group; ``auto`` is resolved by the FRFs at the lines s, once per set of lines.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    source : FrfSource
+    s : (F,) complex array
+        i omega of the lines [rad/s].
 
     Returns
     -------
     Parameterisation
     dict
-        Where the FRFs saturate, by stiffness group.
+        Stiffnesses at which the FRFs saturate, by stiffness group.
     """
     key = s.tobytes()
     if key not in source.known:
@@ -45,10 +52,10 @@ def parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Param
 
 
 def _parameterise(inputs: Inputs, source: FrfSource, s: Complexes, terms: int = 120) -> tuple[Parameterisation, dict[str, Saturation]]:
-    """Saturation is sought on all lines up to so many terms."""
+    """See ``parameterise``; with more than ``terms`` terms, saturation is determined on a subset of the lines."""
     model = inputs.model
     scale = local_scale(model.K, model.M, model.terms, band_omega(model.K, model.M, inputs.campaign.reduction.band))
-    # Other groups stand at their start values, or at their local stiffness while those are unknown.
+    # While one group is examined, the others have their start values, or the local stiffness if these are not known yet.
     nominal = np.array(scale)
     for group in inputs.groups:
         if group.config.start is not None:
@@ -60,13 +67,13 @@ def _parameterise(inputs: Inputs, source: FrfSource, s: Complexes, terms: int = 
         limits: Saturation | None = None
         if group.config.kind == "stiffness":
             empty = Parameterisation(())
-            # Each evaluation costs the cube of the terms: with very many of them some lines tell as much.
+            # An evaluation costs the cube of the number of terms.
             lines = np.arange(0, s.size, max(1, round((model.terms.size / terms) ** 2)))
             values = source.model(s, empty, lines, inputs.used).values
             typical = float(np.exp(np.mean(np.log(scale[group.terms]))))
             limits = saturation(values, D[lines], group.terms, typical, limits=inputs.statistics.limits)
             if group.config.start is not None:
-                # It must have room to loosen: the FRFs may feel no loss of a weak spring, but the bolt's other springs lose as much.
+                # A weak spring needs room to loosen although the FRFs do not respond to it: the other springs of its bolt lose as much.
                 limits = replace(limits, lower=min(limits.lower, group.config.start + inputs.statistics.limits.fallback[0]))
             found[group.name] = limits
         groups.append(_group(group, limits))
@@ -74,10 +81,7 @@ def _parameterise(inputs: Inputs, source: FrfSource, s: Complexes, terms: int = 
 
 
 def start_parameters(inputs: Inputs, source: FrfSource) -> Parameterisation:
-    """Start values and bounds of a model that no measurement tells the lines of: ``auto`` is resolved on the 1 Hz lines of the band.
-
-    An identification resolves it on the lines that were measured.
-    """
+    """Start values and bounds without a measurement: ``auto`` is resolved at the 1 Hz lines of the band, not at measured ones."""
     if not found_on_frfs(inputs):
         return layout(inputs)
     return parameterise(inputs, source, 2j * np.pi * band_lines(inputs.campaign.reduction.band))[0]
@@ -89,7 +93,7 @@ def found_on_frfs(inputs: Inputs) -> bool:
 
 
 def layout(inputs: Inputs) -> Parameterisation:
-    """The groups with their sizes, before values that are found on the FRFs are known; those stand at zero."""
+    """Groups with their sizes only; start values and bounds that are ``auto`` are placeholders (0; -1 and 1)."""
     return Parameterisation(tuple(_group(group, Saturation(0.0, -1.0, 1.0, False)) for group in inputs.groups))
 
 
@@ -133,19 +137,19 @@ def _group(group: TermGroup, limits: Saturation | None) -> ParameterGroup:
 
 
 class GroupValues(Protocol):
-    """Values of one group in a result, a reference state or a calibration."""
+    """Identified values of one group, in a result, a reference state or a calibration."""
 
     @property
     def log10(self) -> Floats:
-        """(k,) float array."""
+        """(k,) float array of log10 values."""
 
     @property
     def damping_exponent(self) -> float | None:
-        """None without damping."""
+        """Exponent p_damp of eq. (33); None without tied damping."""
 
 
 def theta_of(parameters: Parameterisation, groups: Mapping[str, GroupValues]) -> Floats | None:
-    """Theta of these groups, by name; None where they are others."""
+    """(size,) theta with the values of ``groups``; None if a group is missing, or differs in size or damping."""
     theta = parameters.initial
     for group, where, at in parameters.placed:
         stored = groups.get(group.name)
@@ -158,12 +162,12 @@ def theta_of(parameters: Parameterisation, groups: Mapping[str, GroupValues]) ->
 
 
 def with_values(parameters: Parameterisation, theta: ArrayLike | None, log10: Mapping[str, ArrayLike], file: Path) -> Floats:
-    """Theta, the start values where None, with the values of some groups put in: by name, or ``GROUP.damping``.
+    """(size,) theta (None: the start values) with some values replaced, by name of the group or ``GROUP.damping``.
 
     Raises
     ------
     ConfigError
-        Where a group is unknown or the number of values does not fit; names the campaign file.
+        If a group is unknown (names the campaign file), or values are no numbers, NaN, or of the wrong count.
     """
     found = parameters.initial
 
@@ -191,26 +195,26 @@ def with_values(parameters: Parameterisation, theta: ArrayLike | None, log10: Ma
 
 
 def calibrated_start(inputs: Inputs, parameters: Parameterisation) -> dict[str, Floats]:
-    """The state that the calibration found beside its factors, described: a start for a tight state that is compared with nothing."""
+    """Theta that the calibration identified beside its factors, by description: a start for jobs without reference; may be empty."""
     use = inputs.calibration
     found = None if use is None or not use.used else theta_of(parameters, use.boundary)
     return {} if found is None else {"the state found by the calibration": np.clip(found, *parameters.bounds.T)}
 
 
 def stored_covariance(parameters: Parameterisation, reference: ReferenceState | None) -> Floats:
-    """Covariance of theta in the reference state; zero where it has none."""
+    """(size, size) covariance of theta in the reference state; zero if none is stored."""
     size = (parameters.size, parameters.size)
     stored = None if reference is None else reference.covariance
     return np.zeros(size) if stored is None or stored.shape != size else stored
 
 
 def select_lines(inputs: Inputs, measurement: Measurement, name: str) -> Integers:
-    """Indices of the lines that enter the cost.
+    """(m,) indices of the lines that enter the cost, by ``update.lines``.
 
     Raises
     ------
     DataError
-        Where a listed line was not measured.
+        If a listed line was not measured.
     """
     lines = inputs.campaign.update.lines
     frequency = measurement.frequency_hz
@@ -238,12 +242,12 @@ def select_lines(inputs: Inputs, measurement: Measurement, name: str) -> Integer
 
 
 def penalty_of(method: Method, values: ValuePrior, parameters: Parameterisation, shapes: Shapes, against_reference: bool) -> Floats:
-    """Rows of the penalty: in standard deviations of the prior where its weight follows the noise."""
+    """Rows R of the penalty (guide page *statistics*, section 5): in standard deviations of the prior if its weight follows the noise."""
     if shapes.by_bolt:
         return shapes.penalty()
     if not method.follows_noise:
         return penalty_rows(parameters)
     if against_reference:
         return penalty_rows(parameters) / values.std
-    # Of a state that nothing is compared with the level is unknown; neighbours are alike all the same.
+    # Without a reference state the level is uncertain, but neighbours are similar.
     return penalty_rows(parameters, values.level_std**-2, values.std**-2)

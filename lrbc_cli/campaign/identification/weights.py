@@ -1,4 +1,4 @@
-"""What lines and responses weigh: noise of each line, and what responses that were not fitted say of the errors."""
+"""Weights of lines and responses in the cost: noise of each line, correction by the reference job, and the ratio of validation channels."""
 
 from __future__ import annotations
 
@@ -19,20 +19,21 @@ from lrbc_cli.updating.statistics.noise import validation_ratio
 
 
 def measured_sigma(inputs: Inputs, measurement: Measurement, job: JobConfig, selected: Integers) -> tuple[str, Floats | None]:
-    """What tells the noise, and (F, R) standard deviations of all measured magnitudes [dB], NaN where unknown; None where nothing does."""
+    """Source of the noise estimate, and (F, R) standard deviations of all measured magnitudes [dB], NaN where unknown; None without any."""
     coherent = bool((measurement.coherence[np.ix_(selected, inputs.used)] > 0.0).any()) and job.averages * measurement.files > 1
     kind = noise_source(inputs.method, coherent=coherent, repeated=measurement.sigma_db is not None)
     if kind == "coherence":
-        # Of no record at all some programs write 0, which no estimate is.
+        # Some programs write 0 if there is no coherence; an estimate is never 0.
         told = np.where(measurement.coherence > 0.0, measurement.coherence, np.nan)
         return kind, coherence_sigma(told, job.averages * measurement.files, inputs.statistics.errors)
     return kind, measurement.sigma_db if kind == "scatter" else None
 
 
 def out_of_noise(inputs: Inputs, measurement: Measurement, job: JobConfig) -> Complexes:
-    """(F, R) measured values, NaN where neighbouring lines say that they are noise, and neither coherence nor repeats tell how much.
+    """(F, R) measured values, NaN where the scatter of neighbouring lines exceeds ``most_noise_db``.
 
-    Noise has peaks of its own, which would count as resonances. Only where the lines are evenly spaced and resolve the peaks.
+    Noise has peaks that would count as resonances. Applied only if neither coherence nor repeats give the noise, and the lines are evenly
+    spaced and resolve the peaks.
     """
     axis, errors, values = measurement.frequency_hz, inputs.statistics.errors, measurement.values
     kind, _ = measured_sigma(inputs, measurement, job, np.arange(axis.size))
@@ -42,12 +43,22 @@ def out_of_noise(inputs: Inputs, measurement: Measurement, job: JobConfig) -> Co
     if not even or not resolved(axis, values[:, inputs.used], inputs.statistics.resolution):
         return values
     noisy = neighbour_sigma(values, errors.noise_window) > errors.most_noise_db
-    # A response that is noise on most lines is a fault, which has to show in the misfit.
+    # If most lines of a response are noise, this is a fault, which must show in the misfit.
     return np.where(noisy & (2 * noisy.sum(axis=0) < axis.size), np.nan, values)
 
 
 def left_out(inputs: Inputs, measurement: Measurement, told: Complexes, noise_of: str | None = None) -> list[str]:
-    """Which values of the responses used are not compared, in a note; ``told`` of ``out_of_noise``, of another job if one is named."""
+    """Note on values of the responses used that are left out as noise, if any.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    measurement : Measurement
+    told : (F, R) complex array
+        See ``out_of_noise``.
+    noise_of : str or None
+        Job whose noise decided, if it is another one.
+    """
     lost = (np.isfinite(measurement.values) & ~np.isfinite(told))[:, inputs.used]
     if not lost.any():
         return []
@@ -65,9 +76,9 @@ def line_sigma(inputs: Inputs, measurement: Measurement, job: JobConfig, selecte
     Returns
     -------
     (m, U) float array or None
-        [dB], NaN where unknown; None where lines are not weighted by it.
+        [dB], NaN where unknown; None if lines are not weighted by it.
     tuple of str
-        Which lines keep the weight 1 because nothing is known of their noise.
+        Note on lines that have weight 1 because their noise is unknown.
     """
     kind, sigma = measured_sigma(inputs, measurement, job, selected)
     if sigma is None:
@@ -84,7 +95,7 @@ def line_sigma(inputs: Inputs, measurement: Measurement, job: JobConfig, selecte
 
 
 def validation_channels(values: Complexes, used: Integers, unused: Integers, limits: ValidationChannels) -> tuple[Integers, str]:
-    """Responses that can test an identification which did not see them, and why there is none.
+    """Responses that can validate an identification in which they were not used, and the reason if there is none.
 
     Parameters
     ----------
@@ -96,7 +107,7 @@ def validation_channels(values: Complexes, used: Integers, unused: Integers, lim
     Returns
     -------
     int array, str
-        Those of the unused ones with values on most lines that are no copy of a response used.
+        Unused responses with values on most lines that are no copy of a response used; an empty text if there are some.
     """
     if not unused.size:
         return unused, "there are no validation channels"
@@ -117,9 +128,9 @@ def validation_channels(values: Complexes, used: Integers, unused: Integers, lim
 
 
 def ratio_of(inputs: Inputs, measurement: Measurement, job: JobConfig, selected: Integers, updated: Complexes) -> float:
-    """How many times larger the errors are than the residuals of the channels used, see ``noise.validation_ratio``.
+    """Misfit of the validation channels over that of the channels used, at least 1, see ``noise.validation_ratio``.
 
-    Each line counts by its noise, as in the fit: a validation channel that is noisier is no error of the model.
+    Each line is weighted by its noise, as in the fit, so that a noisier validation channel does not count as an error of the model.
 
     Parameters
     ----------
@@ -143,7 +154,7 @@ def ratio_of(inputs: Inputs, measurement: Measurement, job: JobConfig, selected:
 
 
 def joint_sigma(*parts: Floats | None) -> Floats | None:
-    """(F, R) standard deviation of what several measurements make up, as far as it is known of each [dB]; NaN where of none."""
+    """(F, R) root of the sum of squares of several standard deviations [dB], unknown ones left out; NaN if all are unknown."""
     known = [part for part in parts if part is not None]
     if not known:
         return None
@@ -152,14 +163,14 @@ def joint_sigma(*parts: Floats | None) -> Floats | None:
 
 
 def correction(model: Complexes, measured: Complexes, most_db: float) -> Complexes:
-    """(F, R) factor that takes the model discrepancy of the tight state out of another measurement, see ``most_correction_db``.
+    """(F, R) factor ``model / measured`` that removes the model discrepancy of the reference state from another measurement.
 
     Parameters
     ----------
     model, measured : (F, R) complex arrays
-        Of the tight state.
+        FRFs of the reference state.
     most_db : float
-        Its magnitude is limited to this: beyond it the two have different resonances there.
+        Limit of the factor's magnitude (``most_correction_db``): beyond it, model and measurement have different resonances there.
     """
     valid = measured_values(measured)
     ratio = np.where(valid, model / np.where(valid, measured, 1.0), np.nan)

@@ -1,1 +1,1 @@
-"""All jobs of a campaign: what each result rests on, running, judging and writing."""
+"""All jobs of a campaign: decides what to run (``plans``, ``identity``), identifies (``run``), judges (``judging``) and writes results."""

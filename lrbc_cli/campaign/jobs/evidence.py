@@ -1,4 +1,4 @@
-"""From an identification to what judging needs of it, in memory and stored; and to what a reader wants: intervals and remarks."""
+"""Makes the evidence that is judged (changes at bolts, misfits, doubts) from an identification; also intervals and notes for readers."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ from lrbc_cli.updating.unknowns.places import Edge, Joints, Spot
 
 
 def effective(group: ParameterGroup, p: Floats) -> Floats:
-    """log10(W 10^p)."""
+    """(k,) log10 of the effective values ``W 10^p`` of a group."""
     return np.asarray(np.log10(group.values(p)))
 
 
 def bands(result: Identification) -> dict[str, Band]:
-    """Confidence of the effective values of every group; of joints no narrower than that of their changes."""
+    """Standard deviation and 95 % limits of the effective values of every group; those of joints no narrower than of their changes."""
     covariance = result.posterior.boundary
     found = {}
     for group, values, _ in result.parameters.placed:
@@ -58,7 +58,7 @@ def bands(result: Identification) -> dict[str, Band]:
 
 
 def _with_changes(result: Identification, group: ParameterGroup, values: slice, own: Band) -> Band:
-    """The limits of joints' values, widened to what the changes of their bolts leave: curvature alone does not know errors of the model."""
+    """Limits of joints' values, widened to the intervals of their changes, which contain errors of the model that curvature does not."""
     tight = _stored(result.reference, group, "log10_effective")
     if tight is None or group.bolt is None or result.changes is None:
         return own
@@ -74,7 +74,7 @@ def _with_changes(result: Identification, group: ParameterGroup, values: slice, 
 
 
 def evidence_of(inputs: Inputs, result: Identification) -> Evidence:
-    """What an identification says, as far as it is needed to judge it."""
+    """Evidence from which an identification is judged."""
     update = inputs.campaign.update
     compared, misfit, unvalidated = _misfit(inputs, result)
     used = inputs.used
@@ -107,7 +107,7 @@ def evidence_of(inputs: Inputs, result: Identification) -> Evidence:
 
 
 def _misfit(inputs: Inputs, result: Identification) -> tuple[str | None, float | None, str]:
-    """The channels that tell whether the model explains the measurement, their mean misfit, and why they are no validation channels."""
+    """Channels on which validation rests, their mean misfit [dB], and the reason if these are no validation channels."""
     independent, why = validation_channels(result.measurement.values, inputs.used, inputs.validation, inputs.statistics.validation)
     for at, compared in ((independent, VALIDATION), (inputs.used, USED)):
         misfit = mean_of(result.misfit_final[at])
@@ -117,7 +117,7 @@ def _misfit(inputs: Inputs, result: Identification) -> tuple[str | None, float |
 
 
 def _doubted(inputs: Inputs, result: Identification) -> str | None:
-    """What is wrong with a measurement that was not exchanged, not whole or not fine: it tells nothing of the bolts, or too little."""
+    """Fault of a measurement that prevents validation: a copy of the reference job, incomplete, interpolated or too coarse; else None."""
     reference, own, tight = result.reference, result.measurement, result.tight
     if reference is None:
         return None
@@ -142,10 +142,10 @@ def _doubted(inputs: Inputs, result: Identification) -> str | None:
 
 
 def _other_chain(inputs: Inputs, result: Identification) -> tuple[str | None, str]:
-    """What shows that a job was measured with another chain than the reference job; that, where its change would explain it as well.
+    """Sign of another measuring chain than in the reference job, as a doubt (or None), and as a note if the bolts explain it, too.
 
-    Bolts that change much, or that hold a structure of few modes, move all resonances nearly alike. Another chain has to show beside the
-    change that was identified, too.
+    Bolts that change much, or that hold a structure of few modes, move all resonances nearly alike. So another chain must also show after
+    the identified change is taken into account.
     """
     reference, own, tight, expected = result.reference, result.measurement, result.tight, result.expected
     if reference is None or tight is None or (told := chain_doubt(inputs, own, tight, reference.job)) is None:
@@ -156,14 +156,14 @@ def _other_chain(inputs: Inputs, result: Identification) -> tuple[str | None, st
 
 
 def copied_baseline(inputs: Inputs, name: str, own: Measurement | None = None) -> str | None:
-    """In what way a job's measurement holds the numbers of a baseline's: judging asks for it, as no identification rests on those.
+    """Warning if the measurement of a job is a copy of that of a baseline; else None. Part of the judgement: no identification needs it.
 
     Parameters
     ----------
     inputs : Inputs
     name : str
     own : Measurement or None
-        What was identified; None: the job's files.
+        Measurement of the job; None: read from its files.
     """
     jobs, names = inputs.campaign.jobs, [response.name for response in inputs.responses]
     for other in compared_baselines(inputs.campaign.update, name):
@@ -177,14 +177,14 @@ def copied_baseline(inputs: Inputs, name: str, own: Measurement | None = None) -
 
 
 def _stored(reference: ReferenceState | None, group: ParameterGroup, key: str) -> Floats | None:
-    """A list of the reference job's group, where it fits."""
+    """Stored values of a group in the reference job, by key; None if there are none or their number differs."""
     stored = None if reference is None else reference.parameters.get(group.name)
     found: Floats | None = None if stored is None else getattr(stored, key)
     return found if found is not None and len(found) == group.count else None
 
 
 def _bolts(inputs: Inputs, result: Identification) -> tuple[bool, tuple[BoltEvidence, ...]]:
-    """Whether there is stiffness that bolts own or can lie along, and what is known of each bolt."""
+    """Whether any stiffness belongs to bolts (joints or edges), and the evidence on each bolt."""
     if inputs.bolts is None:
         return False, ()
     names, xyz, reference = inputs.bolts.name, inputs.bolts.xyz, result.reference
@@ -192,7 +192,7 @@ def _bolts(inputs: Inputs, result: Identification) -> tuple[bool, tuple[BoltEvid
     confidence = bands(result) if itself else {}
 
     def tight_std(group: ParameterGroup) -> Floats | None:
-        """Of the tight state; infinite where it could be clamped without the data objecting."""
+        """Standard deviation of the values in the tight state; infinite where the data allow them to be clamped."""
         own = confidence.get(group.name)
         std, upper = (own.std, own.upper) if own is not None else (_stored(reference, group, key) for key in ("std", "upper95"))
         return None if std is None or upper is None else np.where(np.isfinite(upper), std, np.inf)
@@ -247,18 +247,18 @@ def _sampled(result: Identification, bolt: int) -> int | None:
     return int(at[0]) if at.size else None
 
 
-#: Values of one group that speak for a bolt: the group, its values in theta, and which of them.
+#: Values of one group that belong to a bolt: the group, its slice of theta, and indices within it.
 Part = tuple[ParameterGroup, slice, NDArray[np.int64]]
 
 
 def _change(result: Identification, bolt: int, parts: Sequence[Part], difference: float | None) -> Change | None:
-    """Posterior of the change at a bolt: sampled, that of its unknown, or that of the values that speak for it."""
+    """Posterior of the change at a bolt: from samples, else from its unknown, else from the values that belong to it (``difference``)."""
     knowledge = result.posterior
     column = int(knowledge.shapes.bolts[bolt]) if knowledge.shapes.by_bolt else -1
     if column >= 0:
         excess, ceiling = _saturated(result, column, parts)
         at = _sampled(result, bolt)
-        # Where the comparison is not relative, the error of the reference state is among the unknowns.
+        # Without relative comparison, the error of the reference state is part of the posterior already.
         tight_std = _tight_std(parts, result.reference) if result.relative and knowledge.shapes.joint[bolt] else 0.0
         if result.changes is None or at is None:
             mean, std = float(knowledge.z[column]), float(np.hypot(knowledge.std[column], excess))
@@ -286,7 +286,7 @@ def _change(result: Identification, bolt: int, parts: Sequence[Part], difference
         row[values] = (group.value_jacobian(p) / (LN10 * group.values(p)[:, None]))[chosen].sum(axis=0) / count
     covariance = knowledge.boundary
     if result.against_reference:
-        # Of the change, not of the value.
+        # Covariance of the change, without that of the reference state.
         covariance = knowledge.shapes.T @ knowledge.covariance[: knowledge.z.size, : knowledge.z.size] @ knowledge.shapes.T.T
     variance = float(row @ covariance @ row)
     if not result.against_reference:
@@ -295,7 +295,7 @@ def _change(result: Identification, bolt: int, parts: Sequence[Part], difference
 
 
 def _partial_changes(inputs: Inputs, result: Identification, parts: Sequence[Part]) -> tuple[PartialChange, ...]:
-    """Changes of a joint's springs by group, where they are known to within what tight ones deviate from each other."""
+    """Changes of a joint by group of springs, for groups whose change is known to within ``deviation_std``; empty with a single group."""
     knowledge, prior = result.posterior, inputs.statistics.bolts
     if len({group.name for group, _, _ in parts}) < 2:
         return ()
@@ -307,7 +307,7 @@ def _partial_changes(inputs: Inputs, result: Identification, parts: Sequence[Par
         told = float(np.sqrt(max(float(rows @ knowledge.covariance[:m, :m] @ rows), 0.0)))
         if told > prior.deviation_std:
             continue
-        # The errors that widen the change of the whole joint.
+        # The same errors widen the change of the whole joint.
         tight = _tight_std([(group, values, chosen)], result.reference) if result.relative else 0.0
         std = float(np.sqrt(told**2 + float(carried(mean, tight)) ** 2 + (inputs.statistics.errors.shift_error * mean) ** 2))
         found.append(PartialChange(group=group.name, mean=mean, std=std, deviation=prior.deviation_std))
@@ -315,17 +315,17 @@ def _partial_changes(inputs: Inputs, result: Identification, parts: Sequence[Par
 
 
 def _tight_std(parts: Sequence[Part], reference: ReferenceState | None) -> float:
-    """Standard deviation of these values in the reference job, rms [decades]; 0 where it says none."""
+    """Standard deviation of these values in the reference job, rms [decades]; 0 if none is stored."""
     stored = [(_stored(reference, group, "std"), chosen) for group, _, chosen in parts]
     before = [std[chosen] for std, chosen in stored if std is not None]
     return float(np.sqrt(np.mean(np.concatenate(before) ** 2))) if before else 0.0
 
 
 def _saturated(result: Identification, column: int, parts: Sequence[Part]) -> tuple[float, float | None]:
-    """How far the reference state lies above saturation at a bolt, and how far below it, of which a rise would be felt [decades].
+    """Excess of the reference state over saturation at a bolt, and its distance below saturation (None if unknown), both >= 0 [decades].
 
-    How far above says the prior of the reference job alone: a change counts from saturation, and that much is uncertain too. What lies
-    lowest tells: a joint with one kind of terms below saturation is felt.
+    The excess comes from the prior of the reference job, not from data: it is added to a change and to its standard deviation. The group
+    that is lowest counts, because the FRFs respond to a joint if one kind of its springs is below saturation.
     """
     above = []
     for group, values, _ in parts:
@@ -336,7 +336,7 @@ def _saturated(result: Identification, column: int, parts: Sequence[Part]) -> tu
 
 
 def _alternatives(inputs: Inputs, result: Identification) -> tuple[tuple[tuple[float | None, ...], float], ...]:
-    """Changes of all bolts in each state that was sampled about, and its posterior probability among them."""
+    """Changes of all bolts in each state about which was sampled, and the posterior probability of that state among them."""
     if result.changes is None or inputs.bolts is None:
         return ()
     order, columns = result.changes.bolts.tolist(), result.posterior.shapes.bolts.tolist()
@@ -345,7 +345,7 @@ def _alternatives(inputs: Inputs, result: Identification) -> tuple[tuple[tuple[f
 
 
 def guessed_text(name: str, limits: Saturation) -> str:
-    """What ``auto`` stands for where the FRFs do not say between which stiffnesses they change, and what to do then."""
+    """Note on start value and bounds that were guessed because the FRFs do not show where they saturate."""
     return (
         f"{name}: the FRFs do not show above which stiffness a joint is practically rigid, and below which practically free. `auto` was "
         f"therefore guessed from the stiffness matrix (start {limits.start:.3g}, bounds {limits.lower:.3g} to {limits.upper:.3g}, log10). "
@@ -354,7 +354,7 @@ def guessed_text(name: str, limits: Saturation) -> str:
 
 
 def remarks(inputs: Inputs, result: Identification) -> list[str]:
-    """What a reader of the result should know: limits that do not exist, values at their bounds."""
+    """Notes of a result: guessed limits, values at their bounds, near ties between descents, relative comparison."""
     found = []
     for group, values, at in result.parameters.placed:
         limits = result.saturations.get(group.name)

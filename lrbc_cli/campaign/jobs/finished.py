@@ -1,4 +1,4 @@
-"""An identification made into records: judged, with the content of all its files. Nothing is written here."""
+"""Makes the content of all result files of a job from its identification and judgement; ``results`` writes them."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ Table = tuple[list[str], list[list[Any]]]
 
 @dataclass(frozen=True)
 class Finished:
-    """A job as it is written.
+    """Content of the result files of a job.
 
     Attributes
     ----------
     name : str
     tree : dict
-        Content of ``result.json``, but for the hashes of the other files.
+        Content of ``result.json`` without the hashes of the other files.
     tables : dict
-        Header and rows by name of the file.
+        Header and rows of each CSV file, by file name.
     evidence : Evidence
     shapes : ShapesRecord or None
     """
@@ -64,17 +64,18 @@ def finish(
     tight: ComparedWith,
     identities: tuple[Identity, Identity],
 ) -> Finished:
-    """Judge what was identified, and make of it what is written.
+    """Judge an identification, and make the content of its result files.
 
     Parameters
     ----------
     inputs : Inputs
     stage : ReductionStage or None
+        None for full-order evaluation.
     result : Identification
     tight : ComparedWith
-        The reference state that it was identified against, and the baselines.
+        Reference state of the identification, and results of the baselines.
     identities : pair of Identity
-        Of the identification, and of its judgement.
+        Digests of what identification and judgement depend on.
     """
     evidence, identified = evidence_of(inputs, result), identified_tree(inputs, stage, result)
     copied = copied_baseline(inputs, result.name, result.measurement)
@@ -100,13 +101,13 @@ def finish(
 def result_record(
     inputs: Inputs, stage: ReductionStage | None, result: Identification, evidence: Evidence, baselines: Mapping[str, JobRecord]
 ) -> JobRecord:
-    """The same of an identification that is not written."""
+    """Judged record of an identification that is not written to files, without correlation and digests."""
     tight = ComparedWith(result.reference, baselines)
     return JobRecord.checked(with_judgement(inputs.campaign, inputs.method.rule, identified_tree(inputs, stage, result), evidence, tight))
 
 
 def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identification) -> dict[str, Any]:
-    """What of ``result.json`` identification writes."""
+    """The part of ``result.json`` that the identification gives, without judgement."""
     campaign, solution, knowledge = inputs.campaign, result.solution, result.posterior
     return {
         "parameters": parameter_trees(inputs, result),
@@ -155,7 +156,7 @@ def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identi
 
 
 def parameter_trees(inputs: Inputs, result: Identification) -> dict[str, Any]:
-    """``parameters`` of ``result.json``."""
+    """The key ``parameters`` of ``result.json``: values, intervals and bounds of each group, as log10."""
     theta, variance = result.solution.theta, np.diag(result.posterior.boundary)
     confidence, out = bands(result), {}
     for terms, (group, values, at) in zip(inputs.groups, result.parameters.placed, strict=True):
@@ -195,7 +196,7 @@ def parameter_trees(inputs: Inputs, result: Identification) -> dict[str, Any]:
 
 
 def misfit_tree(inputs: Inputs, before: Floats, after: Floats) -> dict[str, Any]:
-    """``misfit_db`` of a result: from the mean misfits of all responses before and after [dB]."""
+    """The key ``misfit_db`` of a result, from (R,) mean misfits before and after the identification [dB]."""
     used, validation = inputs.used, inputs.validation
     return {
         "initial": mean_of(before[used]),
@@ -209,7 +210,7 @@ def misfit_tree(inputs: Inputs, before: Floats, after: Floats) -> dict[str, Any]
 
 
 def certificate_tree(stage: ReductionStage) -> dict[str, Any]:
-    """What a result says of the reduced model it rests on."""
+    """Key, size and measured error of the reduced model, as in ``result.json``."""
     reduction = stage.reduction
     return {
         "key": stage.decision.key,
@@ -221,14 +222,14 @@ def certificate_tree(stage: ReductionStage) -> dict[str, Any]:
 
 
 def _owners(inputs: Inputs, group: ParameterGroup) -> list[str | None] | None:
-    """Name of the bolt that owns each value; None where no bolt owns any."""
+    """Name of the bolt that owns each value of a group; None if bolts own none."""
     if group.bolt is None or inputs.bolts is None:
         return None
     return [inputs.bolts.name[bolt] if bolt >= 0 else None for bolt in group.bolt.tolist()]
 
 
 def origin_of(inputs: Inputs) -> str | None:
-    """See ``digests.origin``; None where the campaign file does not say all."""
+    """See ``digests.origin``; None if the campaign file does not state everything (``Inputs.by_hand``)."""
     return origin(inputs.campaign, inputs.read_with) if inputs.read_with and not inputs.by_hand else None
 
 
@@ -239,7 +240,7 @@ def calibration_tree(inputs: Inputs) -> dict[str, Any] | None:
 
 
 def curve_tree(curve: LCurve) -> dict[str, Any]:
-    """L-curve as in ``result.json``; ``at`` is its corner between the weights tried."""
+    """L-curve as in ``result.json``; ``at`` is the corner, interpolated between the weights tried."""
     corner = curve.corner
     return {
         "eta": curve.eta,
@@ -253,17 +254,17 @@ def curve_tree(curve: LCurve) -> dict[str, Any]:
 
 
 def _open(limits: Floats) -> list[float | None]:
-    """Limits; None where an interval is open."""
+    """Limits as in ``result.json``: None where an interval is open."""
     return [float(value) if np.isfinite(value) else None for value in limits]
 
 
 def _typical(stds: Floats) -> float | None:
-    """Median of the standard deviations that the prior has, in decades."""
+    """Median of the finite standard deviations of the prior [decades]; None if there are none."""
     finite = stds[np.isfinite(stds)]
     return float(np.median(finite)) if finite.size else None
 
 
-#: Columns of ``profile.csv`` beside group, term and position, and what of a parameter group they hold.
+#: Columns of ``profile.csv`` after group, term and position, and the key of ``parameters`` that each holds.
 PROFILE = {
     "arc_length_m": "arc_length",
     "log10_initial": "initial_effective",
@@ -308,7 +309,7 @@ def frf_rows(inputs: Inputs, measurement: Measurement, selected: Integers, initi
 
 
 def unit_of(inputs: Inputs, group: TermGroup) -> str:
-    """Unit of the identified values, where the component tells; those of bushings are ratios to the nominal ones."""
+    """Unit of the identified values by kind and component, empty if unknown; values of bushings are ratios to nominal ones."""
     if group.config.select.bushings is not None:
         return "× nominal"
     component = group.config.select.component or ""
@@ -319,11 +320,11 @@ def unit_of(inputs: Inputs, group: TermGroup) -> str:
 
 
 def tributary(group: ParameterGroup) -> Floats | None:
-    """(k,) length of edge that belongs to each parameter [m]; None without positions."""
+    """(k,) length of edge that belongs to each value [m]; None without positions, or with a single value."""
     if group.arc_length is None or group.count < 2:
         return None
     a = group.arc_length
     middle = 0.5 * (a[1:] + a[:-1])
-    # The ends carry as much as their only neighbour leaves them on the other side.
+    # The cell of an end value extends as far outwards as towards its neighbour.
     edges = np.concatenate([[2 * a[0] - middle[0]], middle, [2 * a[-1] - middle[-1]]])
     return np.diff(edges)

@@ -1,4 +1,4 @@
-"""What an identification, and a judgement of it, rest on: digests by part, so that it can be said which part changed."""
+"""Digests of everything on which an identification and its judgement depend, by part, so that a change of any part can be named."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from lrbc_cli.config.settings import files_of
 from lrbc_cli.updating.judging.rule import DecisionRule
 
 if TYPE_CHECKING:
-    # Whoever judges anew needs no model.
+    # Judging anew does not need the model.
     from lrbc_cli.campaign.reading.inputs import Inputs
 
-#: Increased whenever the same input would be identified or judged differently; that numbers and operators changed is told by ``NUMBERS``.
+#: Increased whenever the same input would be identified or judged differently; ``NUMBERS`` detects changes of numbers and operators.
 IDENTIFICATION_VERSION, JUDGEMENT_VERSION = 30, 9
 
 #: The parts of an identification in words.
@@ -37,13 +37,13 @@ PARTS = {
 
 @dataclass(frozen=True)
 class Identity:
-    """Digest of what a result rests on.
+    """Digest of everything on which a result depends.
 
     Attributes
     ----------
     digest : str
     parts : dict
-        Digest by named part.
+        Digest of each part, by its name in ``PARTS`` or ``JUDGED``.
     """
 
     digest: str
@@ -55,12 +55,12 @@ class Identity:
 
     @classmethod
     def of(cls, parts: dict[str, str]) -> Identity:
-        """Of its parts."""
+        """Identity from the digests of its parts."""
         return cls(key_of(parts), parts)
 
 
 def identification(inputs: Inputs, model: Mapping[str, str], name: str) -> Identity:
-    """What the identification of a job rests on: model, measurement, settings; not paths, back end or workers.
+    """Digest of what the identification of a job depends on: model, measurement, settings; not paths, back end or workers.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def _own(inputs: Inputs, model: Mapping[str, str], name: str) -> dict[str, str]:
     groups = [{key: value for key, value in group.items() if key != "select"} for group in resolved["parameters"].values()]
     return {
         "version": digest(IDENTIFICATION_VERSION, NUMBERS["identification"]),
-        # Beside its factors, which are in the operators, a calibration gives a start.
+        # Factors of a calibration are in the operators already; its boundary values are a start of their own.
         "model": digest(sorted((key, value) for key, value in model.items() if key not in reduction), calibrated),
         "reduction": digest(sorted((key, model[key]) for key in reduction)),
         "parameters": digest(
@@ -92,7 +92,7 @@ def _own(inputs: Inputs, model: Mapping[str, str], name: str) -> dict[str, str]:
             groups,
             [(group.beta, group.loss_factor) for group in inputs.groups],
             *[group.xyz for group in inputs.groups if group.xyz is not None],
-            # Which terms share a value: nothing else tells where terms have no positions.
+            # Which terms share a value; without positions, nothing else contains this.
             *[group.parameter for group in inputs.groups if group.count < group.parameter.size],
             *[group.bolt for group in inputs.groups if group.bolt is not None],
         ),
@@ -107,7 +107,7 @@ def _own(inputs: Inputs, model: Mapping[str, str], name: str) -> dict[str, str]:
 
 
 def _measurement(campaign: Campaign, name: str) -> str:
-    """Digest of a job's files and of what is said of them."""
+    """Digest of a job's files and of the settings about them."""
     job = campaign.jobs[name]
     return digest(
         about_measurement(campaign.resolved(), job, name),
@@ -117,12 +117,12 @@ def _measurement(campaign: Campaign, name: str) -> str:
 
 
 def compared_baselines(update: UpdateConfig, name: str) -> list[str]:
-    """The baselines of whose measurements that of a job must not be a copy."""
+    """Baselines of which the measurement of a job must not be a copy."""
     return [] if update.reference in (None, name) else [other for other in update.baselines if other != name]
 
 
 def judgement(campaign: Campaign, rule: DecisionRule, name: str) -> Identity:
-    """What the judgement of a job's identification rests on, but for the tight states, see ``standing``."""
+    """Digest of what the judgement of a job depends on, without the tight states (for these see ``standing``)."""
     update = campaign.update
     return Identity.of(
         {
@@ -130,7 +130,7 @@ def judgement(campaign: Campaign, rule: DecisionRule, name: str) -> Identity:
             "rule": digest(sorted(asdict(rule).items())),
             "role": digest(role_of(update, name)),
             "baselines": digest([(other, _measurement(campaign, other)) for other in compared_baselines(update, name)]),
-            # What is known of the bolts is told with the verdicts.
+            # Results state the removed bolts with the verdicts.
             "removed": digest(list(campaign.jobs[name].removed) if states_removed(campaign) else None),
         }
     )
@@ -147,7 +147,7 @@ JUDGED = {
 
 
 def changed(before: Mapping[str, str] | None, now: Mapping[str, str], words: Mapping[str, str]) -> str | None:
-    """Which parts differ, in words; None where none does."""
+    """Names of the parts that differ, in words; None if none does."""
     if before is None:
         return "the earlier result does not say what it rests on"
     names = [name for name in words if before.get(name) != now.get(name)]

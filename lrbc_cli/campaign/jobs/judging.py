@@ -1,4 +1,7 @@
-"""Judging the jobs of a campaign: the rule and the role that its settings give, and what a judgement adds to a result."""
+"""Judges the jobs of a campaign: applies the decision rule to their evidence, and makes the judged part of ``result.json``.
+
+The verdicts themselves: ``updating/judging`` and guide page *statistics*, sections 7 and 8.
+"""
 
 from __future__ import annotations
 
@@ -17,20 +20,20 @@ from lrbc_cli.updating.judging.rule import LOOSE, TIGHT, DecisionRule, TightScat
 #: Status of a job whose measurement the model does not explain.
 UNEXPLAINED = "unexplained"
 
-#: What of a result judging writes.
+#: Keys of ``result.json`` that judging writes.
 JUDGED = ("status", "reason", "removed", "bolts", "alternatives", "taken_as_tight", "validity", "decision_rule", "warnings", "notes")
 
 
 @dataclass(frozen=True)
 class ComparedWith:
-    """The tight states that the verdicts of a job rest on.
+    """Tight states with which a job is compared.
 
     Attributes
     ----------
     reference : ReferenceState or None
-        None for the reference job itself, and where it has no result.
+        None for the reference job itself, and if it has no result.
     baselines : mapping
-        Stored results of the baselines, by name.
+        Results of the baselines, by name.
     """
 
     reference: ReferenceState | None
@@ -38,17 +41,17 @@ class ComparedWith:
 
     @property
     def scatter(self) -> TightScatter:
-        """Of the changes between tight states [decades]."""
+        """Scatter of the changes between tight states [decades]."""
         return scatter_of_records(self.baselines.values())
 
 
 def role_of(update: UpdateConfig, name: str) -> str:
-    """What a job is in its campaign."""
+    """Role of a job in its campaign: reference job, baseline, or any other job."""
     return REFERENCE if name == update.reference else BASELINE if name in update.baselines else JOB
 
 
 def judged(campaign: Campaign, rule: DecisionRule, evidence: Evidence, tight: ComparedWith) -> dict[str, Any]:
-    """The part of ``result.json`` that judging writes, over what the identification wrote."""
+    """The part of ``result.json`` that judging writes (keys of ``JUDGED``, and ``scatter``)."""
     name, update = evidence.job, campaign.update
     judgement = judge(evidence, rule, role_of(update, name), tight.scatter, tight.reference)
     valid = judgement.validity
@@ -89,7 +92,7 @@ def judged(campaign: Campaign, rule: DecisionRule, evidence: Evidence, tight: Co
 def with_judgement(
     campaign: Campaign, rule: DecisionRule, identified: Mapping[str, Any], evidence: Evidence, tight: ComparedWith
 ) -> dict[str, Any]:
-    """The content of ``result.json``: what was identified, and what that says of the bolts."""
+    """Content of ``result.json``: identified values and judgement."""
     said = judged(campaign, rule, evidence, tight)
     prior = {**identified["prior"], "scatter": said.pop("scatter")}
     provenance = {**identified["provenance"], "configuration": campaign.resolved()}
@@ -104,7 +107,7 @@ def judged_anew(
     tight: ComparedWith,
     provenance: Mapping[str, Any],
 ) -> JobRecord:
-    """A stored identification with another judgement; its other files stay as they are.
+    """Record of a stored identification with a new judgement; the other files of the job stay as they are.
 
     Parameters
     ----------
@@ -114,7 +117,7 @@ def judged_anew(
     evidence : Evidence
     tight : ComparedWith
     provenance : mapping
-        What changes of the provenance: ``judgement``, ``rests_on``, ``origin``.
+        New values of ``judgement``, ``rests_on`` and ``origin``.
     """
     identified = {key: value for key, value in stored.tree().items() if key not in JUDGED}
     tree = with_judgement(campaign, rule, identified, evidence, tight)
@@ -123,7 +126,7 @@ def judged_anew(
 
 
 def bolt_trees(campaign: Campaign, evidence: Evidence, judgement: Judgement) -> list[dict[str, Any]]:
-    """``bolts`` of ``result.json``."""
+    """The key ``bolts`` of ``result.json``: change [decades], probability and verdict of each bolt."""
     removed = campaign.jobs[evidence.job].removed
     stated = states_removed(campaign)
     return [
@@ -146,20 +149,20 @@ def bolt_trees(campaign: Campaign, evidence: Evidence, judgement: Judgement) -> 
 
 
 def states_removed(campaign: Campaign) -> bool:
-    """Whether the campaign says which bolts are removed: then a job without that key has none removed."""
+    """Whether any job of the campaign states removed bolts; then jobs without that key have none removed."""
     return any(job.removed for job in campaign.jobs.values())
 
 
 def taken_as_tight(update: UpdateConfig, name: str, judgement: Judgement) -> dict[str, Any] | None:
-    """The role in which the bolts of a job are tight by assumption, and those that come out loose all the same; None for other jobs."""
+    """Role of a job whose bolts are assumed tight, with the bolts that nevertheless come out loose; None for other jobs."""
     role = role_of(update, name)
     return None if role == JOB else {"as": role, "doubtful": [bolt.name for bolt in judgement.bolts if bolt.suspect]}
 
 
 def suspects(judgement: Judgement) -> list[str]:
-    """A warning where bolts of a tight state come out loose, which hides loose bolts.
+    """Warning if bolts of an assumed tight state come out loose, which hides loose bolts in other jobs; else empty.
 
-    Those of a baseline count as scatter of tight states; with those of the reference job the bolts of all others are compared.
+    A baseline gives the scatter of tight states; the bolts of all jobs are compared with those of the reference job.
     """
     if judgement.fallen and any(bolt.suspect for bolt in judgement.bolts):
         named = ", ".join(f"{name} ({below:+.2f} decades)" for name, below in judgement.fallen.items())
@@ -178,7 +181,7 @@ def suspects(judgement: Judgement) -> list[str]:
 
 
 def contradicted(campaign: Campaign, name: str, judgement: Judgement) -> list[str]:
-    """A warning where bolts that are stated to be removed are judged tight."""
+    """Warning if bolts that are stated to be removed are judged tight; else empty."""
     update = campaign.update
     removed = campaign.jobs[name].removed if role_of(update, name) == JOB else ()
     tight = [bolt.name for bolt in judgement.bolts if bolt.name in removed and bolt.verdict == TIGHT]
@@ -198,7 +201,7 @@ def contradicted(campaign: Campaign, name: str, judgement: Judgement) -> list[st
 
 
 def implausible(judgement: Judgement) -> list[str]:
-    """A note where bolts come out tighter than in the reference job: they were loose there, or the model errs."""
+    """Note if bolts come out tighter than in the reference job (they were loose there, or the model is wrong); else empty."""
     if not judgement.implausible:
         return []
     many = len(judgement.implausible) > 1
@@ -207,7 +210,7 @@ def implausible(judgement: Judgement) -> list[str]:
 
 
 def scatter_of_records(baselines: Iterable[JobRecord]) -> TightScatter:
-    """Scatter of the changes between tight states, of stored results [decades]."""
+    """Scatter of the changes between tight states, from results of baselines [decades]."""
     return scatter_of(
         [BoltVerdict(name=bolt.name, verdict=bolt.verdict, change=bolt.change, change_std=bolt.change_std) for bolt in record.bolts]
         for record in baselines

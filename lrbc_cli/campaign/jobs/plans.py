@@ -1,4 +1,4 @@
-"""What would be done for each job of a campaign, and why: identify, judge anew, or keep what is finished."""
+"""Decides for each job of a campaign, with the reason: identify, judge anew, or keep the finished result."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class JobPlan:
-    """What would be done for one job, and why.
+    """What is to be done for one job, and why.
 
     Attributes
     ----------
@@ -34,15 +34,15 @@ class JobPlan:
         It is identified.
     reason : str
     identity, judgement : Identity
-        Of what its identification, and the judgement of that, rest on.
+        Digests of what its identification and judgement depend on now.
     judge : bool
         Its identification is kept and judged anew.
     waits : bool
-        What it rests on runs before it: whether it runs is decided then.
+        Jobs on which it depends run first; whether it runs is decided after them.
     record : JobRecord or None
-        The finished result, where there is one to keep.
+        Finished result, if it can be kept.
     evidence : Evidence or None
-        What was stored to judge it anew.
+        Stored evidence from which it is judged anew.
     """
 
     name: str
@@ -57,49 +57,50 @@ class JobPlan:
 
     @property
     def knows_copies(self) -> bool:
-        """Whether the finished result says if its measurement is that of a baseline that there is now."""
+        """Whether the finished result states if its measurement is a copy of one of the present baselines."""
         stored = None if self.record is None else self.record.provenance.judgement
         same = stored is not None and stored.parts.get("baselines") == self.judgement.parts["baselines"]
         return same and stored is not None and "copied" in stored.model_fields_set
 
     @property
     def copied(self) -> str | None:
-        """What it says of that."""
+        """The stored warning about a copied baseline; None if there is none."""
         stored = None if self.record is None else self.record.provenance.judgement
         return None if stored is None else stored.copied
 
     @property
     def kept(self) -> bool:
-        """Nothing is done, whatever other jobs find."""
+        """Nothing is done, whatever the results of other jobs."""
         return not (self.run or self.judge or self.waits)
 
     @property
     def verb(self) -> str:
-        """What is done, in a word."""
+        """What is done, in words."""
         return "runs" if self.run else "judged anew" if self.judge else "kept"
 
 
 def needs(campaign: Campaign, name: str) -> tuple[str | None, tuple[str, ...]]:
-    """The reference job and the baselines that the verdicts of a job rest on."""
+    """Reference job and baselines on which the verdicts of a job depend."""
     update = campaign.update
     if update.reference in (None, name):
         return None, ()
-    # A baseline does not know the others: its result must not rest on which of them is done.
+    # A baseline does not use the others: its result must not depend on which of them are done.
     return update.reference, () if name in update.baselines else update.baselines
 
 
 def decided(
     campaign: Campaign, rule: DecisionRule, identity_of: Callable[[str], Identity], names: Sequence[str], force: bool = False
 ) -> list[JobPlan]:
-    """Decide for each job what is done; changes nothing. Jobs come after those that they rest on, as ``choose_jobs`` orders them.
+    """Plan of each job; changes no files.
 
     Parameters
     ----------
     campaign : Campaign
     rule : DecisionRule
     identity_of : callable
-        What the identification of a job rests on now.
+        From the name of a job to the digest of what its identification depends on now.
     names : sequence of str
+        Jobs after those on which they depend, as ``choose_jobs`` orders them.
     force : bool
         Identify finished jobs again.
     """
@@ -123,18 +124,18 @@ def decided(
             plans[name] = settled(plans[name], output, rests_on(tight), reference)
             anew = [other for other in baselines if plans[other].judge]
             if anew and not plans[name].run:
-                # With the rule that judges these it is judged anew too; what their verdicts will be is not known yet.
+                # The rule that judges the baselines anew also applies to this job; their verdicts are not known yet.
                 plans[name] = _judged(plans[name], output, f"changed: the judgement of {', '.join(anew)}")
     return list(plans.values())
 
 
 def plan(inputs: Inputs, parts: Mapping[str, str], names: Sequence[str], force: bool = False) -> list[JobPlan]:
-    """The same with the model at hand, of which ``cache.key_parts`` gives the parts."""
+    """As ``decided``, from inputs that were read and the ``parts`` of the model by ``cache.key_parts``."""
     return decided(inputs.campaign, inputs.method.rule, partial(identification, inputs, parts), names, force)
 
 
 def _alone(folder: Path, job: JobPlan) -> JobPlan:
-    """As far as its own files and settings tell."""
+    """Plan of a job by its own files and settings, without those on which it depends."""
     try:
         stored = read_job(folder.parent, job.name)
     except DataError as error:
@@ -150,20 +151,20 @@ def _alone(folder: Path, job: JobPlan) -> JobPlan:
     rested = stored.provenance.judgement
     other = changed(None if rested is None else rested.parts, job.judgement.parts, JUDGED)
     if not stored.sealed:
-        # Its verdicts may be anyone's; what they rest on is kept beside it.
+        # Its verdicts may have been edited; the evidence for them is stored in a file of its own.
         other = "the earlier result is not sealed: it is of an older version, or was changed by hand"
     return found if other is None else _judged(found, folder.parent, other)
 
 
 def unchanged(stored: JobRecord | None) -> str:
-    """That nothing changed on which a result rests; whoever edits the program learns that its code is no part of that."""
+    """Reason for keeping a result: its inputs did not change; says if the code or the libraries did, which do not count."""
     if stored is None or stored.provenance.program in (None, program()):
         return "nothing changed"
     return "its inputs did not change, but the program or its libraries did; --force identifies it again"
 
 
 def _outdated(stored: JobRecord, job: JobPlan, folder: Path) -> str | None:
-    """Why a stored identification does not count any more by itself."""
+    """Reason why a stored identification is out of date, by its own files and settings; None if it is not."""
     if not stored.provenance.files:
         return "the earlier result is of an older version, without hashes of its files"
     if stored.provenance.identity != job.identity.digest:
@@ -172,7 +173,7 @@ def _outdated(stored: JobRecord, job: JobPlan, folder: Path) -> str | None:
 
 
 def _judged(job: JobPlan, output: Path, reason: str) -> JobPlan:
-    """A finished job that is judged anew; identified where what was stored for that cannot be read."""
+    """Plan of a finished job that is judged anew, or identified again if the stored evidence cannot be read."""
     if job.evidence is not None:
         return replace(job, judge=True, reason=reason)
     try:
@@ -182,17 +183,17 @@ def _judged(job: JobPlan, output: Path, reason: str) -> JobPlan:
 
 
 def _waiting(job: JobPlan, first: Sequence[str], reference: str | None) -> JobPlan:
-    """A finished job whose tight states run first."""
+    """Plan of a finished job for which reference job or baselines (``first``) run before."""
     stored = None if job.record is None else job.record.provenance.rests_on
     if first[0] == reference and (stored is None or stored.reference is None):
         return replace(job, run=True, judge=False, reason=f"identified without {reference}, which runs before it", waits=True)
     unless = f"unless {', '.join(first)}, which runs before it, gives another result"
-    # What is judged anew in any case says why.
+    # A job that is judged anew in any case keeps that reason.
     return replace(job, reason=job.reason if job.judge else unless, waits=True)
 
 
 def settled(job: JobPlan, output: Path, now: RestsOn, reference: str | None) -> JobPlan:
-    """A finished job with the tight states that there are now: identified anew with another reference state, judged anew with others."""
+    """Plan of a finished job with the present tight states: run again if the reference state differs, judged anew if baselines do."""
     stored = None if job.record is None else job.record.provenance.rests_on
     other = other_reference(stored, now, reference)
     if other is not None:
@@ -203,12 +204,12 @@ def settled(job: JobPlan, output: Path, now: RestsOn, reference: str | None) -> 
 
 
 def choose_jobs(campaign: Campaign, wanted: Sequence[str]) -> list[str]:
-    """The jobs to run, in the campaign's order, the reference job first and added where a wanted job is compared with it.
+    """Jobs to run: reference job and baselines first, added if not wanted, then the wanted ones (all if none) in the campaign's order.
 
     Raises
     ------
     ConfigError
-        Where a job is unknown or there is none.
+        If a job is unknown, or the campaign has none.
     """
     for name in wanted:
         campaign.require_job(name, "--job")

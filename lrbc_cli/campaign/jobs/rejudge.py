@@ -1,4 +1,7 @@
-"""Finished jobs judged by another rule, without a model where the bytes of all files tell that nothing else changed."""
+"""Judges finished jobs anew after a change of the decision rule, without reading the model if no input file changed.
+
+Such a call takes ``unchanged`` and ``judge_finished``; otherwise ``run`` uses ``judge_one`` and ``keep`` for single jobs.
+"""
 
 from __future__ import annotations
 
@@ -28,14 +31,14 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Standing:
-    """Jobs of which none has to be identified, because all that they come from is as it was.
+    """Finished jobs of which none must be identified, because nothing changed on which they depend.
 
     Attributes
     ----------
     plans : tuple of JobPlan
-        Judged anew or kept.
+        Each is judged anew or kept.
     said : ReadingRecord
-        What was said of the inputs when they were read.
+        Warnings and digest of the inputs, from when they were read.
     """
 
     plans: tuple[JobPlan, ...] = field(repr=False)
@@ -43,15 +46,15 @@ class Standing:
 
 
 def unchanged(campaign: Campaign, wanted: Sequence[str], *, calibration: bool) -> Standing | None:
-    """The finished jobs, known by the bytes of all files; None where something changed besides the rule, or cannot be told this way.
+    """The finished jobs, if the contents of all files show that at most the rule changed; None otherwise, or if this cannot be decided.
 
     Parameters
     ----------
     campaign : Campaign
     wanted : sequence of str
-        Jobs; all where empty.
+        Jobs; all if empty.
     calibration : bool
-        A stored calibration is used where it fits.
+        A stored calibration is used if it fits.
 
     Raises
     ------
@@ -71,7 +74,7 @@ def unchanged(campaign: Campaign, wanted: Sequence[str], *, calibration: bool) -
 
     try:
         told = read(output / "campaign.json", CampaignRecord)
-        # Without bolts there are settings that only then are said to be of no use.
+        # Without bolts, reading the inputs gives warnings that only that case has.
         if told is None or not told.sealed or told.reading is None or campaign.bolts is None or not (output / "reduction.json").is_file():
             return None
         now = origin(campaign, surroundings(campaign, calibration))
@@ -84,7 +87,7 @@ def unchanged(campaign: Campaign, wanted: Sequence[str], *, calibration: bool) -
         return None
 
     def identity_of(name: str) -> Identity:
-        # As it was, but for the reference job, which may have been identified again.
+        # As stored, except for the reference job, which may have been identified again.
         reference, parts = campaign.update.reference, records[name].provenance.parts or {}
         own = {} if reference is None or "reference" not in parts else {"reference": records[reference].provenance.identity or ""}
         return Identity.of({**parts, **own})
@@ -96,20 +99,20 @@ def unchanged(campaign: Campaign, wanted: Sequence[str], *, calibration: bool) -
 
 
 def _files_of(campaign: Campaign, name: str) -> set[str]:
-    """The files that the campaign file names for a job and for what all jobs share."""
+    """Paths that the campaign file names for a job, and for everything that all jobs share."""
     named = ((path, keys) for path, keys in input_files(campaign) if keys and keys[0] != "watch")
     return {path.as_posix() for path, keys in named if keys[0] != "jobs" or keys[1] == name}
 
 
 def judge_finished(campaign: Campaign, found: Standing, *, all_jobs: bool, progress: Progress) -> Outcome:
-    """Judge them by the rule that there is now, and write what that says.
+    """Judge finished jobs by the present rule where needed, and write their results.
 
     Parameters
     ----------
     campaign : Campaign
     found : Standing
     all_jobs : bool
-        They are all jobs of the campaign, so that files of which it knows nothing are told.
+        These are all jobs of the campaign: measurement files that belong to no job are reported, too.
     progress : callable
     """
     outcome, rule = Outcome(), rule_of(campaign.update)
@@ -147,14 +150,14 @@ def judge_one(
     campaign : Campaign
     rule : DecisionRule
     p : JobPlan
-        With the finished result and its evidence.
+        Must hold the finished result and its evidence.
     tight : ComparedWith
     outcome : Outcome
-        Takes the result.
+        Receives the result.
     come_from : str or None
         See ``digests.origin``.
     copied : str or None
-        In what way its measurement is that of a baseline.
+        Warning if the measurement is a copy of a baseline's.
     progress : callable
     """
     assert p.record is not None
@@ -167,7 +170,7 @@ def judge_one(
 
 
 def keep(p: JobPlan, outcome: Outcome, progress: Progress) -> None:
-    """Leave a finished job as it is."""
+    """Keep the result of a finished job."""
     outcome.kept.append(p.name)
     if p.record is not None:
         outcome.results[p.name] = p.record

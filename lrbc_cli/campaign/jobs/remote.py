@@ -1,7 +1,7 @@
-"""Identifications by the workers of a Dask scheduler, on other machines too.
+"""Identification of jobs by the workers of a Dask scheduler, also on other machines.
 
-The reduced model and the measurements are sent there, identifications come back; what is read and written stays on this machine, so that
-workers need no file of the campaign and no folder in common.
+Reduced model and measurements are sent to the workers, and identifications come back. Files are read and written on this machine only, so
+workers need no campaign files and no shared folder.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ log = logging.getLogger(__name__)
 
 
 def version() -> str:
-    """What an identification depends on besides its inputs, where this runs."""
+    """Version of the identification on the machine where this is called; workers must have the same."""
     return f"lrbc {lrbc_cli.__version__}, identification {IDENTIFICATION_VERSION}-{NUMBERS['identification']}"
 
 
@@ -38,7 +38,7 @@ class Cluster:
     ----------
     client : distributed.Client
     slots : int
-        Jobs that they do at a time.
+        Number of jobs at a time.
     """
 
     def __init__(self, client: Any, slots: int) -> None:
@@ -48,12 +48,12 @@ class Cluster:
         self._closed = False
 
     def close(self) -> None:
-        """Give up what has not come back; the workers stay."""
+        """Abandon jobs that have not come back; the workers keep running."""
         self._closed = True
         self._client.close()
 
     def identify(self, inputs: Inputs, source: FrfSource, name: str, reference: ReferenceState | None) -> Identification:
-        """As ``identify`` does, by a worker; here where the worker is lost.
+        """Identify a job by a worker (see ``identify``); on this machine if the worker is lost.
 
         Raises
         ------
@@ -75,7 +75,7 @@ class Cluster:
         return found
 
     def _there(self, source: FrfSource) -> Any:
-        """The model, sent to all workers once."""
+        """Handle of the model, which is sent to all workers once."""
         with self._lock:
             if self._sent is None or self._sent[0] is not source:
                 self._sent = source, self._client.scatter(source, broadcast=True, hash=False)
@@ -83,14 +83,14 @@ class Cluster:
 
 
 def _identified(source: FrfSource, name: str, reference: ReferenceState | None, measured: dict[str, Measurement]) -> Identification:
-    # Loaded here: whoever judges anew needs none of it.
+    # Imported here because judging anew does not need it.
     from lrbc_cli.campaign.identification.identify import identify
 
     return identify(source.inputs, source, name, reference, measured)
 
 
 def _measured(inputs: Inputs, name: str) -> dict[str, Measurement]:
-    """The job's measurement, and that of the reference job where it can be read: its earlier result serves without."""
+    """Measurement of the job, and of the reference job if it can be read; without it the comparison is not corrected."""
     jobs, reference = inputs.campaign.jobs, inputs.campaign.update.reference
     found = {name: read_measurement(inputs, jobs[name], name)}
     if reference in jobs and reference not in found:
@@ -103,19 +103,19 @@ def _measured(inputs: Inputs, name: str) -> dict[str, Measurement]:
 
 @contextmanager
 def cluster(address: str, *, seconds: float = 10.0) -> Iterator[Cluster]:
-    """The workers of a scheduler.
+    """Connection to the workers of a Dask scheduler.
 
     Parameters
     ----------
     address : str
         Such as ``tcp://host:8786``.
     seconds : float
-        To wait for an answer.
+        Time to wait for an answer [s].
 
     Raises
     ------
     ConfigError
-        Where Dask is not installed, no scheduler answers, it has no workers, or these have another version of this program.
+        If Dask is not installed, no scheduler answers, it has no workers, or these have another version of this program.
     """
     try:
         from distributed import Client
@@ -124,11 +124,11 @@ def cluster(address: str, *, seconds: float = 10.0) -> Iterator[Cluster]:
         raise ConfigError(
             "--scheduler needs Dask, which is not installed", found=str(error), hint="pip install 'lrbc[cluster]', on every worker too"
         ) from error
-    # What is lost is told by those who wait for it.
+    # Silence Dask: lost workers are reported by ``Cluster.identify``.
     for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
-        # A client of an address that names no machine, or no port, ends with a traceback of its own.
+        # With an address that names no machine or no port, the client itself would end with a traceback.
         scheme, host = parse_address(address)
         if scheme in {"tcp", "tls"}:
             socket.getaddrinfo(*parse_host_port(host))
@@ -149,7 +149,7 @@ def cluster(address: str, *, seconds: float = 10.0) -> Iterator[Cluster]:
 
 
 def _slots(client: Any, address: str) -> int:
-    """Jobs that the workers do at a time, all of them of this version."""
+    """Number of jobs that the workers can do at a time; raises a ConfigError if there are none, or of another version."""
     threads = client.nthreads()
     if not threads:
         hint = f"start one on each machine: `dask worker {address} --nthreads 1`"

@@ -1,4 +1,4 @@
-"""Result files under the output folder: written whole, ``result.json`` last, so that it vouches for the others."""
+"""Writes the result files in the output folder; ``result.json`` of a job comes last, with the hashes of its other files."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from lrbc_cli.results.tables import write_csv
 
 
 def write_result(output: Path, finished: Finished) -> JobRecord:
-    """Write the tables, evidence.json, shapes.json, and result.json with hashes of these.
+    """Write the tables, evidence.json and shapes.json, then result.json with their hashes.
 
     Returns
     -------
     JobRecord
-        What result.json holds.
+        Content of result.json.
     """
     folder = output / finished.name
     files = {name: write_csv(folder / name, *table) for name, table in finished.tables.items()}
@@ -37,7 +37,7 @@ def write_result(output: Path, finished: Finished) -> JobRecord:
 
 
 def write_failure(output: Path, inputs: Inputs, name: str, reason: str, identity: str | None) -> None:
-    """Record a job that failed; an earlier success is kept as ``result.previous.json``, its tables and figures stay."""
+    """Write ``result.json`` of a job that failed; an earlier result is kept as ``result.previous.json``, its tables and figures stay."""
     path = output / name / "result.json"
     try:
         before = read_job(output, name)
@@ -55,7 +55,7 @@ def write_failure(output: Path, inputs: Inputs, name: str, reason: str, identity
 
 
 def write_campaign(output: Path, inputs: Inputs, files: Mapping[str, str] | None = None) -> None:
-    """Write ``campaign.json``: what the report needs to know of the campaign; with hashes of what ``lrbc update`` wrote beside it."""
+    """Write ``campaign.json``: what the report needs of the campaign, and hashes of the files that ``lrbc update`` wrote beside it."""
     campaign, use = inputs.campaign, inputs.calibration
     origin = None if files is None else origin_of(inputs)
     bolts = [] if inputs.bolts is None else [{"name": n, "position": p} for n, p in zip(inputs.bolts.name, inputs.bolts.xyz, strict=True)]
@@ -74,7 +74,7 @@ def write_campaign(output: Path, inputs: Inputs, files: Mapping[str, str] | None
                 {"name": r.name, "quantity": r.quantity, "unit": r.unit, "used": bool(i in inputs.used)}
                 for i, r in enumerate(inputs.responses)
             ],
-            # Empty: the jobs rest on the model as exported although there is a calibration.
+            # Empty string: there is a calibration, but the jobs use the model as exported.
             "calibration": None if use is None else (use.key if use.used else ""),
             "reading": None
             if origin is None

@@ -1,4 +1,4 @@
-"""All jobs of a campaign: identify, judge, keep what is finished, resume by content."""
+"""Runs the jobs of a campaign for ``lrbc update``: identifies, judges anew or keeps each, reference job and baselines first."""
 
 from __future__ import annotations
 
@@ -44,34 +44,35 @@ def run_jobs(
     remote: Cluster | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[Outcome, ReductionStage | None]:
-    """Run the updating jobs; a job that fails is a record, not the end.
+    """Run the jobs of a campaign; a job that fails is recorded, and the others go on.
 
     Parameters
     ----------
     inputs : Inputs
     folder : Path
-        Of the cache.
+        Folder of the cache of reduced models.
     wanted : sequence of str
-        Jobs; all where empty.
+        Jobs to run, with the reference job and the baselines added; all if empty.
     missing : collection of str
-        Jobs that are not measured yet: they neither run nor fail where others rest on them.
+        Jobs that are not measured yet: they are left out, even if others depend on them.
     source : FrfSource or None
-        FRFs of this model from an earlier call; None: from the cache, or built.
+        FRFs of this model from an earlier call; None: from the cache, or reduced now.
     force : bool
-        Run finished jobs again.
+        Identify finished jobs again.
     accept : bool
         Accept a reduced model that misses its tolerance.
     workers : int
-        Jobs at a time.
+        Number of jobs at a time.
     remote : Cluster or None
-        Whose workers identify the jobs, as many at a time as they can; None: this process.
+        Its workers identify the jobs, as many at a time as it has slots; None: this process.
     progress : callable
+        Receives one line of text per step.
 
     Returns
     -------
     Outcome
     ReductionStage or None
-        None where nothing had to run, or for full-order evaluation.
+        None if nothing had to run, or for full-order evaluation.
     """
     names = [name for name in choose_jobs(inputs.campaign, wanted) if name not in missing]
     parts = cache.key_parts(inputs) if source is None else source.parts
@@ -82,7 +83,7 @@ def run_jobs(
 
 
 class _Run:
-    """What the jobs of one call share."""
+    """State that the jobs of one call share: plans, outcome so far, reduced model, seconds taken."""
 
     def __init__(
         self, inputs: Inputs, folder: Path, plans: Sequence[JobPlan], progress: Callable[[str], None], remote: Cluster | None
@@ -97,14 +98,14 @@ class _Run:
         self.taken: list[float] = []
 
     def all(self, accept: bool, workers: int, source: FrfSource | None) -> tuple[Outcome, ReductionStage | None]:
-        """Run, judge anew or keep them, those first that others rest on."""
+        """Run, judge anew or keep all jobs, those first on which others depend."""
         self.workers = workers if self.remote is None else self.remote.slots
         campaign, outcome = self.inputs.campaign, self.outcome
         for p in self.plans.values():
             if p.kept:
                 keep(p, outcome, self.progress)
         todo = [name for name in self.names if name not in outcome.results]
-        # The record of the campaign, written last, says that this is its structure.
+        # campaign.json is written last: it holds the hash of structure.json.
         drawn = write(self.output / "structure.json", sealed(structure_of(self.inputs)))
         write_campaign(self.output, self.inputs, {"structure.json": drawn})
         if source is not None:
@@ -118,7 +119,7 @@ class _Run:
             if lacking:
                 log.warning("no deflection shapes: %s (`lrbc reduce --force` keeps it)", lacking)
         try:
-            # The others are compared with it; then the baselines, whose scatter sets the threshold of the others.
+            # All others are compared with the reference job; the scatter of the baselines sets the threshold of the rest.
             first = [name for name in todo if name == campaign.update.reference]
             second = [name for name in todo if name in campaign.update.baselines]
             for wanted_now in (first, second, [name for name in todo if name not in (*first, *second)]):
@@ -137,7 +138,7 @@ class _Run:
         return ComparedWith(None if before is None else before.state, results)
 
     def _still_to_run(self, name: str) -> bool:
-        """Whether a job is identified, now that what it rests on has run; otherwise it is judged anew or kept."""
+        """Whether a job must be identified, now that those it depends on have run; if not, judge it anew or keep it."""
         p = self.plans[name]
         if p.run and not p.waits:
             return True
@@ -154,7 +155,7 @@ class _Run:
         return False
 
     def _identified(self, source: FrfSource, name: str) -> JobRecord:
-        # Loaded here: what is judged anew needs none of it.
+        # Imported here because judging anew does not need it.
         from lrbc_cli.campaign.identification.identify import identify
 
         p, tight = self.plans[name], self._compared_with(name)
@@ -162,12 +163,12 @@ class _Run:
         return write_result(self.output, finish(self.inputs, self.stage, result, tight, (p.identity, p.judgement)))
 
     def _run(self, names: list[str], source: FrfSource) -> None:
-        """Identify jobs that rest on none of each other, as many at a time as there are workers."""
+        """Identify jobs that do not depend on each other, as many at a time as there are workers."""
         if self.workers < 2 or len(names) < 2:
             for name in names:
                 self._done(name, partial(self._identified, source, name))
             return
-        # Threads serve: the time goes into dense linear algebra, which releases the interpreter.
+        # Threads suffice: most time is spent in dense linear algebra, which releases the interpreter lock.
         pool = ThreadPoolExecutor(min(self.workers, len(names)))
         pending: dict[Future[JobRecord], str] = {pool.submit(self._identified, source, name): name for name in names}
         try:
@@ -176,7 +177,7 @@ class _Run:
                 for future in finished:
                     self._done(pending.pop(future), future.result)
         except BaseException:
-            # What other machines work on would be waited for.
+            # Without this, the pool would wait for jobs on other machines.
             if self.remote is not None:
                 self.remote.close()
             raise
@@ -191,7 +192,7 @@ class _Run:
         except LrbcError as error:
             self._failed(name, error)
         except Exception as error:
-            # A defect in one job must not take the others with it; the traceback is in the log.
+            # A program error in one job must not stop the others; the traceback is in the log.
             log.debug("job %s", name, exc_info=True)
             self._failed(name, NumericalError(f"job {name}: {type(error).__name__}: {error}"))
         else:
@@ -202,7 +203,7 @@ class _Run:
             self.progress(f"{name}: {text}; {self._ahead(0)}")
 
     def _ahead(self, begun: int) -> str:
-        """How many of the jobs are through, and how long the others will take by those that ran."""
+        """Number of jobs done, and the time left estimated from the jobs that ran [s]."""
         through = len(self.outcome.results) + len(self.outcome.failed)
         text = f"{through + begun} of {len(self.names)} jobs"
         rest = len(self.names) - through
@@ -218,14 +219,14 @@ class _Run:
 
 
 def reference_result(inputs: Inputs, outcome: Outcome, reference: str, stage: ReductionStage | None) -> JobRecord | None:
-    """Result of the reference job: of this call, or where it failed now the one that it had before with the same reduced model."""
+    """Result of the reference job: of this call or, if it failed, its previous one with the same reduced model; else None."""
     if reference in outcome.results:
         return outcome.results[reference]
     try:
         before = read_job(inputs.campaign.output, reference, "result.previous.json")
     except DataError:
         return None
-    # Of other parameter groups it has no state to compare with, and a change of which nothing is known is not zero.
+    # With other parameter groups its state cannot be compared with.
     if not isinstance(before, JobRecord) or theta_of(layout(inputs), before.parameters) is None:
         return None
     certificate = before.provenance.certificate

@@ -1,4 +1,4 @@
-"""What a stored result stands on, and what it says: its files, the tight states behind its verdicts, its finding."""
+"""Checks whether stored results are still valid: their files, and the tight states on which they depend; and the outcome of one call."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from lrbc_cli.results.job import JobRecord, RestsOn
 from lrbc_cli.updating.judging.clearance import JobFinding, not_clear
 from lrbc_cli.updating.judging.reference import ReferenceState
 
-#: Tables beside ``result.json``, which vouches for them by their hashes; ``shapes.json`` is there where shapes can be drawn.
+#: Files beside ``result.json``, which holds their hashes; ``shapes.json`` is added if shapes can be drawn.
 FILES = ("profile.csv", "frf.csv", "fdac.csv", "evidence.json")
 
 
 def altered(folder: Path, stored: JobRecord) -> str | None:
-    """Why the files of a job are not those that were written with its result; None where they are."""
+    """How the files of a job differ from those written with its result, in words; None if they do not."""
     hashes = stored.provenance.files or {}
     for name in dict.fromkeys((*FILES, *hashes)):
         try:
@@ -36,12 +36,12 @@ def altered(folder: Path, stored: JobRecord) -> str | None:
 
 
 def state_of(reference: ReferenceState) -> str:
-    """Digest of the state that a reference job found, from whatever files and judged in whatever way; the same in memory and read back."""
+    """Digest of the state identified in the reference job, without its input files and judgement; the same in memory and read back."""
     return _digest({key: value for key, value in asdict(reference).items() if key not in ("explained", "inputs")})
 
 
 def changes_of(record: JobRecord) -> str:
-    """Digest of what a baseline tells of the scatter of tight states."""
+    """Digest of the changes of a baseline, which give the scatter of tight states."""
     return _digest([[bolt.name, bolt.change, bolt.change_std, bolt.verdict] for bolt in record.bolts])
 
 
@@ -50,7 +50,7 @@ def _digest(value: Any) -> str:
 
 
 def rests_on(tight: ComparedWith) -> RestsOn:
-    """What the verdicts of a job rest on: null, or left out, where one had no result."""
+    """Digests of the tight states on which the verdicts of a job depend; None, or left out, for those without a result."""
     return RestsOn(
         reference=None if tight.reference is None else state_of(tight.reference),
         baselines={other: changes_of(record) for other, record in tight.baselines.items()},
@@ -58,7 +58,7 @@ def rests_on(tight: ComparedWith) -> RestsOn:
 
 
 def other_reference(stored: RestsOn | None, now: RestsOn, reference: str | None) -> str | None:
-    """Why an identification does not rest on the reference state that there is now; None where it does."""
+    """Reason why an identification does not belong to the present reference state; None if it does."""
     if stored is None:
         return "it is of an earlier version, which does not say what its verdicts rest on"
     before = stored.reference
@@ -70,33 +70,33 @@ def other_reference(stored: RestsOn | None, now: RestsOn, reference: str | None)
 
 
 def other_baselines(stored: RestsOn | None, now: RestsOn) -> str | None:
-    """Why a judgement does not rest on the baselines that there are now; None where it does."""
+    """Reason why a judgement does not belong to the present baselines; None if it does."""
     before = {} if stored is None else stored.baselines
     changed = [name for name in dict.fromkeys([*before, *now.baselines]) if before.get(name) != now.baselines.get(name)]
     return f"it rests on other results of the baselines ({', '.join(changed)})" if changed else None
 
 
 def findings_of(records: Mapping[str, JobRecord], names: Iterable[str]) -> dict[str, JobFinding]:
-    """Of these jobs, in this order; one without a result has failed."""
+    """Finding of each of these jobs, in this order; one without a result counts as failed."""
     return {name: records[name].finding if name in records else JobFinding(status="failed") for name in names}
 
 
 @dataclass(kw_only=True)
 class Outcome:
-    """What happened to the jobs of one call.
+    """Outcome of one call for all its jobs.
 
     Attributes
     ----------
     results : dict
         Result by job, kept ones included.
     kept, judged, failed : lists of str
-        Kept as they were, judged anew, failed.
+        Jobs that were kept, judged anew, or failed.
     errors : dict
-        The error of each failed job.
+        Error of each failed job.
     unseen : str
-        Why there may be measurements that this call knows nothing of.
+        Reason why there may be measurements that this call did not find; empty if none.
     beside : list of str
-        Files beside those of the jobs that no job names, in words.
+        Measurement files that no job names, in words.
     """
 
     results: dict[str, JobRecord] = field(default_factory=dict)
@@ -114,19 +114,19 @@ class Outcome:
 
     @property
     def findings(self) -> dict[str, JobFinding]:
-        """What each job says of the bolts."""
+        """Finding of each job."""
         return findings_of(self.results, [*self.results, *self.failed])
 
     @property
     def not_clear(self) -> dict[str, list[str]]:
-        """What keeps these jobs from being an all-clear, by job; empty where they are one."""
+        """Reasons why these jobs give no all-clear, by job; empty if they do."""
         found = not_clear(self.findings)
         if self.unseen:
             found.setdefault("", []).append(self.unseen)
         return found
 
     def exit_code(self, fail_on_loose: bool) -> int:
-        """The exit code, as `lrbc --help` lists them."""
+        """Exit code, as listed by `lrbc --help`."""
         if self.failed:
             kinds = {error.exit_code for error in self.errors.values()}
             if not self.results and len(kinds) == 1:

@@ -1,4 +1,4 @@
-"""How far a campaign is: each job's state, its last error, and how long the rest will take. Reads only."""
+"""Progress of a campaign for ``lrbc status``: state of each job, last errors, and estimated time left. Reads files only."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lrbc_cli.results.model import ReductionRecord
 from lrbc_cli.results.store import read, read_job
 from lrbc_cli.updating.judging.clearance import sentence
 
-#: States of a job, as a person reads them.
+#: States of a job, and the words shown for them.
 STATES = {
     "done": "done",
     "stale": "out of date",
@@ -31,16 +31,16 @@ STATES = {
 
 @dataclass(frozen=True)
 class JobStatus:
-    """How far a job is.
+    """State of a job.
 
     Attributes
     ----------
     state : str
         One of ``STATES``.
     reason : str
-        Which part changed, which file is missing, why its files cannot be used, or the last error; of a job that is done what was found.
+        Which part changed, which file is missing, why its files cannot be used, or the last error; the finding of a job that is done.
     seconds : float or None
-        What its last identification took.
+        Duration of its last identification.
     """
 
     state: str
@@ -50,19 +50,19 @@ class JobStatus:
 
 @dataclass(frozen=True)
 class CampaignStatus:
-    """How far a campaign is.
+    """State of a campaign.
 
     Attributes
     ----------
     jobs : dict of JobStatus
         In the campaign's order.
     seconds_left : float or None
-        What the jobs that `lrbc update` would run will take, reduction included; None where nothing tells yet.
+        Estimated duration of the jobs that `lrbc update` would run, reduction included; None if it cannot be estimated yet.
     cache : CacheDecision
     page : str
-        What is wrong with ``report.html``: missing, or older than results; empty where nothing is.
+        Fault of ``report.html``: missing, or older than results; empty if there is none.
     passed_over : list of str
-        What to do about files in the watched folder that are nobody's.
+        Notes on files in the watched folder that belong to no job.
     """
 
     jobs: dict[str, JobStatus]
@@ -72,19 +72,19 @@ class CampaignStatus:
     passed_over: list[str] = field(default_factory=list)
 
     def named(self, *states: str) -> list[str]:
-        """The jobs in one of these states."""
+        """Names of the jobs in one of these states."""
         return [name for name, job in self.jobs.items() if job.state in states]
 
 
 def status(inputs: Inputs, folder: Path) -> CampaignStatus:
-    """Tell how far a campaign is; changes and computes nothing.
+    """State of a campaign; changes no files and identifies nothing.
 
     Parameters
     ----------
     inputs : Inputs
-        With the stored calibration, where it fits.
+        With the stored calibration, if it fits.
     folder : Path
-        Of the cache.
+        Folder of the cache of reduced models.
     """
     parts, campaign = cache.key_parts(inputs), inputs.campaign
     decision = cache.look_up(folder, parts)
@@ -126,7 +126,7 @@ def _status(inputs: Inputs, job: JobPlan) -> JobStatus:
 
 
 def _unusable(inputs: Inputs, job: JobPlan) -> str | None:
-    """Why the files of a job that is to run cannot be used, on one line, as ``lrbc watch`` finds it."""
+    """Reason on one line why the files of a job that is to run cannot be used, as ``lrbc watch`` reports it; else None."""
     try:
         read_measurement(inputs, inputs.campaign.jobs[job.name], job.name)
     except (LrbcError, OSError) as error:
@@ -135,7 +135,7 @@ def _unusable(inputs: Inputs, job: JobPlan) -> str | None:
 
 
 def _page(inputs: Inputs) -> str:
-    """What is wrong with the page, by the times of the files; nothing where there are no results yet."""
+    """Fault of the report by the times of the files; empty if there is none, or without results."""
     output = inputs.campaign.output
     times = {name: time for name in inputs.campaign.jobs if (time := _written(output / name / "result.json"))}
     page = _written(output / "report.html")
@@ -147,7 +147,7 @@ def _page(inputs: Inputs) -> str:
 
 
 def _written(file: Path) -> int | None:
-    """When a file was last written [ns]; None where it is not there."""
+    """Time when a file was last written [ns]; None if it does not exist."""
     try:
         return file.stat().st_mtime_ns
     except OSError:
@@ -155,7 +155,7 @@ def _written(file: Path) -> int | None:
 
 
 def _reduction_seconds(inputs: Inputs) -> float | None:
-    """What the reduction will take: as the last one did, else as predicted."""
+    """Duration of the reduction [s]: that of the last one, else as predicted; None if neither is known."""
     try:
         before = read(inputs.campaign.output / "reduction.json", ReductionRecord)
         return reduction_cost(inputs)[0].seconds if before is None else float(before.seconds["total"])

@@ -1,4 +1,4 @@
-"""``campaign.csv``: one row a job."""
+"""Writes ``campaign.csv``, one row for each job that has a result."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ CAMPAIGN_COLUMNS = [
 
 
 def write_table(output: Path, jobs: Sequence[str], known: Mapping[str, JobRecord]) -> None:
-    """Write ``campaign.csv``, one row a job that has a result.
+    """Write ``campaign.csv``, one row for each job that has a result or failed.
 
     Parameters
     ----------
     output : Path
     jobs : sequence of str
     known : mapping
-        Results that need not be read.
+        Results in memory, by job; others are read.
     """
     rows: list[list[str | float | None]] = []
     for name in jobs:
@@ -88,6 +88,6 @@ def write_table(output: Path, jobs: Sequence[str], known: Mapping[str, JobRecord
 
 
 def _probabilities(job: JobRecord) -> str:
-    """Of being loose, in the order of the names of the loose bolts; empty where no bolt has one."""
+    """Probabilities of the loose bolts, in the order of their names; empty if none has one."""
     known = [bolt.probability_loose for bolt in job.bolts if bolt.verdict == "loose"]
     return " ".join("-" if p is None else f"{p:.3g}" for p in known) if any(p is not None for p in known) else ""

@@ -1,1 +1,1 @@
-"""What measurements show when compared with each other: copies, exchanges, other units, other measuring chains."""
+"""Faults of measurements that show in comparison with others or with the model: copies, exchanged sensors, units, measuring chains."""

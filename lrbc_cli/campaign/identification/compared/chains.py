@@ -1,4 +1,4 @@
-"""Jobs that were measured with another chain than the reference job, or with more noise."""
+"""Detects jobs that were measured with another measuring chain than the reference job, or with more noise; returns texts for the user."""
 
 from __future__ import annotations
 
@@ -16,19 +16,18 @@ from lrbc_cli.updating.statistics.lines import line_noise, noise_shares
 
 
 def noise_doubt(own: Measurement, tight: Measurement, reference: str, *, least: float = 0.1, part: float = 0.5) -> str | None:
-    """What to say of a job whose single lines scatter far more than those of the reference job, all or in one part of the band; else None.
+    """Warning if the lines of a job scatter far more than those of the reference job, in the whole band or in one part of it; else None.
 
     Parameters
     ----------
     own, tight : Measurement
-        On the same lines, or nothing is compared.
+        Measurements of the job and of the reference job; None is returned if their lines differ.
     reference : str
         Name of the reference job.
     least : float
-        Noise over size from which it counts: half a decibel in the mean, of the one that a fit is wanted to leave.
+        Least ratio of noise to magnitude (median over all lines): half a decibel on average, half of the misfit that a fit should leave.
     part : float
-        The same of a part of the band, of which little is left then. On 24 structures loosened bolts, by which signals fall and peaks
-        sharpen, made up to 0.22 of it in one.
+        The same for one part of the band. On 24 structures loosened bolts, which lower signals and sharpen peaks, reached 0.22.
     """
     if own.values.shape != tight.values.shape or unlike(own.frequency_hz, tight.frequency_hz):
         return None
@@ -58,9 +57,9 @@ def noise_doubt(own: Measurement, tight: Measurement, reference: str, *, least: 
 
 
 def _edge(own: Measurement, least: float) -> int:
-    """Line that parts the band best into one with noisy lines and one with others; 0 where none does."""
+    """Index of the line that best separates noisy lines from others; 0 if no line is noisy."""
     with warnings.catch_warnings():
-        # Lines that no response has.
+        # Lines on which no response has a value.
         warnings.simplefilter("ignore", RuntimeWarning)
         noisy = np.nanmedian(noise_shares(own.values), axis=1) > least
     if noisy.size < 2:
@@ -74,21 +73,22 @@ def _edge(own: Measurement, least: float) -> int:
 def coherence_doubt(
     inputs: Inputs, own: Measurement, tight: Measurement, reference: str, *, least: float = 0.01, times: float = 80.0
 ) -> str | None:
-    """What to say of responses whose noise, by the coherence, has risen alone against the reference job; None where none has.
+    """Warning if the noise of a few responses, by their coherence, has risen relative to the reference job; else None.
 
-    Noise over signal rises also where a loosened bolt lets a response fall, so that the noise itself has to have risen, too.
+    The ratio of noise to signal also rises if a loosened bolt lowers a response, so the noise itself must have risen, too.
 
     Parameters
     ----------
     inputs : Inputs
     own, tight : Measurement
-        On the same lines, or nothing is compared.
+        Measurements of the job and of the reference job; None is returned if their lines differ.
     reference : str
         Name of the reference job.
-    least, times : float
-        Noise over signal, ``(1 - g²) / g²`` in the median over the lines, from which it counts, and how many times more of it, and of the
-        noise, there is than in the reference job, by the median of all responses. On 24 virtual rigs loosened bolts raise both up to 43
-        times; clipping at half or a third of the peak did 107 and 117 times.
+    least : float
+        Least ratio of noise to signal power, ``(1 - g²) / g²``, in the median over the lines.
+    times : float
+        Least factor by which this ratio, and the noise, have risen, relative to the median factor of all responses. On 24 virtual rigs
+        loosened bolts reached 43, clipping at half or a third of the peak 107 and 117.
     """
     if own.coherence.shape != tight.coherence.shape or unlike(own.frequency_hz, tight.frequency_hz):
         return None
@@ -116,13 +116,13 @@ def coherence_doubt(
 
 
 def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference: str) -> str | None:
-    """What to say of a job that was measured with another window, filter or clock than the reference job, or hit twice; None where not.
+    """Warning if a job was measured with another window, filter or clock than the reference job, or hit twice; else None.
 
     Parameters
     ----------
     inputs : Inputs
     own, tight : Measurement
-        On the same lines, or nothing is compared.
+        Measurements of the job and of the reference job; None is returned if their lines differ.
     reference : str
         Name of the reference job.
     """
@@ -134,15 +134,17 @@ def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference:
 
 
 def soft_tip(own: Measurement, *, low: float = 0.75, share: float = 0.9, least: float = 0.1) -> tuple[float, float] | None:
-    """Frequency from which the coherence of a job is low [Hz], and the coherence there; None where it is not, or none is known.
+    """Frequency above which the coherence of a job is low [Hz], and its median there; None if there is none, or if it is unknown.
 
     Parameters
     ----------
     own : Measurement
     low : float
-        Coherence, in the median over the responses, below which a line is mostly noise with the usual number of averages.
-    share, least : float
-        Share of the lines above that frequency that are low, and of those below that are not; and of all lines on either side.
+        Coherence (median over the responses) below which a line is mostly noise with the usual number of averages.
+    share : float
+        Least share of the lines above that frequency that are low, and of those below that are not.
+    least : float
+        Least share of all lines on either side.
     """
     known = np.isfinite(own.coherence).any(axis=1)
     if 2 * known.sum() < known.size:

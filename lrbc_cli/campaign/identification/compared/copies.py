@@ -1,4 +1,4 @@
-"""Measurements that hold the numbers of another: copied under the wrong name, exported again, in other units or with fewer digits."""
+"""Detects copies of a measurement: saved under another name, exported again, in other units or with fewer digits."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.statistics.decibels import decibel
 from lrbc_cli.updating.statistics.model import ValidationChannels
 
-#: Levels of less than 500 dB are known to this in single precision, and their differences [dB].
+#: Rounding error in single precision of levels below 500 dB, and of their differences [dB].
 _ROUNDING = 1e-4
 
 
 def copied_responses(own: Measurement, other: Measurement, limits: ValidationChannels) -> NDArray[np.int64]:
-    """Responses whose magnitudes are those of another measurement, but for a constant factor and the rounding of three digits.
+    """Responses whose magnitudes are those of another measurement up to a constant factor and the rounding of three digits.
 
-    On half of the common lines the levels then differ by no more than ``copied_db`` from their median difference. Measured anew they
-    differ by the noise: a coherence of 0.9999 and ten averages leave 0.03 dB between two measurements of one state.
+    Criterion: on half of the common lines the difference of the levels is within ``copied_db`` of its median. Two measurements of one
+    state differ by more: by 0.03 dB with a coherence of 0.9999 and ten averages.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def copied_responses(own: Measurement, other: Measurement, limits: ValidationCha
     Returns
     -------
     int array
-        Empty where too few lines are common to tell.
+        Indices; empty if fewer than ``least_common`` lines are common.
     """
     mine, theirs = _common_lines(own.frequency_hz, other.frequency_hz, limits)
     a, b = own.values[mine], other.values[theirs]
@@ -48,25 +48,25 @@ def copied_responses(own: Measurement, other: Measurement, limits: ValidationCha
 
 
 def _common_lines(own: Floats, other: Floats, limits: ValidationChannels) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Indices of the common lines in both."""
+    """Indices of the common lines in both axes [Hz]."""
     near = np.minimum(np.searchsorted(other, own * (1 - limits.same_line)), other.size - 1)
     common = np.flatnonzero(np.abs(other[near] - own) <= limits.same_line * own)
     return common, near[common]
 
 
 def proportional(one: Complexes, other: Complexes, limits: ValidationChannels) -> bool:
-    """Whether numbers are others, none of them zero, but for a constant factor: two sensors never are."""
+    """Whether two FRFs differ by a constant factor only, as those of two sensors never do; ``other`` must not contain zeros."""
     ratio = one / other
     return bool(np.all(np.abs(ratio - ratio[0]) <= limits.copied * abs(ratio[0])))
 
 
 def pasted(measurement: Measurement, responses: list[str], limits: ValidationChannels) -> Iterator[str]:
-    """What to say of responses of one job that have the same numbers, but for a factor."""
+    """Warnings about pairs of responses of one job that have the same numbers up to a factor."""
     values = measurement.values
     for i, first in enumerate(responses):
         for j in range(i + 1, len(responses)):
             both = measured_values(values[:, i]) & np.isfinite(values[:, j])
-            # Numbers that are the same at all lines are no FRF.
+            # Constant values are no FRF.
             if both.sum() < limits.least_common or np.unique(values[both, i]).size < limits.least_common:
                 continue
             if proportional(values[both, j], values[both, i], limits):
@@ -77,10 +77,10 @@ def pasted(measurement: Measurement, responses: list[str], limits: ValidationCha
 
 
 class Earlier:
-    """The measurements that a further one may be a copy of, as ``copied_responses`` finds it; those that cannot be are passed over fast.
+    """Earlier measurements, for a fast search for one of which a further measurement is a copy (see ``copied_responses``).
 
-    The median distance from the median is small only where half of the differences are within that distance. They are counted for all
-    measurements on the same lines at once, in single precision with room for it; where values are missing there is no short way.
+    Measurements that cannot be the original are excluded for all on the same lines at once: the median deviation from the median is small
+    only if half of the deviations are. This is done in single precision with a margin; if values are missing, nothing is excluded.
 
     Parameters
     ----------
@@ -90,18 +90,18 @@ class Earlier:
     def __init__(self, limits: ValidationChannels) -> None:
         self.limits = limits
         self._known: dict[str, Measurement] = {}
-        #: By the bytes of the lines: these, names, and levels of all responses (R, F) [dB].
+        #: By the bytes of the lines: lines [Hz], names, and levels of all responses (R, F) [dB].
         self._grids: dict[bytes, tuple[Floats, list[str], list[NDArray[np.float32]]]] = {}
 
     def add(self, name: str, measurement: Measurement) -> None:
-        """One more."""
+        """Add a measurement."""
         self._known[name] = measurement
         _, names, levels = self._grids.setdefault(measurement.frequency_hz.tobytes(), (measurement.frequency_hz, [], []))
         names.append(name)
         levels.append(_levels(measurement))
 
     def copied(self, own: Measurement, responses: list[str]) -> str:
-        """What is wrong with a measurement that holds the numbers of an earlier one, the first of them; empty where it does not."""
+        """Warning that names the first earlier measurement of which ``own`` is a copy; empty if there is none."""
         likely = set(self._likely(own))
         texts = (copied_text(own, other, name, responses, self.limits) for name, other in self._known.items() if name in likely)
         return next((text for text in texts if text), "")
@@ -123,13 +123,13 @@ class Earlier:
 
 
 def _levels(measurement: Measurement) -> NDArray[np.float32]:
-    """(R, F) levels [dB]; NaN where there is none."""
+    """(R, F) levels [dB]; NaN where there is no value."""
     size = np.abs(measurement.values.T)
     return np.asarray(decibel(np.where(size > 0, size, np.nan)), dtype=np.float32)
 
 
 def copied_text(own: Measurement, other: Measurement, name: str, responses: list[str], limits: ValidationChannels) -> str:
-    """What is wrong with a measurement that holds the numbers of that of the job ``name``; empty where it does not."""
+    """Warning if a measurement is a copy of that of the job ``name``; empty if not."""
     same = copied_responses(own, other, limits)
     if not same.size:
         return ""

@@ -1,4 +1,4 @@
-"""What makes a result doubtful before its values are read: units, signs, a fit that does not reach the data or ends above its start."""
+"""Warnings that put a result in doubt: units, signs, exchanged sensors, gains, or a fit that stays above the noise or above its start."""
 
 from __future__ import annotations
 
@@ -20,37 +20,36 @@ from lrbc_cli.updating.judging.rule import DecisionRule
 from lrbc_cli.updating.statistics.decibels import coherence_sigma
 from lrbc_cli.updating.statistics.lines import too_wide
 
-#: A fit at the optimum of a right model leaves the noise. Three times it is no chance, with hundreds of lines.
+#: Misfit over noise that is no chance with hundreds of lines: with the right model and optimum, the misfit is the noise.
 FAR_ABOVE_NOISE = 3.0
 
-#: Where the noise is not known, or is less: what a calibrated model leaves at most, as `lrbc plan` assumes it [dB].
+#: Largest misfit of a calibrated model, as `lrbc plan` assumes it [dB]; the limit if the noise is unknown or smaller.
 LARGE_MISFIT = 1.0
 
-#: Share of the band in which a constant factor can be told from errors of the model: another axis, or another unit of it, looks like
-#: anything.
+#: Least share of the band over which a constant factor can be distinguished from errors of the model.
 LEAST_BAND = 0.8
 
-#: A factor that is so many times half of its interval is none of the errors of a model, which move it along the band.
+#: Ratio of a factor to the half width of its interval that errors of a model do not reach, because they vary over the band.
 EVIDENT_HALVES = 6.0
 
-#: Misfits are shown to two decimals: less is no difference [dB].
+#: Least difference of misfits, which are shown to two decimals [dB].
 SHOWN = 0.01
 
 
 def factors_of(inputs: Inputs, measurement: Measurement, states: Sequence[Complexes]) -> tuple[Offset, ...]:
-    """Constant factors between a measurement and the model at some states, of all responses that were measured.
+    """Constant factors between measured FRFs and those of the model in some states, for all measured responses.
 
     Parameters
     ----------
     inputs : Inputs
     measurement : Measurement
     states : sequence of (F, R) complex arrays
-        On all its lines.
+        FRFs of the model on all measured lines.
 
     Returns
     -------
     tuple of Offset
-        None where the lines cover less of the band: over a resonance or two errors of the model look like a factor.
+        Empty if the lines cover less than ``LEAST_BAND``: over one or two resonances, errors of the model look like a factor.
     """
     low, high = inputs.campaign.reduction.band
     if np.ptp(measurement.frequency_hz) < LEAST_BAND * (high - low):
@@ -59,16 +58,17 @@ def factors_of(inputs: Inputs, measurement: Measurement, states: Sequence[Comple
 
 
 def trusted(offset: Offset, offsets: Sequence[Offset]) -> bool:
-    """Whether a factor is none of the errors that a model has.
+    """Whether a factor is too clear to be an error of the model.
 
-    Then its interval is narrow and little is left; a power of the frequency comes alone, or most responses share it.
+    Criteria: a narrow interval and a small remaining misfit, or the same factor in most responses; a power of the frequency must come
+    without a further factor, or in most responses.
     """
     alike = sum(other.named and other.power == offset.power for other in offsets)
-    # One that stands far out of its interval, and is all that is wrong in any state, needs no narrow one.
+    # A factor many times its interval, which explains the whole misfit, needs no narrow interval.
     reach = {o.response: abs(o.db) / EVIDENT_HALVES if abs(o.db) - o.before <= o.half else 0.0 for o in offsets}
     firm = [o for o in offsets if o.named and o.half <= max(MOST_REACH, reach[o.response]) and o.after <= MOST_LEFT]
     shared = sum(other.power == offset.power and abs(other.db - offset.db) <= MOST_REACH for other in firm)
-    # What most of the others say for themselves needs less to be believed.
+    # A factor that most other responses show, too, needs less evidence.
     if offset not in firm and 2 * shared <= len(offsets):
         return False
     return offset.power == 0 or abs(offset.db) <= max(offset.half, LEAST_REACH) or 2 * alike > max(len(offsets), 4)
@@ -84,7 +84,7 @@ def _names(inputs: Inputs, responses: Sequence[int], of: int) -> str:
 
 
 def _factors(inputs: Inputs, job: str, responses: Sequence[int], factor: float) -> str:
-    """What ``jobs.JOB.scale`` has to be where the FRFs that it gives are to be multiplied by a factor."""
+    """Value of ``jobs.JOB.scale`` that multiplies the FRFs of these responses by a factor."""
     stated = inputs.campaign.jobs[job].factor
     found = {name: f"{factor * stated(name):.6g}" for name in (inputs.responses[i].name for i in responses)}
     if len(responses) == len(inputs.responses) > 1 == len(set(found.values())):
@@ -93,7 +93,7 @@ def _factors(inputs: Inputs, job: str, responses: Sequence[int], factor: float) 
 
 
 def _factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: str) -> tuple[str, str]:
-    """One factor of some of the responses that were compared: what was found, and the likely cause with the key that allows for it."""
+    """Text on one factor that some of the compared responses share, and text on its likely cause with the key that corrects it."""
     offset, count, names = common.offset, len(compared), _names(inputs, common.responses, len(compared))
     kinds = [(response.quantity, response.input) for response in inputs.responses]
     shared = {kinds[i] for i in common.responses}.isdisjoint(kinds[i] for i in compared if i not in common.responses)
@@ -103,7 +103,7 @@ def _factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: s
     size = f"{offset.db:+.2f} dB" if not b or abs(offset.db) >= offset.half + 0.5 else "a factor"
     text = f"{names}: measured over computed {size}{frequency} at all lines (+-{offset.half:.2f} dB); without this factor the misfit falls "
     text += f"from {offset.before:.1f} to {offset.after:.1f} dB"
-    # Parts of the band that differ by more are seldom one factor.
+    # With a wider interval, parts of the band differ, and one factor is less likely.
     likely = "probable cause:" if offset.half <= MOST_REACH else "possible cause:"
     causes = [known.cause for known in recognised if known.cause]
     unit = next((known.unit for known in recognised if known.unit), None)
@@ -118,7 +118,7 @@ def _factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: s
     if b:
         return text, f"{likely} a derivative or an integral with respect to time, perhaps of the input. Convert the FRF file"
     own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-offset.db / 20.0))}"
-    # A sensitivity that lost or won a digit, of some sensors, or in one job; a unit of theirs may be as near.
+    # A sensitivity with a digit too many or too few, of some sensors or in one job; a unit may explain the factor as well.
     tenfold = float(np.copysign(20.0, offset.db))
     some = len(common.responses) < count or job != inputs.campaign.update.reference
     if some and abs(offset.db - tenfold) <= min(max(offset.half, LEAST_REACH), MOST_REACH):
@@ -127,7 +127,7 @@ def _factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: s
         options = [(abs(offset.db - tenfold), tenfold, cause)]
         options += [(abs(offset.db - known.db), known.db, known.cause) for known in recognised if known.cause]
         options.sort(key=lambda option: option[0])
-        # Of all responses a unit that is nearer comes first, with its key.
+        # If all responses share the factor and a unit is nearer, the unit comes first, with its key (below).
         if not every or options[0][1] == tenfold:
             own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-options[0][1] / 20.0))}"
             return text, f"{likely} {' or '.join(cause for *_, cause in options)}. Write {own}"
@@ -144,13 +144,13 @@ def _factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: s
 
 
 def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> dict[tuple[object, ...], str]:
-    """What the factors and the phases say, a line each, by kind and responses: other jobs may have the same; nothing where all is well."""
+    """Warnings about factors, signs, delays and conjugates, by kind and responses (to merge equal ones of several jobs); may be empty."""
     firm = {offset.response for offset in offsets if offset.named and trusted(offset, offsets)}
     found: dict[tuple[object, ...], str] = {
         ("units", *common.responses): "probably not in the model's units: "
         + "; ".join(_factor_text(inputs, common, [o.response for o in offsets], job))
         for common in grouped(offsets, _quantities(inputs))
-        # What leaves most of the misfit wherever it is seen is no unit and no gain.
+        # A factor without which most of the misfit remains is neither unit nor gain.
         if firm.intersection(common.responses)
     }
     tail = sign_tail(inputs)
@@ -182,12 +182,12 @@ def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> dict[tu
 
 
 def sign_tail(inputs: Inputs) -> str:
-    """What follows what is said of phases alone."""
+    """End of warnings that concern phases only: they have no effect on a fit that uses magnitudes."""
     return "" if inputs.method.residual.phase else "; no effect on the fit, which uses magnitudes in dB"
 
 
 def sideways_text(inputs: Inputs, how: str, job: str) -> str:
-    """What to say of phases across those of the model; ``how`` of ``likeness.sideways``."""
+    """Warning about phases 90 degrees from the model's; ``how`` as returned by ``likeness.sideways``, not empty."""
     tail = sign_tail(inputs)
     if how == "exchanged":
         return (
@@ -221,7 +221,7 @@ def largest_text(inputs: Inputs, offsets: Sequence[Offset]) -> str:
 
 
 def compared_text(inputs: Inputs, result: Identification) -> str:
-    """What entered the cost, and against what, in a clause."""
+    """What was compared in the cost, in a clause: magnitudes or phases, correction, responses, lines."""
     residual = "magnitudes in dB" + (" and phases" if inputs.method.residual.phase else "")
     against = f"corrected by the model discrepancy of {inputs.campaign.update.reference}" if result.relative else "as measured"
     names = ", ".join(inputs.responses[i].name for i in inputs.used)
@@ -231,7 +231,10 @@ def compared_text(inputs: Inputs, result: Identification) -> str:
 
 
 def own_fault_text(inputs: Inputs, misfits: Floats, reference: str, known: str = "") -> str:
-    """What to look at where the model explains the reference job and not this one: in this measurement, in a clause."""
+    """What to check in the measurement if the model explains the reference job but not this one, in a clause.
+
+    ``misfits`` (R,) are mean misfits of the responses [dB], ``known`` a fault that was found already, if any.
+    """
     if known:
         return f"{reference} is explained, so the fault is probably in this measurement: {known}"
     alone = outlying(misfits)
@@ -250,18 +253,18 @@ def own_fault_text(inputs: Inputs, misfits: Floats, reference: str, known: str =
 
 
 def coarse_text(reference: ReferenceState) -> str:
-    """That the misfit may be the model's, where it explains the reference job too coarsely for a change from it; else nothing."""
+    """Text that the model may be wrong, if the misfit of the reference job itself is large; else empty."""
     before = max(reference.misfit_db, reference.validation_db or 0.0)
-    # As where no all-clear is given: a change is the difference of two states, each as wrong as this one.
+    # The rule for the all-clear: a change is the difference of two states, each as wrong as this one.
     if np.hypot(before, before) <= DecisionRule.validated_misfit:
         return ""
     return f"{reference.job} itself has a misfit of {before:.2f} dB: improve model or calibration before you doubt the measurement"
 
 
 def _levels_off(inputs: Inputs, result: Identification, reference: str) -> str:
-    """Responses that have left their level in the reference job, in words; empty where none has, or the lines are others.
+    """Text on responses whose level differs from the reference job (``likeness.off_level``); empty if none, or if the lines differ.
 
-    What a loose bolt holds no longer moves less, all of it: a response that the bolts identified let fall as far is not off.
+    A response whose level the identified bolts change as much is left out.
     """
     own, tight, expected = result.measurement, result.tight, result.expected
     if tight is None or own.values.shape != tight.values.shape:
@@ -272,29 +275,29 @@ def _levels_off(inputs: Inputs, result: Identification, reference: str) -> str:
 
 
 def noise_level(measurement: Measurement, job: JobConfig, responses: Integers) -> float | None:
-    """Mean absolute error of the measured levels by repeats, else by coherence [dB]; None where nothing is known of it."""
+    """Mean absolute error of the measured levels, from repeats or else from coherence [dB]; None if neither gives it."""
     sigma, averages = measurement.sigma_db, job.averages * measurement.files
     if sigma is None or not np.isfinite(sigma).any():
-        # One average has a coherence of 1, whatever its noise.
+        # The coherence of a single average is 1, whatever the noise.
         if averages < 2:
             return None
         sigma = coherence_sigma(np.where(measurement.coherence > 0.0, measurement.coherence, np.nan), averages)
     chosen = sigma[:, responses]
     chosen = chosen[np.isfinite(chosen)]
-    # Of a Gaussian error.
+    # Mean absolute value of a Gaussian error.
     return float(np.sqrt(2.0 / np.pi) * chosen.mean()) if chosen.size else None
 
 
 def _wanted(noise_db: float | None) -> float:
-    """Misfit in dB down to which a fit reaches the data, as far as their noise lets it."""
+    """Misfit [dB] below which a fit counts as reaching the data."""
     return max(LARGE_MISFIT, FAR_ABOVE_NOISE * (noise_db or 0.0))
 
 
 def unreached(misfit_db: float, noise_db: float | None, reference: ReferenceState | None = None) -> str | None:
-    """A warning where a fit to a measurement stays far above its noise.
+    """Warning if the misfit of a fit is far above the noise [dB]; else None.
 
-    Intervals take what is left for noise about the right optimum. Far above the noise the fit may stand in another valley, or lack what
-    the structure has: then its curvature says nothing of how far the truth is.
+    Intervals assume that the residuals are noise about the right optimum. Far above the noise, the fit may be in another valley, or the
+    model may lack something: then the curvature does not say how far the truth is.
     """
     limit = _wanted(noise_db)
     if misfit_db <= limit:
@@ -308,10 +311,9 @@ def unreached(misfit_db: float, noise_db: float | None, reference: ReferenceStat
 
 
 def worsened(initial_db: float | None, final_db: float | None, noise_db: float | None) -> str | None:
-    """A warning where the misfit over all lines of the responses used rose, and the fit does not reach the data.
+    """Warning if the misfit over all lines of the responses used rose and the fit does not reach the data; else None. All in [dB].
 
-    A fit that begins at its end weighs the lines that tell most, so that the plain mean over all of them may rise within what noise and
-    model leave anyway: nothing is wrong then.
+    The cost weights lines, so the plain mean over all lines may rise slightly, within noise and model error, without anything wrong.
     """
     if initial_db is None or final_db is None or not final_db > max(initial_db + SHOWN, _wanted(noise_db)):
         return None
@@ -319,16 +321,16 @@ def worsened(initial_db: float | None, final_db: float | None, noise_db: float |
 
 
 def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, float | None]) -> tuple[list[str], str, str | None]:
-    """Warnings of a job, what was compared and found of constant factors, and why it is not validated: exchanged sensors, or a gain.
+    """Warnings of a job, text on what was compared and on constant factors, and reason why it is not validated (or None).
 
     Parameters
     ----------
     inputs : Inputs
     result : Identification
     misfit : pair of float or None
-        Of the responses used at the start values and at the end [dB].
+        Mean misfit of the responses used at the start values and at the end [dB].
     """
-    # A gain that was taken out is looked for all the same.
+    # Factors are looked for without the identified gains.
     gains = result.gains
     states = result.initial, result.updated / (1.0 if gains is None else gains.factors(inputs))
     reference, exchanges = result.reference, exchanged(inputs, result.measurement.values, states)
@@ -348,7 +350,7 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     if gains is not None and not any(kind == "units" for kind, *_ in units):
         found.append((gain_text if gains.shared else level_text)(inputs, result.name, gains))
     noise = noise_level(result.measurement, job, inputs.used)
-    # What both states lack has dropped out of a comparison of their changes.
+    # In a relative comparison the model discrepancy cancels, so the misfit need not reach the noise.
     further = [None if result.relative or misfit[1] is None else unreached(misfit[1], noise, reference), worsened(*misfit, noise)]
     untrusted = swapped or None
     if not swapped and gains is not None and gains.shared:
@@ -357,19 +359,19 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
 
 
 def gain_size(gain: float, std: float) -> str:
-    """A gain with its 95 % interval, in words; both in dB."""
+    """A gain and its 95 % interval in words, from gain and standard deviation [dB]."""
     return f"{abs(10.0 ** (gain / 20.0) - 1.0):.0%} {'higher' if gain > 0 else 'lower'} ({gain:+.1f} +-{2.0 * std:.1f} dB)"
 
 
 def _scales(inputs: Inputs, job: str, gains: Gains) -> str:
-    """What to write as ``scale`` of a job so that it has no gains."""
+    """Values of ``scale`` of a job that remove its gains."""
     own, factors = inputs.campaign.jobs[job], gains.factors(inputs)
     both = zip(inputs.responses, factors.tolist(), strict=True)
     return ", ".join(f"{response.name}: {own.factor(response.name) / factor:.4g}" for response, factor in both)
 
 
 def gain_text(inputs: Inputs, job: str, gains: Gains) -> str:
-    """What to say of a gain that all responses of a job share."""
+    """Warning about a gain that all responses of a job share relative to the reference job."""
     reference, own = inputs.campaign.update.reference, inputs.campaign.jobs[job]
     return (
         f"{own.first.name}: all FRFs are {gain_size(*gains.mean)} than expected from those of {reference}, at all lines of all responses; "
@@ -380,7 +382,7 @@ def gain_text(inputs: Inputs, job: str, gains: Gains) -> str:
 
 
 def level_text(inputs: Inputs, job: str, gains: Gains) -> str:
-    """What to say of gains that the responses of the reference job, or of the job of the calibration, have against the model."""
+    """Warning about gains of the reference job, or of the job of the calibration, relative to the model."""
     errors = inputs.statistics.errors
     seen = gains.seen(errors)
     each = zip(inputs.used.tolist(), gains.values.tolist(), gains.stds.tolist(), seen.tolist(), strict=True)
@@ -398,12 +400,12 @@ def level_text(inputs: Inputs, job: str, gains: Gains) -> str:
 
 
 def refuse_units(inputs: Inputs, measurement: Measurement, model: Complexes, job: str) -> None:
-    """Refuse a measurement in other units than the model before factors of the model make up for them.
+    """Refuse a measurement in other units than the model, before a calibration compensates for them by factors of the model.
 
     Raises
     ------
     DataError
-        Where every response differs from the model by a unit or by a derivative.
+        If every response differs from the model by a unit or by a derivative.
     """
     offsets = factors_of(inputs, measurement, (model,))
     if not misses_unit(offsets):
@@ -429,7 +431,7 @@ def calibration_doubts(
 ) -> list[str]:
     """Warnings of a calibration; ``misfit`` of the responses used before and after, over all lines [dB].
 
-    The states are without the gains that were allowed for.
+    The states (F, R) are FRFs of the model without the identified gains.
     """
     units = offset_texts(inputs, factors_of(inputs, measurement, states), job)
     found = list(units.values())

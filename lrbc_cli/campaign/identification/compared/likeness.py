@@ -1,4 +1,4 @@
-"""How alike measured and computed FRFs are but for a constant: whose sensor is whose, and what would turn one into the other."""
+"""Compares measured and computed FRFs up to constant factors, to detect exchanged or reversed sensors, and misread or converted values."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.comparison.scale import ALIKE, LEAST_ALIKE, LEAST_LINES, POWERS, moved
 from lrbc_cli.updating.robust import medians
 
-#: Another reading counts where levels differ by less than this share of what they do as stated, and by this much then [dB].
+#: Another reading is reported if its difference is below this share of that as stated, and the latter is larger than this [dB].
 CLEARLY, LEAST_DIFFERENCE = 0.5, 3.0
 
-#: A response that lies so many times farther from the model than the median of all may not be where the model has it.
+#: Misfit over the median misfit of all responses from which a response may be at another place than in the model.
 ALONE = 3.0
 
-#: What may be left then [dB].
+#: Largest difference that another reading may leave [dB].
 MOST_LEFT = 6.0
 
-#: A response that lies so much below its level in the reference job has no signal [dB]; a gain of ten is as much.
+#: Difference from the level in the reference job that no bolt causes [dB]: a factor of ten in a range or sensitivity, or no signal.
 OTHER_LEVEL_DB = 20.0
 
-#: Numbers whose imaginary parts are smaller by this factor have none.
+#: Ratio of imaginary to real parts up to which values count as real.
 REAL = 1e-9
 
 
@@ -38,7 +38,7 @@ def levels(values: Complexes) -> Floats:
 
 
 def spread(difference: Floats, axis: int, least: int = LEAST_LINES) -> Floats:
-    """Mean distance from the median along an axis; zero where fewer lines than the least can be compared."""
+    """Mean absolute deviation from the median along an axis; zero with fewer than ``least`` finite values."""
     enough = np.isfinite(difference).sum(axis=axis, keepdims=True) >= least
     known = np.where(enough, difference, 0.0)
     found: Floats = np.nanmean(np.abs(known - medians(known, axis)), axis=axis)
@@ -46,21 +46,21 @@ def spread(difference: Floats, axis: int, least: int = LEAST_LINES) -> Floats:
 
 
 def apart(measured: Complexes, model: Complexes) -> Floats:
-    """(..., R) mean absolute differences of levels, (..., F, R), but for a constant each [dB]."""
+    """(..., R) mean absolute differences of the levels of (..., F, R) FRFs, the median difference of each response removed [dB]."""
     return spread(levels(measured) - levels(model), -2)
 
 
 def apart_there(measured: Complexes, computed: Complexes, largest: float) -> Floats:
-    """(R,) the same at other places, (F, R) each; infinite where the model has rounding only, as across a plane of symmetry.
+    """(R,) ``apart`` of (F, R) FRFs computed at other places [dB]; infinite where these are rounding errors, as on a plane of symmetry.
 
-    ``largest`` is the size of the largest FRF of the model that there is.
+    ``largest`` is the largest magnitude of the FRFs of the model.
     """
     felt = (np.abs(computed) > REAL * largest).sum(axis=0) >= LEAST_LINES
     return np.where(felt, apart(measured, computed), np.inf)
 
 
 def outlying(misfits: Floats) -> list[int]:
-    """Responses that lie alone far from the model, by the misfit of each [dB]: none where they are not the fewer."""
+    """Responses whose misfit [dB] is far above the median of all; empty if they are half of all or more."""
     typical = float(np.nanmedian(misfits))
     alone: list[int] = np.flatnonzero(misfits > max(ALONE * typical, typical + LEAST_DIFFERENCE)).tolist()
     return alone if 2 * len(alone) < misfits.size else []
@@ -69,16 +69,17 @@ def outlying(misfits: Floats) -> list[int]:
 def off_level(
     inputs: Inputs, measured: Complexes, tight: Complexes, reference: str, job: str, reach: Floats | float = 0.0
 ) -> dict[int, str]:
-    """Responses whose level has left that of the reference job, the others' not, in words: bolts hardly move the median of a band so far.
+    """Warnings, by response, if its median level differs from the reference job by more than bolts explain, and those of others do not.
 
     Parameters
     ----------
     inputs : Inputs
     measured, tight : (F, R) complex arrays
-        Of a job and of the reference job, on the same lines.
+        FRFs of a job and of the reference job, on the same lines.
     reference, job : str
+        Names of the two jobs.
     reach : (R,) float array or float
-        How far one bolt alone may move it [dB].
+        Largest change of the median level by one bolt [dB].
     """
     held = np.isfinite(levels(measured) - levels(tight)).sum(axis=0) >= LEAST_LINES
     if held.sum() < 2:
@@ -89,7 +90,7 @@ def off_level(
     off, told = np.abs(change) > np.maximum(OTHER_LEVEL_DB, reach), dict[int, str]()
     for i in np.flatnonzero(off).tolist():
         others = [k for k in same_sensor(inputs, i) if held[k]]
-        # A sensor that is off is off wherever the hammer hits, and is told once.
+        # A faulty sensor is faulty for all hammer points; it is reported once.
         if not all(off[k] for k in others) or any(k < i for k in others):
             continue
         names = " and ".join(inputs.responses[k].name for k in (i, *others))
@@ -102,7 +103,7 @@ def off_level(
 
 
 def same_sensor(inputs: Inputs, response: int) -> list[int]:
-    """Other responses at the same DOF, hit elsewhere."""
+    """Other responses at the same DOF, for other hammer points."""
     own = inputs.responses[response]
     return [
         k
@@ -112,14 +113,15 @@ def same_sensor(inputs: Inputs, response: int) -> list[int]:
 
 
 def turned(measured: Complexes, states: Complexes) -> list[int]:
-    """Responses whose phases are the opposite of the model's, in the state in which those of all are most alike but for the sign.
+    """Responses whose phases are opposite to the model's, in the state whose phases fit all responses best up to signs.
 
-    Nearer states than those that levels find: antiresonances, which move most, weigh no more than other lines.
+    Phases find nearer states than levels do, because antiresonances, which move most, count no more than other lines.
 
     Parameters
     ----------
     measured : (F, R) complex array
     states : (S, F, R) complex array
+        FRFs of the model in several states.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         x, y = measured / np.abs(measured), states / np.abs(states)
@@ -127,16 +129,16 @@ def turned(measured: Complexes, states: Complexes) -> list[int]:
     best = int(np.argmax(np.abs(own).sum(axis=1)))
     if np.median(np.abs(own[best])) < ALIKE:
         return []
-    # Of a sensor in another's place the phases are the other's.
+    # A sensor at another's place has the phases of that one; this is no reversed sign.
     others = np.abs(_cosine(x[:, :, None], y[best][:, None, :], 0)).max(axis=1)
     found: list[int] = np.flatnonzero((own[best] <= -ALIKE) & (-own[best] >= others)).tolist()
     return found
 
 
 def sideways(measured: Complexes, states: Complexes) -> str:
-    """How phases of nearly all responses stand across those of the model, in the state in which they are most alike then.
+    """Detects phases 90 degrees from the model's in nearly all responses, in the state that then fits best.
 
-    Real and imaginary parts in each other's place make ``i conj(H)`` of ``H``.
+    If real and imaginary parts are exchanged, ``H`` becomes ``i conj(H)``.
 
     Parameters
     ----------
@@ -146,7 +148,7 @@ def sideways(measured: Complexes, states: Complexes) -> str:
     Returns
     -------
     str
-        ``exchanged``: the parts are; ``turned``: all phases are 90 degrees off; empty: neither.
+        ``exchanged``: real and imaginary parts are; ``turned``: all phases are 90 degrees off; empty: neither.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         x, y = measured / np.abs(measured), states / np.abs(states)
@@ -160,18 +162,17 @@ def sideways(measured: Complexes, states: Complexes) -> str:
 
 
 def run_backwards(frequency_hz: Floats, values: Complexes, *, most: float = 0.8) -> bool:
-    """Whether a structure would answer before the blow: most of the impulse responses lies in the second half of the block.
+    """Whether FRFs are complex conjugates: most energy of the impulse responses lies in the second half of the block, before the blow.
 
-    No model is needed: of complex conjugates time runs the other way. On virtual rigs and samples the share is 0.05 at the most, of their
-    conjugates 0.95 at least.
+    No model is needed. On virtual rigs and samples the share is at most 0.05, for their conjugates at least 0.95.
 
     Parameters
     ----------
     frequency_hz : (F,) float array
-        Evenly spaced, or nothing can be said.
+        False is returned if it is not evenly spaced.
     values : (F, R) complex array
     most : float
-        Share of the energy in the second half, in the median over the responses.
+        Share of the energy in the second half (median over the responses) above which they are conjugates.
     """
     steps = np.diff(frequency_hz)
     whole = np.isfinite(values).all(axis=0) & (np.abs(values) > 0.0).any(axis=0)
@@ -183,7 +184,7 @@ def run_backwards(frequency_hz: Floats, values: Complexes, *, most: float = 0.8)
 
 
 def _cosine(one: Complexes, other: Complexes, axis: int) -> Floats:
-    """Mean over the lines of the cosine of the angle between values of size one, without those that are none; zero where all are."""
+    """Mean over the lines of the cosine of the angle between values of magnitude 1, NaN left out; zero if all are NaN."""
     cosine = np.real(one * np.conj(other))
     known = np.isfinite(cosine)
     found: Floats = np.where(known, cosine, 0.0).sum(axis=axis) / np.maximum(known.sum(axis=axis), 1)
@@ -191,24 +192,24 @@ def _cosine(one: Complexes, other: Complexes, axis: int) -> Floats:
 
 
 def exchanged(inputs: Inputs, measured: Complexes, states: Sequence[Complexes] | Complexes) -> list[tuple[int, ...]]:
-    """Responses of one quantity in each other's place: measured i is computed j, j is the next, and so on round.
+    """Exchanged responses of one quantity, as cycles (i, j, ...): measured i fits computed j, measured j the next, the last computed i.
 
     Parameters
     ----------
     inputs : Inputs
     measured : (F, R) complex array
     states : sequence of (F, R) complex arrays
-        FRFs of the model; the one counts that comes nearest.
+        FRFs of the model in several states; the one that fits best counts.
     """
     count, limits = len(inputs.responses), inputs.statistics.validation
     kinds = [(response.quantity, response.input) for response in inputs.responses]
     other = np.array([[one != two for two in kinds] for one in kinds])
     level = levels(measured)
-    # (S, R, R): measured i less computed j.
+    # (S, R, R): distance of measured i from computed j [dB].
     table = np.array([[spread(level[:, [i]] - levels(state), 0, limits.exchanged_lines) for i in range(count)] for state in states])
     table[:, np.isnan(level).all(axis=0)] = 0.0
     table[:, other] = 1e3
-    # Loaded here: most commands do without.
+    # Imported here because few commands need it.
     from scipy.optimize import linear_sum_assignment
 
     orders = [linear_sum_assignment(each)[1] for each in table]
@@ -217,13 +218,13 @@ def exchanged(inputs: Inputs, measured: Complexes, states: Sequence[Complexes] |
     for cycle in _cycles(order.tolist()):
         at, to = list(cycle), [int(order[i]) for i in cycle]
         stated, changed = float(table[:, at, at].sum(axis=1).min()), float(table[:, at, to].sum(axis=1).min())
-        # What the model lacks stays, wherever a sensor is: as much as of the others. Beyond that hardly anything may be left.
+        # Errors of the model remain wherever a sensor is: take them as large as those of the other responses; little may be left beyond.
         others = np.delete(np.diag(nearest), at)
         lacking = len(at) * float(np.median(others)) if others.size else 0.0
         ways = ((0.0, limits.exchanged_share), (lacking, limits.exchanged_share**2))
         if any(stated - own > len(at) * limits.exchanged_db and changed - own < share * (stated - own) for own, share in ways):
             found.append(cycle)
-    # Cables in each other's place are so wherever the hammer hits: where that is clear of one point, it need not be of the others.
+    # Exchanged cables are exchanged for all hammer points: if this is clear for one, weaker evidence is enough for the others.
     for clear in tuple(found):
         for also in _elsewhere(inputs, clear):
             at, to = list(also), [*also[1:], also[0]]
@@ -233,12 +234,12 @@ def exchanged(inputs: Inputs, measured: Complexes, states: Sequence[Complexes] |
 
 
 def by_place(inputs: Inputs) -> dict[tuple[int | None, int | None, str, int], int]:
-    """Responses by their node, direction, quantity and excitation; those without a node are left out."""
+    """Index of each response by node, direction, quantity and excitation; responses without a node are left out."""
     return {(r.node, r.direction, r.quantity, r.input): i for i, r in enumerate(inputs.responses) if r.node is not None}
 
 
 def _elsewhere(inputs: Inputs, cycle: Sequence[int]) -> Iterator[tuple[int, ...]]:
-    """The same sensors hit at each of the other points, where all of them were measured there."""
+    """The same cycle of sensors for each other hammer point for which all of them were measured."""
     places = by_place(inputs)
     own = [inputs.responses[i] for i in cycle]
     for at in sorted({r.input for r in inputs.responses} - {own[0].input}):
@@ -248,7 +249,7 @@ def _elsewhere(inputs: Inputs, cycle: Sequence[int]) -> Iterator[tuple[int, ...]
 
 
 def _cycles(order: Sequence[int]) -> Iterator[tuple[int, ...]]:
-    """Those of a permutation that move anything."""
+    """Cycles of a permutation with two or more members."""
     left = {i for i, to in enumerate(order) if i != to}
     while left:
         cycle = [min(left)]
@@ -259,13 +260,13 @@ def _cycles(order: Sequence[int]) -> Iterator[tuple[int, ...]]:
 
 
 def by_sensors(inputs: Inputs, cycles: Sequence[tuple[int, ...]]) -> list[tuple[tuple[int, ...], ...]]:
-    """Cycles of responses that are the same cycle of sensors, hit by another hammer each, beside each other: one exchange of cables."""
+    """Groups of cycles of responses that are one exchange of sensors, seen from several hammer points."""
     found: list[list[tuple[int, ...]]] = []
 
     def sensors(cycle: Sequence[int]) -> list[tuple[int | None, int | None]]:
         return [(inputs.responses[i].node, inputs.responses[i].direction) for i in cycle]
 
-    # In one order, so that it is one finding in all jobs.
+    # Sorted, so that the same exchange gives the same result in all jobs.
     for cycle in sorted(cycles):
         turns = [(*cycle[k:], *cycle[:k]) for k in range(len(cycle))]
         known = all(inputs.responses[i].node is not None for i in cycle)
@@ -279,12 +280,12 @@ def by_sensors(inputs: Inputs, cycles: Sequence[tuple[int, ...]]) -> list[tuple[
 
 
 def exchanged_text(inputs: Inputs, cycles: Sequence[Sequence[int]], job: str) -> str:
-    """What was found of sensors, and what to write: measured under the first name is the one that the model has as the second."""
+    """Warning about exchanged sensors with its remedy; the record under the first name of a cycle fits the model's second."""
     records, said, places, fits = list[str](), list[str](), list[str](), list[str]()
     for cycle in cycles:
         names = [inputs.responses[i].name for i in cycle]
         following = [*names[1:], names[0]]
-        # The record that holds a response is the one that was measured in its place.
+        # The record of a response is the one that fits its place in the model.
         records += [f"{to}: {name}" for name, to in zip(names, following, strict=True)]
         said.append(f"{', '.join(names[:-1])} and {names[-1]}")
         if len(names) == 2:
@@ -295,21 +296,21 @@ def exchanged_text(inputs: Inputs, cycles: Sequence[Sequence[int]], job: str) ->
     each = "each fits the model's FRF of the other" if len(cycles[0]) == 2 else "; ".join(fits)
     exchange = f"{'exchange the places of' if len(cycles[0]) == 2 else 'give'} {'; '.join(places)}"
     own = f"write jobs.{job}.records: {{{', '.join(records)}}}"
-    # Of one job alone the cables are wrong, of the reference job rather the campaign file.
+    # In one job the cables are probably wrong, in the reference job rather the campaign file.
     fix = f"{exchange}, or {own}" if job == inputs.campaign.update.reference else f"{own}, or, if all jobs are affected, {exchange}"
     return f"{'; '.join(said)} are probably exchanged: {each}. {fix[:1].upper()}{fix[1:]}"
 
 
 @dataclass(frozen=True)
 class Reading:
-    """Another way to read the numbers of a measurement, under which they are FRFs of the model.
+    """Another interpretation of the numbers of a measurement, with which they fit the model.
 
     Attributes
     ----------
     text : str
-        What was found, and what to do.
+        Warning with its remedy.
     before, after : float
-        Median over the responses of how far levels are apart, constants taken out, as stated and read so [dB].
+        Difference of the levels, constants removed, as stated and with this interpretation (median over the responses) [dB].
     """
 
     text: str
@@ -318,7 +319,7 @@ class Reading:
 
 
 def other_reading(inputs: Inputs, frequency_hz: Floats, measured: Complexes, states: Complexes, job: str) -> Reading | None:
-    """How the numbers have to be read to be FRFs of the model; None where they are, or where no reading makes them so.
+    """Interpretation of the numbers with which they fit the model; None if they fit as stated, or with no interpretation.
 
     Parameters
     ----------
@@ -333,7 +334,7 @@ def other_reading(inputs: Inputs, frequency_hz: Floats, measured: Complexes, sta
     quantities = [response.quantity for response in inputs.responses]
 
     def least(values: Complexes, motions: bool, *, sloped: bool = False) -> tuple[float, int]:
-        """Over derivatives, or all powers of the frequency, and states."""
+        """Least difference [dB] over states and powers of omega (``motions``: derivatives only; ``sloped``: all), and that power."""
         powers = [b for b in (0, *POWERS) if b == 0 or sloped or (motions and all(moved(quantity, b) for quantity in quantities))]
         scores = [float(np.median(spread(levels(values) - computed - b * omega, 1), axis=1).min()) for b in powers]
         return min(zip(scores, powers, strict=True))
@@ -345,7 +346,7 @@ def other_reading(inputs: Inputs, frequency_hz: Floats, measured: Complexes, sta
     ways = [*_read_otherwise(measured, job)]
     if set(quantities) == {"pressure"}:
         flat = _unweighted(frequency_hz, measured)
-        # The curve is steep: a power of the frequency must not leave less.
+        # The A-weighting is steep: it must fit better than any power of the frequency.
         ways += [(flat, _WEIGHTED, False)] if least(flat, False)[0] < least(measured, False, sloped=True)[0] else []
     found = [(*least(values, inverse), text, inverse) for values, text, inverse in ways]
     after, power, text, inverse = min(found)
@@ -358,7 +359,7 @@ def other_reading(inputs: Inputs, frequency_hz: Floats, measured: Complexes, sta
     return Reading(f"{text}. Read this way, the level misfit falls {change}", before, after)
 
 
-#: What to say of levels that are the model's without the weighting.
+#: Warning if levels fit the model without the A-weighting.
 _WEIGHTED = "levels probably follow the A-weighting: switch the weighting of the microphones off in the analyser, and export again"
 
 _INVERSE = {
@@ -376,7 +377,7 @@ def _unweighted(frequency_hz: Floats, measured: Complexes) -> Complexes:
 
 
 def _read_otherwise(measured: Complexes, job: str) -> Iterator[tuple[Complexes, str, bool]]:
-    """The numbers read in other ways, what to do then, and whether they are reciprocals."""
+    """Other interpretations of the numbers: (F, R) FRFs, remedy, and whether they are reciprocals."""
     valid = measured_values(measured)
     known = np.where(valid, measured, 1.0)
 
