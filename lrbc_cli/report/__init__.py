@@ -1,1 +1,1 @@
-"""Figures, tables and the HTML page. Reads result files only, and never computes physics."""
+"""Figures, tables and the HTML page, from the result files only: nothing is identified or judged here."""

@@ -1,4 +1,4 @@
-"""What the page shows: records, and the charts made from them."""
+"""Content of the page: the records of a campaign, and the charts made from them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lrbc_cli.results.tables import Frf
 
 @dataclass(frozen=True)
 class FrfFigure:
-    """An FRF chart and whose it is."""
+    """An FRF chart with its job and response; ``used`` is false for a validation channel."""
 
     job: str
     response: str
@@ -26,10 +26,10 @@ class FrfFigure:
 
 @dataclass(frozen=True, kw_only=True)
 class Content:
-    """Everything that the page shows; charts by job. Jobs of the campaign that have no result are ``missing``.
+    """Everything that the page shows; charts are by job. ``missing`` names the jobs of the campaign without a result.
 
-    ``unusable`` says what is wrong with the files of jobs, of which a result may be that of an earlier measurement; ``passed_over`` what
-    to do about other files in the watched folder.
+    ``unusable`` has the errors in the measurement files of jobs, whose result may be that of an earlier measurement; ``passed_over`` has
+    messages on files in the watched folder that belong to no job.
     """
 
     campaign: CampaignRecord
@@ -54,17 +54,17 @@ class Content:
 
     @property
     def along_edges(self) -> bool:
-        """Whether values lie along an edge; else they are those of joints."""
+        """Whether any group lies along an edge; otherwise all values are those of joints."""
         return any(group.arc_length is not None for job in self.done for group in job.parameters.values())
 
     @property
     def done(self) -> list[JobRecord]:
-        """The jobs that have a result."""
+        """Jobs with a result."""
         return [job for job in self.jobs if isinstance(job, JobRecord)]
 
     @property
     def unsealed(self) -> list[str]:
-        """Jobs, and files of the campaign, that do not vouch for themselves."""
+        """Names of the jobs and campaign files without a digest: old ones, or files changed by hand."""
         files = {
             "campaign.json": self.campaign,
             "reduction.json": self.reduction,
@@ -77,10 +77,10 @@ class Content:
 
     @property
     def tool(self) -> str:
-        """What wrote the results, with its version."""
+        """Name and version of the program that wrote the results."""
         return f"{self.campaign.tool.name} {self.campaign.tool.version}"
 
     @property
     def anchors(self) -> dict[str, str]:
-        """The place of each job on the page."""
+        """HTML anchor of each job on the page."""
         return {job.job: f"job-{index}" for index, job in enumerate(self.jobs)}

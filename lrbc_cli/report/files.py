@@ -1,4 +1,4 @@
-"""Writing files whole or not at all, and names for them."""
+"""Atomic writing of report files, and the file names of FRF figures."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from lrbc_cli.io.atomic import atomic_write
 
 @contextmanager
 def replace(file: Path) -> Iterator[IO[bytes]]:
-    """Open a file for writing that takes its place only when it is complete.
+    """Open a file for writing; it replaces an existing file only when it is complete.
 
     Raises
     ------
     DataError
-        Where it cannot be written.
+        If it cannot be written.
     """
     try:
         with atomic_write(file, "wb") as sink:
@@ -31,7 +31,7 @@ def replace(file: Path) -> Iterator[IO[bytes]]:
 
 
 def frf_file(response: str) -> str:
-    """Return the file name of a response's figure; characters that no file system likes are replaced, and a hash keeps names apart."""
+    """Return the file name of the figure of a response; unsafe characters are replaced, and a hash then keeps names distinct."""
     safe = re.sub(r"[^\w.+-]", "_", response)[:80]
     if safe != response:
         safe += "-" + hashlib.sha256(response.encode()).hexdigest()[:8]

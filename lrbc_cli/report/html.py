@@ -1,4 +1,4 @@
-"""HTML by small functions: every text is escaped unless it was made here.
+"""Small functions that build HTML: every text is escaped unless it is ``Markup``.
 
 Why not jinja2 (tried on ``parts/provenance.py``): 95 lines, 70 of Python and 25 of template, instead of 103. Nearly all of a
 part decides which rows and cells there are, so its few words do not become easier to find, and templates escape the type checker.
@@ -15,7 +15,7 @@ from urllib.parse import quote
 
 
 class Markup(str):
-    """Text that is HTML already and must not be escaped again."""
+    """Text that is already HTML and must not be escaped."""
 
     __slots__ = ()
 
@@ -24,18 +24,18 @@ _VOID = frozenset({"br", "meta", "link", "hr", "col", "input"})
 
 
 def tag(element: str, *children: str | None, markup: str | None = None, **attributes: str | bool | None) -> Markup:
-    """Return one element.
+    """Return one HTML element.
 
     Parameters
     ----------
     element
-        Its name.
+        Name of the element.
     *children
         Plain text (escaped), `Markup` (kept) or None (left out).
     markup
         Attributes already written out and escaped.
     **attributes
-        Underscores become hyphens, one at the end is dropped; None and False leave the attribute out, True gives it without a value.
+        In names, underscores become hyphens, and one at the end is dropped. None and False omit the attribute, True gives it without value.
     """
     words: list[str] = [element] if markup is None else [element, markup]
     for key, value in attributes.items():
@@ -49,12 +49,12 @@ def tag(element: str, *children: str | None, markup: str | None = None, **attrib
 
 
 def join(children: Iterable[str | None], between: str = "") -> Markup:
-    """Return the children one after another, escaped where they are plain text."""
+    """Return the children one after another; plain text is escaped."""
     return Markup(between.join(child if isinstance(child, Markup) else escape(child) for child in children if child is not None))
 
 
 class Cell:
-    """A table cell with more than its text: a class, a title, columns it spans."""
+    """A table cell with a class, a title or a number of columns that it spans."""
 
     def __init__(self, *content: str | None, class_: str | None = None, title: str | None = None, span: int | None = None) -> None:
         self.content = content
@@ -71,15 +71,15 @@ def table(
     Parameters
     ----------
     caption
-        Read out, and printed above the table.
+        Text above the table, which screen readers read out.
     head
         Column headers.
     rows
-        Their cells.
+        Cells of each row.
     class_
-        Of the table.
+        CSS class of the table.
     text_columns
-        How many columns at the left hold text; the others are aligned as numbers.
+        Number of columns at the left with text; the others are aligned as numbers.
     """
     headers = [_cell("th", entry, scope="col", kind=None if index < text_columns else "n") for index, entry in enumerate(head)]
     lines = []
@@ -100,12 +100,12 @@ def _cell(element: str, entry: str | Cell, *, scope: str | None, kind: str | Non
 
 
 def details(summary: str, *content: str | None, **attributes: str | bool | None) -> Markup:
-    """Return a part that opens and closes."""
+    """Return a part of the page that can be opened and closed."""
     return tag("details", tag("summary", summary), *content, markup=None, **attributes)
 
 
 def beside(*places: tuple[str, str], text: str | None = None) -> Markup:
-    """Return links to files beside the page, each a folder (empty: that of the page) and a name; their text is the kind of the file."""
+    """Return links to files (folder, empty for that of the page, and name); their text is `text` or the ending of the file."""
     links = []
     for folder, name in places:
         way = "/".join(quote(part) for part in (folder, name) if part)
@@ -114,7 +114,7 @@ def beside(*places: tuple[str, str], text: str | None = None) -> Markup:
 
 
 def figure(drawing: Markup, title: str, note: str, files: Markup | None = None, **attributes: str | bool | None) -> Markup:
-    """Return a figure under its title; it can be reached by keyboard, to be read and scrolled."""
+    """Return a figure with its title, note and file links; it can be reached and scrolled by keyboard."""
     links = tag("span", files, class_="files") if files else None
     caption = tag("figcaption", tag("b", title), tag("span", note) if note else None, links)
     plot = tag("div", drawing, class_="plot", tabindex="0", role="group", aria_label=f"{title}, {note}" if note else title)
@@ -122,18 +122,18 @@ def figure(drawing: Markup, title: str, note: str, files: Markup | None = None, 
 
 
 def document(title: str, *body: Markup, colours: str, scripts: Sequence[str]) -> str:
-    """Return a whole page in which its style sheet and scripts stand, and that may load nothing else.
+    """Return a whole HTML page that contains its style sheet and scripts; its security policy forbids loading anything else.
 
     Parameters
     ----------
     title
-        Of the window.
+        Title of the window.
     *body
-        What is shown.
+        Content of the page.
     colours
-        Stands before the style sheet of all pages.
+        CSS before the style sheet of all pages.
     scripts
-        Files of this package, run one after another.
+        Script files of this package, in the order in which they run.
     """
     script, sheet = "\n".join(map(resource, scripts)), colours + resource("page.css")
     allowed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
@@ -150,5 +150,5 @@ def document(title: str, *body: Markup, colours: str, scripts: Sequence[str]) ->
 
 
 def resource(name: str) -> str:
-    """Return the text of a file of this package."""
+    """Return the text of a file of ``lrbc_cli.report``."""
     return files("lrbc_cli.report").joinpath(name).read_text(encoding="utf-8")

@@ -1,4 +1,7 @@
-"""A page that cannot be written anew says itself that it is old, in room that it keeps for that: on a full disk there is no other."""
+"""Marks an existing page as out of date if it cannot be written again.
+
+The note is written over blanks that every page reserves for it, since a full disk has no room for more.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +16,19 @@ from pathlib import Path
 from lrbc_cli.errors import LrbcError, unwritten
 from lrbc_cli.report.html import Markup
 
-#: Bytes that a page keeps for it.
+#: Bytes that a page reserves for the note.
 ROOM = 600
 
 _PLACE = re.compile(rb'<p id="old"( hidden)?>([^<]*)</p>')
 
 
 def room() -> Markup:
-    """Return the place for it, which nobody sees."""
+    """Return the hidden paragraph that reserves room for the note."""
     return Markup(f'<p id="old" hidden>{" " * ROOM}</p>')
 
 
 def outdate(page: Path, why: str) -> None:
-    """Have a page say that it is old, and why; its time of change stays. Nothing where there is no such page or it cannot be changed."""
+    """Write into a page that it is out of date, and why; keeps its modification time. No effect if there is no page or it is read-only."""
     with suppress(OSError):
         before, found = page.stat(), _PLACE.search(page.read_bytes())
         if found is None:
@@ -41,7 +44,7 @@ def outdate(page: Path, why: str) -> None:
 
 
 def outdated(page: Path) -> str:
-    """What a page says of its being old; nothing where it does not."""
+    """Note that a page is out of date; empty if it has none."""
     with suppress(OSError):
         found = _PLACE.search(page.read_bytes())
         if found is not None and not found[1]:
@@ -51,7 +54,7 @@ def outdated(page: Path) -> str:
 
 @contextmanager
 def outdating(page: Path) -> Iterator[None]:
-    """Have the page say that it is old where what it shows, or it itself, cannot be written."""
+    """Mark the page as out of date if the block fails because a file cannot be written; the error is raised all the same."""
     try:
         yield
     except (LrbcError, OSError) as error:

@@ -1,4 +1,4 @@
-"""The page: one self-contained HTML document from what the result files say."""
+"""Renders the page: one self-contained HTML document with a section for each part of the results."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from lrbc_cli.report.sections.methods import methods_parts
 from lrbc_cli.report.sections.top import header
 from lrbc_cli.report.sections.verdicts import verdict_parts
 
-#: Profiles beyond this number are folded away.
+#: Number of profiles shown; further ones are folded away.
 _PROFILES = 24
 
 _Section = tuple[str, str, list[Markup | None]]
@@ -37,11 +37,11 @@ def render(content: Content, written: datetime | None = None, *, live: bool = Fa
     Parameters
     ----------
     content
-        What to show.
+        Content of the page.
     written
-        The time to print; now where None.
+        Printed time of writing; None: now.
     live
-        The page loads itself anew while ``lrbc watch`` runs.
+        Whether the page reloads itself, while ``lrbc watch`` runs.
     """
     sections = [part for part in _sections(content) if part is not None]
     links = [tag("li", tag("a", re.split(":| of ", title)[0], href=f"#{anchor}")) for anchor, title, _ in sections]
@@ -106,7 +106,7 @@ def _profiles(content: Content) -> _Section | None:
 
 
 def _small_multiples(charts: list[Chart], figures: list[Markup], what: str) -> list[Markup | None]:
-    """Their common legend, and the figures, many of them folded away."""
+    """Common legend of the charts and their figures, of which those beyond ``_PROFILES`` are folded away."""
     first, rest = figures[:_PROFILES], figures[_PROFILES:]
     more = details(f"{len(rest)} further {what}", tag("div", *rest, class_="grid profiles")) if rest else None
     richest = max(charts, key=lambda chart: len(chart.legend()))

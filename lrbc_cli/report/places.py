@@ -1,4 +1,4 @@
-"""Where bolts stand: along which edge, at which arc length, in which order."""
+"""Places of the bolts along the edges: nearest edge, arc length and order, for charts and lists."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lrbc_cli.updating.unknowns.places import foot
 
 
 def bolts_of(group: Parameter, groups: Sequence[Parameter], bolts: Sequence[Bolt]) -> list[tuple[Bolt, float]]:
-    """Return the bolts nearest to this group, each with its arc length (beyond the ends along the last segment)."""
+    """Return the bolts to which this group is the nearest, with their arc lengths [m] (beyond the ends: along the last segment)."""
     if group.positions is None or group.arc_length is None or len(group.positions) < 2:
         return []
     found = []
@@ -27,7 +27,7 @@ def bolts_of(group: Parameter, groups: Sequence[Parameter], bolts: Sequence[Bolt
 
 
 def along_the_edges(names: Sequence[str], jobs: Sequence[JobRecord]) -> list[list[str]]:
-    """Return the names of the bolts edge by edge, in order along each; those of no edge come last, in their own order."""
+    """Return the names of the bolts edge by edge, ordered along each edge; bolts at no edge come last, in the given order."""
     left = list(names)
     rows: list[list[str]] = []
     for job in jobs:

@@ -1,4 +1,4 @@
-"""The results of a campaign, read for a page or a table."""
+"""Reads the results of a campaign for the page and the tables."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from lrbc_cli.results.store import read, read_job
 
 
 def read_results(output: Path, jobs: Sequence[str] | None = None) -> tuple[CampaignRecord, list[Job]]:
-    """Read the campaign and its jobs, in the campaign's order.
+    """Read the record of the campaign and the results of its jobs, in the order of the campaign.
 
     Parameters
     ----------
     output
         The campaign's output folder.
     jobs
-        Names of the jobs wanted; all that have results where None.
+        Names of the jobs to read; None: all with results.
 
     Raises
     ------
     ConfigError
-        Where a job is named that the campaign does not have.
+        If a job is named that the campaign does not have.
     DataError
-        Where a file is missing or damaged, or no job has results.
+        If a file is missing or damaged, or no job has results.
     """
     campaign = read(output / "campaign.json", CampaignRecord)
     if campaign is None:
@@ -40,7 +40,7 @@ def read_results(output: Path, jobs: Sequence[str] | None = None) -> tuple[Campa
                 "no such job in the results", file=output / "campaign.json", expected=", ".join(campaign.jobs), found=name, hint=hint
             )
     wanted = [job for job in campaign.jobs if not jobs or job in jobs]
-    # A job that has not run yet is no error, unless it was asked for.
+    # A job that has not run yet is an error only if it was asked for.
     present = [job for job in wanted if jobs or (output / job / "result.json").exists()]
     if not present:
         raise DataError("no job has results yet", file=output, hint="run `lrbc update` first; the report only shows its results")

@@ -1,4 +1,4 @@
-"""The compact table for the terminal."""
+"""The summary of results on the terminal: a table and one sentence for each job."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from lrbc_cli.updating.judging.clearance import sentence
 
 
 def summary_text(output: Path, jobs: Sequence[str] | None = None, *, reasons: bool = True) -> str:
-    """Return a table with one line a job (status, loose bolts, damping exponent, misfit, evaluations, seconds), then a sentence a job.
+    """Return a table with a line for each job (status, loose bolts, damping exponent, misfit, evaluations, seconds), then sentences.
 
     Parameters
     ----------
     output
         The campaign's output folder.
     jobs
-        Names of the jobs to show; all that have results where None.
+        Names of the jobs to show; None: all with results.
     reasons
-        Say in its sentence why a job failed.
+        Whether to print the sentences of failed jobs, with the reason.
 
     Raises
     ------
     ConfigError
-        Where a job is named that the campaign does not have.
+        If a job is named that the campaign does not have.
     DataError
-        Where a result file is missing or damaged, or there is none.
+        If a result file is missing or damaged, or there is none.
     """
     _, results = read_results(output, jobs)
     head = ["job", "status", "loose bolts", "p_damp", "misfit [dB]", "evaluations", "seconds"]
@@ -69,7 +69,7 @@ def _verdicts(job: JobRecord) -> str:
         return "no verdict: not explained by the model"
     known = [bolt.probability_loose for bolt in job.bolts if bolt.verdict == "loose" and bolt.probability_loose is not None]
     undecided = job.names("undecided")
-    # The least certain of them: the others are at least as probable.
+    # The lowest of the probabilities holds as a lower limit for all loose bolts.
     notes = [f"p >= {math.floor(1000 * min(known)) / 1000:.3g}"] if known else []
     likely = [bolt.name for bolt in job.bolts if bolt.verdict == "undecided" and (bolt.probability_loose or 0.0) > 0.5]
     notes += [f"probably {_short(likely, 4)}"] if likely else []

@@ -1,4 +1,4 @@
-"""All figures and the page, from the result files of a campaign."""
+"""Draws all figures and writes the page from the result files of a campaign: the last step of the chain."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ from lrbc_cli.results.tables import Frf, read_fdac, read_frf, require_files
 
 log = logging.getLogger(__name__)
 
-#: Fewer figures than this are drawn here: starting processes takes about as long.
+#: Fewer figures than this are drawn in this process: starting others takes about as long.
 _WORTH_PROCESSES = 40
 
-#: Kinds of figures for print.
+#: Formats of figures for print.
 VECTORS = ("pdf", "svg")
 
 _Task = tuple[Chart, Path]
@@ -62,41 +62,42 @@ def write_report(
     halt: Callable[[], bool] = lambda: False,
     progress: Callable[[str], None] | None = None,
 ) -> Path:
-    """Draw all figures and write ``report.html``; reads result files only.
+    """Draw all figures and write ``report.html``, from result files only.
 
-    Figures whose content did not change since they were drawn are left alone.
+    Figures whose content has not changed since they were drawn are not drawn again.
 
     Parameters
     ----------
     output
         The campaign's output folder.
     jobs, expected
-        Names of the jobs to show, all that have results where None; and of those of the campaign file, of which each is counted.
+        Names of the jobs to show (None: all with results), and of all jobs of the campaign file, to list those without a result.
     unusable, passed_over
-        What is wrong with the files of jobs, by job, and what is to be said of other files: nobody's, or gone.
+        Errors in the measurement files by job, and messages on files that belong to no job or are gone.
     workers
-        Processes that draw figures.
+        Number of processes that draw figures.
     figures
-        Of `VECTORS`: files for print beside the PNG files.
+        Formats of `VECTORS` to write beside the PNG files.
     draw
-        Draw the image files; False leaves them as they are, and takes a fraction of the time.
+        Whether to draw the image files; without them writing takes a fraction of the time.
     live
-        The page loads itself anew every few seconds.
+        Whether the page reloads itself every few seconds.
     halt
-        From the moment on that it is true, image files and the page are left as they are.
+        Polled between figures; once it is true, no further image file and no page are written.
     progress
-        Called with a line of text now and then.
+        Called with a line of text at each step.
 
     Returns
     -------
     Path
+        The page.
 
     Raises
     ------
     ConfigError
-        Where a job is named that the campaign does not have.
+        If a job is named that the campaign does not have.
     DataError
-        Where a result file is missing or damaged, or nothing can be written.
+        If a result file is missing or damaged, or nothing can be written.
     """
     say = progress or (lambda line: None)
     content, tasks = _contents(output, jobs, expected, draw=draw)
@@ -131,7 +132,7 @@ def _publish(
 
 
 def _contents(output: Path, jobs: Sequence[str] | None, expected: Sequence[str], *, draw: bool) -> tuple[Content, list[_Task]]:
-    """What the page shows, and the figures with their files: those that are files only are left out where nothing is drawn."""
+    """Content of the page, and the charts with their files; pictures that are not on the page are left out unless `draw`."""
     campaign, results = read_results(output, jobs)
     done = [job for job in results if isinstance(job, JobRecord)]
     _require_tables(output, done)
@@ -192,7 +193,7 @@ def _contents(output: Path, jobs: Sequence[str] | None, expected: Sequence[str],
 
 
 def _reference(output: Path, campaign: CampaignRecord, done: Sequence[JobRecord]) -> tuple[str, Frf] | None:
-    """The measurement of the tight state, beside which the others stand; None where it has no result, or is not shown."""
+    """Name and FRFs of the reference job, drawn beside those of other jobs; None if it has no result or is not shown."""
     name = next((job.job for job in done if job.job == campaign.reference), None)
     return None if name is None else (name, read_frf(output / name / "frf.csv"))
 
@@ -203,37 +204,37 @@ def _require_tables(output: Path, done: Sequence[JobRecord]) -> None:
 
 
 def _structure(output: Path) -> StructureRecord | None:
-    """The structure, where there is a picture of it."""
+    """Record of the structure; None if there is no picture of it."""
     record = read(output / "structure.json", StructureRecord)
     return None if record is None or record.reason is not None else record
 
 
 def _shapes(output: Path, done: Sequence[JobRecord], structure: StructureRecord) -> dict[str, ShapesRecord]:
-    """Deflection shapes by job, where a result vouches for them and they are of the nodes that are drawn."""
+    """Deflection shapes by job, if the result lists their file and they fit the drawn nodes."""
     vouched = [job.job for job in done if "shapes.json" in (job.provenance.files or {})]
     found = {name: read(output / name / "shapes.json", ShapesRecord) for name in vouched}
     return {name: shapes for name, shapes in found.items() if shapes is not None and fits(structure, shapes)}
 
 
 def write_structure(output: Path, record: StructureRecord) -> list[Path]:
-    """Write ``structure.json``, and ``structure.png`` and ``structure.html`` where there is a picture.
+    """Write ``structure.json``, and ``structure.png`` and ``structure.html`` if there is a picture.
 
     Parameters
     ----------
     output
         The campaign's output folder.
     record
-        What to draw.
+        The structure to draw.
 
     Returns
     -------
     list of Path
-        What was written, the picture first.
+        Picture and page; empty if there is no picture.
 
     Raises
     ------
     ConfigError, DataError
-        Where the output folder cannot be written.
+        If the output folder cannot be written.
     """
     from lrbc_cli.report.drawing.png import draw
 
@@ -248,7 +249,7 @@ def write_structure(output: Path, record: StructureRecord) -> list[Path]:
 
 
 def _calibration(output: Path) -> tuple[CalibrationRecord | None, Frf | None]:
-    """The calibration and its FRFs; the results stand without it, as they do for the commands that would use it."""
+    """The calibration and its FRFs; None with a warning if a file is damaged, since results can be shown without it."""
     try:
         calibration = read(output / "calibration.json", CalibrationRecord)
         return calibration, None if calibration is None else read_frf(output / calibration.frf)
@@ -258,22 +259,22 @@ def _calibration(output: Path) -> tuple[CalibrationRecord | None, Frf | None]:
 
 
 def missing_jobs(output: Path, jobs: Sequence[str] | None, expected: Sequence[str]) -> list[str]:
-    """Jobs of the campaign without a result that the page shows; none where single ones were asked for. Raises as ``read_results``."""
+    """Jobs of the campaign without a result; empty if single jobs are asked for by `jobs`. Raises as ``read_results``."""
     campaign, results = read_results(output, jobs)
     shown = {job.job for job in results}
     return [] if jobs else [name for name in dict.fromkeys((*campaign.jobs, *expected)) if name not in shown]
 
 
 def _draw_all(tasks: Sequence[_Task], workers: int, halt: Callable[[], bool], say: Callable[[str], None]) -> None:
-    """Draw those that changed."""
-    # matplotlib takes a second to import; `update` comes by here for the summary only.
+    """Draw the figures whose content has changed, in other processes if there are many."""
+    # matplotlib takes a second to import, which commands that do not draw should not spend.
     from lrbc_cli.report.drawing.png import is_current
 
     todo = [(chart, file) for chart, file in tasks if not is_current(chart, file)]
     if todo:
         say(f"drawing {len(todo)} figures")
     if workers > 1 and len(todo) >= _WORTH_PROCESSES:
-        # Spawned: a fork would copy the threads of numerical libraries in a state of their own.
+        # Spawned, because a fork would copy the state of threads of numerical libraries without the threads.
         with ProcessPoolExecutor(min(workers, len(todo)), mp_context=multiprocessing.get_context("spawn")) as pool:
             with _interruption_held_back():
                 drawn = pool.map(_draw_one, todo, chunksize=8)
@@ -290,7 +291,7 @@ def _draw_all(tasks: Sequence[_Task], workers: int, halt: Callable[[], bool], sa
 
 @contextmanager
 def _interruption_held_back() -> Iterator[None]:
-    """Until processes have begun: one that loses its parent before it has read what it is to do prints a traceback."""
+    """Delay Ctrl-C until the processes have started: one that loses its parent before it has read its task prints a traceback."""
     handler = signal.getsignal(signal.SIGINT)
     if not callable(handler) or threading.current_thread() is not threading.main_thread():
         yield

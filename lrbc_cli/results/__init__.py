@@ -1,5 +1,5 @@
-"""Records of everything that is written under the output folder and read again: one definition, one reader, one writer.
+"""Records (pydantic models) of all files in the output folder, with one reader and one writer (``store``) for all of them.
 
-Records are frozen and carry a version. A file of another version is refused. A key that a record does not know, from a later release of
-the same version, is kept and ignored. ``lrbc schema --results`` prints the JSON Schema of these definitions.
+Records are frozen. Files carry a version, and a file of another version is refused. A key that a record does not know, from a later
+release of the same version, is kept and ignored. ``lrbc schema --results`` prints the JSON Schema of these definitions.
 """

@@ -1,4 +1,4 @@
-"""How FRFs and natural frequencies agree before and after updating, as ``result.json`` holds it."""
+"""Records of ``result.json`` on the agreement of model and measurement before and after updating: modes, peaks, FRAC and FDAC."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from lrbc_cli.results.fields import Gap, Many, Record
 
 
 class ModePair(Record):
-    """A mode of the model before and after: natural frequencies [Hz], damping ratios zeta, and the MAC of both shapes over the whole model.
+    """A mode of the model before and after updating: natural frequency [Hz], damping ratio, and MAC of both shapes over all DOFs.
 
-    Null where the other state has no mode like it in the band; the loss factor of a mode is twice its damping ratio.
+    Null if the other state has no matching mode in the band. The loss factor of a mode is twice its damping ratio.
     """
 
     before_hz: Gap
@@ -21,14 +21,14 @@ class ModePair(Record):
 
 
 class ModesRecord(Record):
-    """Modes of the band, of the reduced model; ``before`` is the reference state or the start values."""
+    """Modes of the reduced model in the band; ``before`` tells whether the state before updating is the reference or the start values."""
 
     before: Literal["reference", "initial"]
     pairs: Many[ModePair]
 
 
 class Peak(Record):
-    """A measured peak and the same resonance of the model before and after [Hz]; null where the model has none."""
+    """A measured peak and the matching peaks of the model before and after updating [Hz]; null if the model has none."""
 
     measured_hz: Gap
     initial_hz: Gap
@@ -36,20 +36,20 @@ class Peak(Record):
 
 
 class Spectrum(Record):
-    """The peaks of a spectrum."""
+    """Peaks of one spectrum."""
 
     peaks: Many[Peak]
 
 
 class ResponseCorrelation(Spectrum):
-    """FRAC before and after of one response, and its peaks."""
+    """FRAC of one response before and after updating, and its peaks."""
 
     frac_initial: Gap
     frac_final: Gap
 
 
 class CorrelationRecord(Record):
-    """How well the FRFs agree before and after; means are over the responses used, shifts over peaks matched both times [%]."""
+    """Agreement of the FRFs before and after updating: means over the responses used; peak shifts [%] over peaks matched in both states."""
 
     frac_initial: Gap
     frac_final: Gap

@@ -1,4 +1,4 @@
-"""``NAME/evidence.json``: what an identification says of the bolts, so that it can be judged by another rule."""
+"""``NAME/evidence.json``: what an identification tells about the bolts, stored so that changed rules can judge it without a new fit."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lrbc_cli.updating.judging.evidence import Evidence
 class EvidenceRecord(StoredRecord):
     """The evidence of one job, see ``Evidence``."""
 
-    # Lists become tuples.
+    # JSON has lists where the evidence has tuples.
     model_config = ConfigDict(strict=False)
 
     format: Literal["lrbc-evidence"]
@@ -22,11 +22,11 @@ class EvidenceRecord(StoredRecord):
 
     @classmethod
     def of(cls, evidence: Evidence) -> Self:
-        """To be written.
+        """Record of the evidence of one job.
 
         Raises
         ------
         NumericalError
-            Where a number of it is not finite.
+            If a number in it is not finite.
         """
         return cls.checked({"evidence": asdict(evidence)})

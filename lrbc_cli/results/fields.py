@@ -1,4 +1,4 @@
-"""What records are made of: exact types, arrays whose gaps are null in the file, and one message for whatever is wrong."""
+"""Base classes and field types of the records: strict types, arrays whose NaN are null in the file, and readable validation errors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 class Record(BaseModel):
-    """Base of all records: frozen, exact types, finite numbers. Keys that this version does not know are kept as they are."""
+    """Base of all records: frozen, strict types, finite numbers. Keys that this version does not know are kept unchanged."""
 
     model_config = ConfigDict(
         frozen=True, strict=True, extra="allow", allow_inf_nan=False, arbitrary_types_allowed=True, populate_by_name=True
@@ -26,12 +26,12 @@ class Record(BaseModel):
 
     @classmethod
     def checked(cls, tree: Mapping[str, Any]) -> Self:
-        """Record of what was computed.
+        """Record of computed values.
 
         Raises
         ------
         NumericalError
-            Where the values are none that may be written, for instance not finite.
+            If the values do not fit the record, for instance because they are not finite.
         """
         try:
             return cls.model_validate(plain(tree))
@@ -40,14 +40,14 @@ class Record(BaseModel):
             raise NumericalError("this result cannot be written", place=place, expected=expected, found=found) from error
 
     def tree(self) -> dict[str, Any]:
-        """As in the file: plain values by key, null for what is not finite."""
+        """Content of the file: plain values by key, null for numbers that are not finite."""
         return self.model_dump(by_alias=True, exclude_unset=True)
 
 
 class StoredRecord(Record):
-    """Base of the records that are files: they say what they are, and of which version."""
+    """Base of the records that are files of their own: they state their format and version."""
 
-    #: How to come by another one.
+    #: How to write the file again.
     HINT: ClassVar[str] = "run `lrbc update` to write the results again (`--force` for finished jobs)"
 
     format: str
@@ -55,24 +55,24 @@ class StoredRecord(Record):
 
     @classmethod
     def form(cls) -> str:
-        """What ``format`` has to say."""
+        """Value of ``format`` in files of this kind."""
         return str(get_args(cls.model_fields["format"].annotation)[0])
 
     @classmethod
     def checked(cls, tree: Mapping[str, Any]) -> Self:
-        """See ``Record``; the file says what it is."""
+        """See ``Record.checked``; format and version are added."""
         return super().checked({"format": cls.form(), "version": 1, **tree})
 
 
 class SealedRecord(StoredRecord):
-    """Base of the records that say by themselves whether they are as they were written; those of earlier versions do not."""
+    """Base of the records with a digest of their own content, which shows whether the file was changed; earlier versions have none."""
 
-    #: SHA-256 of all the rest, see ``store.digest_of``.
+    #: SHA-256 of all other keys, see ``store.digest_of``.
     digest: str | None = None
 
     @property
     def sealed(self) -> bool:
-        """Whether it vouches for itself: one without a digest is of an earlier version, or was changed by hand."""
+        """Whether the file has a digest, which the reader has checked; one without is of an earlier version or was changed by hand."""
         return self.digest is not None
 
 
@@ -80,11 +80,11 @@ _AS_THEY_ARE = {str, int, bool, type(None)}
 
 
 def plain(value: Any) -> Any:
-    """JSON-able copy; numbers that are not finite become null."""
+    """Copy that JSON can hold: numbers that are not finite become None."""
     kind = type(value)
     if kind in _AS_THEY_ARE:
         return value
-    # Most are numbers in lists: asking whether they are mappings takes longer than all else.
+    # Most values are numbers in lists, and the check for mappings is slow: numbers come first.
     if kind is float:
         return value if math.isfinite(value) else None
     if kind is list:
@@ -105,7 +105,7 @@ def plain(value: Any) -> Any:
 
 
 def wrong(place: str, expected: object, found: object) -> PydanticCustomError:
-    """What a value should have been; ``place`` is below the value that is validated."""
+    """Error of a validator: what was expected and found at ``place``, a key path relative to the validated value."""
     return PydanticCustomError("lrbc", "{expected}", {"place": place, "expected": expected, "found": found})
 
 
@@ -122,7 +122,7 @@ _EXPECTED = {
 
 
 def first_wrong(error: ValidationError) -> tuple[str, str, str]:
-    """Key path, what was expected and what was found, of the first value that is wrong."""
+    """Key path, expected and found value of the first validation error."""
     first = error.errors(include_url=False)[0]
     context = first.get("ctx", {})
     place = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in first["loc"])
@@ -156,7 +156,7 @@ def _vectors(gaps: bool = False, size: int | None = None) -> Callable[[Any], Flo
 
 
 def _rows(width: int | None, gaps: bool = False) -> Callable[[Any], Floats]:
-    """Rows of so many numbers; a square where None."""
+    """Validator of a list of rows of `width` numbers; None: as many as there are rows."""
 
     def validate(value: Any) -> Floats:
         if isinstance(value, np.ndarray):
@@ -188,9 +188,9 @@ def _list(items: dict[str, Any], size: int | None = None) -> WithJsonSchema:
     return WithJsonSchema({"type": "array", "items": items, **sized})
 
 
-#: A number; NaN where the file has null.
+#: A number; null in the file becomes NaN.
 Gap = Annotated[float, PlainValidator(_gap), _AS_LISTS, WithJsonSchema(_GAP)]
-#: (n,) array of numbers; the same with null as NaN; a point, and the ends of a range.
+#: (n,) array of numbers; the next ones accept null as NaN: (n,) array, (3,) point, (2,) limits of a range.
 Vector = Annotated[Floats, PlainValidator(_vectors()), _AS_LISTS, _list(_NUMBER)]
 Gaps = Annotated[Floats, PlainValidator(_vectors(gaps=True)), _AS_LISTS, _list(_GAP)]
 Point = Annotated[Floats, PlainValidator(_vectors(gaps=True, size=3)), _AS_LISTS, _list(_GAP, 3)]
@@ -199,7 +199,7 @@ Range = Annotated[Floats, PlainValidator(_vectors(gaps=True, size=2)), _AS_LISTS
 Points = Annotated[Floats, PlainValidator(_rows(3)), _AS_LISTS, _list({"type": "array", "items": _NUMBER, "minItems": 3, "maxItems": 3})]
 Square = Annotated[Floats, PlainValidator(_rows(None, gaps=True)), _AS_LISTS, _list({"type": "array", "items": _GAP})]
 
-#: A list in the file.
+#: A tuple; a list in the file.
 Many = Annotated[tuple[T, ...], Field(strict=False)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
@@ -210,12 +210,12 @@ def _total(value: dict[str, float]) -> dict[str, float]:
     return value
 
 
-#: Seconds by stage, and in all.
+#: Seconds by stage, and their ``total``.
 Seconds = Annotated[dict[str, float], AfterValidator(_total), Field(json_schema_extra={"required": ["total"]})]
 
 
 def same_length(record: Record, first: str, *others: str) -> None:
-    """Refuse lists that belong together and differ in length."""
+    """Refuse a record if the lists in the fields `others` differ in length from that in `first`; None is no list."""
     size = len(getattr(record, first))
     for name in others:
         found = getattr(record, name)

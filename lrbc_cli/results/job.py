@@ -1,4 +1,4 @@
-"""``NAME/result.json``: what was identified and judged from one measurement, or why nothing was."""
+"""``NAME/result.json``: what was identified and judged from one measurement, or why that failed."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Verdict = Literal["tight", "loose", "undecided", "outside"]
 
 
 class SaturationRecord(Record):
-    """Values [log10] beyond which the FRFs tell no more, and the start between them."""
+    """Values [log10] below (``free``) and above (``clamped``) which the springs are saturated, and the start value between them."""
 
     free: float
     start: float
@@ -41,9 +41,9 @@ class SaturationRecord(Record):
 class Parameter(Record):
     """The identified values of one parameter group.
 
-    ``log10_effective`` are those of the smoothed terms; ``lower95`` and ``upper95`` are limits of these, null where the interval is open to
-    that side; ``reference_log10_effective`` is the tight state. Places are in metres. ``bolts`` names the bolt that owns each value, of
-    joints, which have no ``arc_length``.
+    ``log10_effective`` holds the values after smoothing along the edge; ``lower95`` and ``upper95`` are their 95 % limits, null if the
+    interval is open to that side; ``reference_log10_effective`` is the tight state. Positions and arc lengths are in metres. For joints,
+    which have no ``arc_length``, ``bolts`` names the bolt that owns each value.
     """
 
     kind: str
@@ -80,20 +80,20 @@ class Parameter(Record):
 
 
 class BeforeAfter(Record):
-    """A figure before and after updating."""
+    """A number before and after updating."""
 
     initial: Gap
     final: Gap
 
 
 class ResponseMisfit(BeforeAfter):
-    """Mean absolute misfit of one response [dB]; ``used`` tells whether the updating sees it."""
+    """Misfit of one response [dB]; ``used`` is false for validation channels."""
 
     used: bool
 
 
 class MisfitRecord(Record):
-    """Mean absolute misfit over all lines of the band [dB]: of the responses used, of the validation channels, of each response."""
+    """Misfit over all lines of the band [dB]: of the responses used, of the validation channels (``held_out``), of each response."""
 
     initial: Gap
     final: float
@@ -103,10 +103,10 @@ class MisfitRecord(Record):
 
 
 class Bolt(Record):
-    """What was found at one bolt; ``removed`` is what is known about it, null where nothing is.
+    """Result at one bolt; ``removed`` is its true state as the campaign states it, null if unknown.
 
-    ``change``, its ``change_std``, its 95 % limits ``change_interval95`` (null to the side where they are open) and the ``threshold`` at
-    which a bolt counts as loose are in decades. A bolt outside, which no term reaches, has none of these numbers.
+    ``change``, its ``change_std``, its 95 % limits ``change_interval95`` (null if open to that side) and the ``threshold`` below
+    which a bolt counts as loose are in decades. A bolt ``outside``, which no term reaches, has none of these numbers.
     """
 
     name: str
@@ -124,12 +124,12 @@ class Bolt(Record):
 
     @property
     def outside(self) -> bool:
-        """Whether no term reaches it, so that the FRFs say nothing of it."""
+        """Whether no term reaches the bolt, so that the FRFs tell nothing about it."""
         return self.verdict == "outside"
 
 
 class TakenAsTight(Record):
-    """The role in which the bolts of a job are tight by assumption, and those that come out loose all the same."""
+    """Role of a job whose bolts are assumed to be tight, and the bolts that the fit shows as loose all the same (``doubtful``)."""
 
     role: Literal["reference", "baseline"] = Field(alias="as")
     doubtful: Many[str]
@@ -138,8 +138,8 @@ class TakenAsTight(Record):
 class ValidityRecord(Record):
     """Whether the model explains the measurement.
 
-    ``passed`` is null where there are no validation channels, or the measurement is in doubt, and nothing speaks against the model:
-    ``unvalidated`` says why. ``held_out_db`` is the misfit of the validation channels, ``limit_db`` the most that it may be [dB].
+    ``passed`` is null if nothing speaks against the model, but there are no validation channels or the measurement is in doubt;
+    ``unvalidated`` states the reason. ``held_out_db`` is the misfit of the validation channels, ``limit_db`` its upper limit [dB].
     """
 
     passed: bool | None
@@ -152,7 +152,7 @@ class ValidityRecord(Record):
 
 
 class NoiseRecord(Record):
-    """What the confidence rests on: scatter of the residuals [dB], and lines over their effective sample size."""
+    """Scatter of the residuals [dB] and correlation factor (number of lines over their effective sample size) behind all intervals."""
 
     sigma_db: float
     correlation_factor: float
@@ -160,7 +160,7 @@ class NoiseRecord(Record):
 
 
 class Prior(Record):
-    """The prior of the verdicts: about which state, of what, how wide [decades], of which shape."""
+    """The prior of the verdicts: the state it is about, the unknowns, its standard deviation [decades], its shape."""
 
     of: str
     unknowns: str
@@ -180,9 +180,9 @@ class Estimate(Record):
 class Nuisances(Record):
     """Nuisance parameters, by response, or by excitation and direction.
 
-    ``common_gain_db`` is by how much all FRFs of the job lie above what those of the reference job let expect; ``gain_db`` of the reference
-    job is by how much each of its FRFs lies above the model's, null the standard deviation of one that was not used. Both are part of the
-    updated FRFs, and no verdict rests on them.
+    ``common_gain_db`` is the gain of all FRFs of the job against what those of the reference job predict; ``gain_db`` of the reference
+    job is the gain of each of its FRFs against the model, with null as standard deviation of a response that was not used. Both are
+    included in the updated FRFs, and no verdict rests on them.
     """
 
     common_gain_db: Estimate | None = None
@@ -209,7 +209,7 @@ class Lines(Record):
 
 
 class StartRecord(Record):
-    """A start of the optimiser and its end."""
+    """A start of the optimiser, the cost at which its descent ended, and whether this end was kept."""
 
     description: str
     cost: Gap
@@ -227,21 +227,21 @@ class Optimiser(Record):
 
 
 class Alternative(Record):
-    """Bolts that are loose in one of several states of nearly equal posterior probability; the verdicts are over all of them."""
+    """Loose bolts of one of several states with similar posterior probabilities; the verdicts account for all of these states."""
 
     loose: Many[str]
     probability: float
 
 
 class CornerRecord(Record):
-    """Corner of an L-curve."""
+    """Corner of an L-curve: sums of squares of data and penalty."""
 
     data: float
     penalty: float
 
 
 class LCurveRecord(Record):
-    """Sums of squares of data and departures for each weight tried; ``at`` is the corner between them, null where there is none."""
+    """L-curve: sums of squares of residuals (``data``) and penalty for each weight ``eta``; ``at`` is its corner, null if there is none."""
 
     eta: Vector
     data: Gaps
@@ -258,14 +258,14 @@ class LCurveRecord(Record):
 
 
 class CalibrationInUse(Record):
-    """The calibration in the model, by its key."""
+    """Key and factors of the calibration that the model uses."""
 
     key: str
     factors: dict[str, float]
 
 
 class Certificate(Record):
-    """The reduced model that a result rests on, and its measured error."""
+    """Key, size and measured error of the reduced model that a result rests on."""
 
     key: str
     size: int
@@ -275,28 +275,28 @@ class Certificate(Record):
 
 
 class RestsOn(Record):
-    """Digests of the tight states behind the verdicts: null, or left out, where a job had no result."""
+    """Digests of the tight states behind the verdicts; null (reference) or left out (baselines) for a job without a result."""
 
     reference: str | None = None
     baselines: dict[str, str]
 
 
 class IdentityRecord(Record):
-    """Digest of what something rests on, and those of its parts by name."""
+    """Digest of everything that a result or judgement rests on, and the digests of its parts by name."""
 
     identity: str
     parts: dict[str, str]
-    #: Of a judgement: in what way the measurement is that of a baseline once more.
+    #: For a judgement: why the measurement counts as a copy of that of a baseline.
     copied: str | None = None
 
 
 class Provenance(Record):
-    """What a result rests on; ``files`` holds the SHA-256 of each file that was written with it."""
+    """What a result rests on; ``inputs`` and ``files`` hold the SHA-256 of each file read for it and written with it."""
 
     identity: str | None = None
-    #: Digest of all it comes from but the bytes of ``inputs``: while it holds with these, no model has to be read to judge anew.
+    #: Digest of everything except the bytes of ``inputs``: while both are unchanged, jobs can be judged again without reading the model.
     origin: str | None = None
-    #: Digest of the program's code and of the libraries that it computed with.
+    #: Digest of the code of the program and of the libraries that it computes with.
     program: str | None = None
     parts: dict[str, str] | None = None
     versions: dict[str, str] = Field(default_factory=dict)
@@ -305,7 +305,7 @@ class Provenance(Record):
     calibration: CalibrationInUse | None = None
     certificate: Certificate | None = None
     rests_on: RestsOn | None = None
-    #: Figures of the measurement by which a copy of it is known, see ``Measurement.means``.
+    #: Means of the measurement [dB] by which a copy of it is recognised, see ``Measurement.means``.
     measured_db: Vector | None = None
     files: dict[str, str] | None = None
     judgement: IdentityRecord | None = None
@@ -317,7 +317,7 @@ class _JobBase(SealedRecord):
 
 
 class FailedJob(_JobBase):
-    """A job without a result, and why."""
+    """A job without a result, and the reason."""
 
     status: Literal["failed"]
     reason: str
@@ -330,12 +330,12 @@ class FailedJob(_JobBase):
 
     @property
     def sentence(self) -> str:
-        """The first line of why it failed."""
+        """One sentence for people: the first line of the reason."""
         return f"{self.job}: failed: {(self.reason.strip() or 'no reason given').splitlines()[0]}"
 
 
 class JobRecord(_JobBase):
-    """A job with its result. ``status`` unexplained: the model does not explain the measurement, so there are no verdicts."""
+    """Result of a job. ``status`` unexplained: the model does not reproduce the measurement, so there are no verdicts."""
 
     status: Literal["converged", "stopped", "unexplained"]
     reason: str
@@ -369,17 +369,17 @@ class JobRecord(_JobBase):
 
     @property
     def sealed(self) -> bool:
-        """Whether it vouches for itself and for its tables."""
+        """Whether the file has digests of itself and of its tables."""
         return super().sealed and bool(self.provenance.files)
 
     @property
     def explained(self) -> bool:
-        """Whether the model explains the measurement, so that there are verdicts."""
+        """Whether the model reproduces the measurement, so that there are verdicts."""
         return self.status != "unexplained"
 
     @property
     def validated(self) -> bool:
-        """Whether nothing says that the verdicts lack a validation."""
+        """False if there are verdicts but they are neither validated nor refuted (``validity.passed`` is null)."""
         return not self.explained or self.validity is None or self.validity.passed is not None
 
     @property
@@ -414,12 +414,12 @@ class JobRecord(_JobBase):
 
     @property
     def sentence(self) -> str:
-        """What it says, as one line for people: ``bolts-04: B08 to B10 loose, B11 probably; 9 tight``."""
+        """The finding as one sentence for people: ``bolts-04: B08 to B10 loose, B11 probably; 9 tight``."""
         return f"{self.job}: {sentence(self.finding)}"
 
     @property
     def state(self) -> ReferenceState:
-        """What jobs that are compared with it take of it."""
+        """The identified state that other jobs use if this is their reference job."""
         validation = self.misfit_db.held_out_final
         return ReferenceState(
             job=self.job,

@@ -1,4 +1,4 @@
-"""``campaign.json``, ``reduction.json`` and ``calibration.json``: what the jobs have in common."""
+"""``campaign.json``, ``reduction.json`` and ``calibration.json``: records that all jobs of a campaign share."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lrbc_cli.results.job import CalibrationInUse, Estimate, Lines, MisfitRecord
 
 
 def _folders(names: tuple[str, ...]) -> tuple[str, ...]:
-    """They become parts of paths."""
+    """Accept names that can be folders, each once: the results of a job lie in a folder of its name."""
     for index, name in enumerate(names):
         if not name.strip() or name in {".", ".."} or any(mark in name for mark in '/\\:\0\n\r\t"<>|?*') or name in names[:index]:
             raise wrong(f"[{index}]", "names that folders may have, each once", repr(name))
@@ -19,14 +19,14 @@ def _folders(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 class PlaceRecord(Record):
-    """A bolt of the campaign."""
+    """Name and position [m] of a bolt."""
 
     name: str
     position: Point
 
 
 class ResponseRecord(Record):
-    """A response of the campaign; ``unit`` is that of the FRF, ``used`` tells whether the updating sees it."""
+    """A response of the campaign; ``unit`` is that of the FRF, ``used`` is false for validation channels."""
 
     name: str
     quantity: str
@@ -35,14 +35,14 @@ class ResponseRecord(Record):
 
 
 class Tool(Record):
-    """What wrote the results."""
+    """Name and version of the program that wrote the results."""
 
     name: str
     version: str
 
 
 class CalibrationNews(Record):
-    """What became of a stored calibration, in words that are a warning where it is ``stale``."""
+    """Whether a stored calibration is used, and the message on it, which is a warning if the calibration is ``stale``."""
 
     used: bool
     stale: bool
@@ -50,9 +50,9 @@ class CalibrationNews(Record):
 
 
 class ReadingRecord(Record):
-    """What was said of the inputs when they were read, so that they need not be read again to say it.
+    """Warnings given when the inputs were read, stored so that they can be repeated without reading the inputs again.
 
-    ``origin`` is that of the results, see ``Provenance``; ``files`` the SHA-256 of what was written beside.
+    ``origin`` is that of the results, see ``Provenance``; ``files`` holds the SHA-256 of the files written beside.
     """
 
     origin: str
@@ -62,9 +62,10 @@ class ReadingRecord(Record):
 
 
 class CampaignRecord(SealedRecord):
-    """The campaign: names, order and places; the key of the calibration its jobs rest on, empty for none of several, null without one.
+    """The campaign: its jobs, bolts and responses in order. ``calibration`` is the key of the one that the jobs rest on.
 
-    ``description``, ``test_article``, ``operator`` and ``compare_with`` are what the campaign file says; no result rests on them.
+    It is null without a calibration, and empty if the jobs rest on different ones. ``description``, ``test_article``, ``operator`` and
+    ``compare_with`` are copied from the campaign file; no result rests on them.
     ``reference_guessed``: nobody confirmed that the reference job is tight.
     """
 
@@ -89,20 +90,20 @@ class CampaignRecord(SealedRecord):
         return tuple(bolt.name for bolt in self.bolts)
 
     def response(self, name: str) -> ResponseRecord:
-        """Return a response by name; one that the campaign does not list is unknown and unused."""
+        """Response by name; one that the campaign does not list counts as unused, with an unknown quantity."""
         unknown = ResponseRecord(name=name, quantity="response", unit="1/N", used=False)
         return next((entry for entry in self.responses if entry.name == name), unknown)
 
 
 class HeldOutRecord(Record):
-    """Measured error of the reduced model at one line outside its basis, per kind of parameter vector."""
+    """Measured error of the reduced model at one line outside its basis, by kind of parameter vector."""
 
     frequency_hz: float
     errors: dict[str, float]
 
 
 class ModelCertificate(Record):
-    """Measured errors; ``unseen`` bounds those at a share of all other lines, with a confidence, null where nothing tells."""
+    """Measured errors at lines outside the basis; ``unseen`` bounds those of a share of other lines at a confidence, null if unknown."""
 
     held_out: Many[HeldOutRecord]
     worst: Gap
@@ -113,7 +114,7 @@ class ModelCertificate(Record):
 
 
 class ExpansionPoint(Record):
-    """A point at which the full model was solved, and what it added to the basis."""
+    """Frequency at which the full model was solved, number of moments (``order``), and directions added to the basis."""
 
     frequency_hz: float
     order: int
@@ -121,7 +122,7 @@ class ExpansionPoint(Record):
 
 
 class StepRecord(Record):
-    """One step of the adaptive reduction: the estimated error over the band, and what was then measured."""
+    """One step of the adaptive reduction: size of the basis, estimated error over the band, error measured at the line then solved."""
 
     step: int
     size: int
@@ -137,7 +138,7 @@ class StepRecord(Record):
 
 
 class Cache(Record):
-    """Whether the reduced model was found, and why."""
+    """Key of the reduced model, whether the cache held it, and the reason."""
 
     key: str
     hit: bool
@@ -145,7 +146,7 @@ class Cache(Record):
 
 
 class ReductionRecord(SealedRecord):
-    """The reduced model: sizes, certificate, costs, machine."""
+    """The reduced model: sizes, expansion points, certificate, times, machine."""
 
     HINT: ClassVar[str] = "run `lrbc reduce` to write it again"
 
@@ -173,12 +174,12 @@ class ReductionRecord(SealedRecord):
     versions: dict[str, str]
 
 
-#: Factors beyond these are not what a calibration finds: its bounds lie closer to one.
+#: Range of factors that a calibration can find: its own bounds lie inside.
 Plausible = Annotated[float, Field(ge=0.01, le=100.0)]
 
 
 class Factor(Estimate):
-    """A factor of the reference model with its 95 % interval; null where a limit is open or unknown."""
+    """A factor of the reference model with its 95 % interval; a limit is null if it is open or unknown."""
 
     value: Plausible
     lower95: float | None = None
@@ -187,14 +188,14 @@ class Factor(Estimate):
 
 
 class Boundary(Record):
-    """Values of a parameter group beside the factors."""
+    """Values of a parameter group that were identified or held beside the factors."""
 
     log10: Vector
     damping_exponent: float | None = None
 
 
 class RoundRecord(Record):
-    """One round of calibration: misfit [dB], values of the factors, measured error of the reduced model it rests on."""
+    """One round of calibration: misfit [dB], factors, and measured error and size of the reduced model used."""
 
     misfit_db: Gap
     factors: dict[str, float]
@@ -203,7 +204,7 @@ class RoundRecord(Record):
 
 
 class StageRecord(Record):
-    """One width of smoothing over frequency, and its misfit."""
+    """One stage of calibration on spectra smoothed over ``width_hz``: misfit before and after [dB]."""
 
     width_hz: Gap
     before_db: Gap
@@ -212,7 +213,7 @@ class StageRecord(Record):
 
 
 class FactorCertificate(Record):
-    """Error of the reduced model at the factors found."""
+    """Measured error of the reduced model at the identified factors."""
 
     worst: float
     tolerance: float
@@ -221,7 +222,7 @@ class FactorCertificate(Record):
 
 
 class CalibrationRecord(SealedRecord):
-    """The factors of the reference model, what they rest on (``key`` and its ``parts``), and how well the model then agrees."""
+    """The factors of the reference model, digests of what they rest on (``key`` and its ``parts``), and the misfit reached."""
 
     HINT: ClassVar[str] = "run `lrbc calibrate` to write it again"
 

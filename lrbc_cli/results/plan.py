@@ -1,4 +1,4 @@
-"""``plan.json``: what a measurement can tell of each bolt, from the model alone."""
+"""``plan.json``: what a planned measurement can tell about each bolt, predicted from the model alone by ``lrbc plan``."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from typing import Any, ClassVar, Literal
 from lrbc_cli.results.fields import Gap, Gaps, Many, Point, Record, SealedRecord, Share
 from lrbc_cli.results.job import Lines, NoiseRecord, Provenance
 
-#: Whether a loosened bolt will be called loose.
+#: Whether a bolt that has lost the planned stiffness will be called loose.
 Visibility = Literal["detectable", "marginal", "not detectable"]
 
 
 class PlannedNoise(NoiseRecord):
-    """Noise of a line, and where it is from."""
+    """Noise of a line, and the source of this number."""
 
     source: str
 
 
 class VisibilityLimits(Record):
-    """Probability of a right verdict from which on a bolt is detectable, and below which it is not."""
+    """Probabilities of a right verdict from which a bolt is detectable, and below which it is not."""
 
     detectable: float
     not_detectable: float
 
 
 class PlannedNuisance(Record):
-    """A nuisance parameter beside the unknowns."""
+    """A nuisance parameter of the planned identification, with the standard deviation of its prior."""
 
     kind: str
     name: str
@@ -33,20 +33,20 @@ class PlannedNuisance(Record):
 
 
 class Rehearsals(Record):
-    """What the rehearsals of one bolt and loss said.
+    """Verdicts of simulated measurements in which one bolt has one loss of stiffness.
 
     Attributes
     ----------
     draws, loose, undecided, tight : int
-        How many, and the verdicts on the bolt itself.
+        Number of simulated measurements, and of each verdict on the bolt.
     alarms : int
         Draws in which a tight bolt was called loose.
     alarmed : dict
-        These bolts, and how often each was.
+        How often each of these bolts was called loose.
     judged : int
-        Verdicts on tight bolts.
+        Number of verdicts on tight bolts.
     change, probability_loose : (draws,) arrays
-        As found at the bolt.
+        Identified change [decades] and probability at the bolt.
     """
 
     draws: int
@@ -61,21 +61,22 @@ class Rehearsals(Record):
 
 
 class PlannedLoss(Record):
-    """What will be said where a bolt alone has lost so much.
+    """Prediction for a bolt that alone has one loss of stiffness.
 
     Attributes
     ----------
     decades, change : float
-        As asked, and as far as the bounds let it; negative where it is loosened.
+        Change as asked and as the bounds allow [decades]; negative for a loosened bolt.
     d_prime : float
+        Distance of the FRFs from what all other unknowns can imitate [standard deviations].
     right : float or None
-        Probability of a right verdict on the bolt: loose.
+        Probability of the right verdict on the bolt: loose.
     right95 : two floats or None
-        Its 95 % interval by the draws of this bolt alone.
+        Its 95 % interval from the draws of this bolt alone.
     missed, alarm : float or None
-        Probability that it is called tight, and that a tight bolt is called loose.
+        Probability that the bolt is called tight, and that a tight bolt is called loose.
     linearised : float
-        What d' says of ``right``.
+        ``right`` as it follows from d'.
     """
 
     decades: float
@@ -90,7 +91,7 @@ class PlannedLoss(Record):
 
 
 class LossSum(Record):
-    """All bolts at one loss: mean probability of a right verdict; verdicts of the rehearsals on all bolts, and wrong ones among them."""
+    """All bolts at one loss: mean probability of a right verdict, number of verdicts of the rehearsals, and wrong ones among them."""
 
     decades: float
     right: Gap
@@ -101,14 +102,14 @@ class LossSum(Record):
 
 
 class WithAll(Record):
-    """The same with all responses."""
+    """d' and standard deviation of a bolt [decades] if all responses of the campaign are measured."""
 
     d_prime: Gap
     std: Gap
 
 
 class PlannedBolt(Record):
-    """What the planned responses can tell of one bolt; null where nothing is known."""
+    """What the planned responses can tell about one bolt; null for unknown numbers."""
 
     name: str
     position: Point | None = None
@@ -122,26 +123,26 @@ class PlannedBolt(Record):
     note: str | None = None
 
     def at(self, decades: float) -> PlannedLoss:
-        """What is said of one of the losses."""
+        """Prediction for one of the losses of the plan [decades]."""
         return next(loss for loss in self.losses if loss.decades == decades)
 
 
 class Worst(Record):
-    """The bolt of which least is seen."""
+    """The bolt with the lowest d'."""
 
     bolt: str
     d_prime: Gap
 
 
 class Sum(Record):
-    """What a set of responses tells of all bolts."""
+    """Information of a set of responses on all bolts [bits], and the bolt with the lowest d'."""
 
     bits: Gap
     worst: Worst | None = None
 
 
 class PlannedSum(Sum):
-    """And bolts by what can be seen of them."""
+    """The same for the planned responses, with the numbers of detectable, marginal and not detectable bolts."""
 
     detectable: int
     marginal: int
@@ -149,7 +150,7 @@ class PlannedSum(Sum):
 
 
 class Worth(Record):
-    """What a response is worth [bits]: added to the planned ones, or lost without it; the worst bolt then."""
+    """Information of a response [bits]: gained by adding it to the planned ones or lost without it, and alone; the worst bolt then."""
 
     name: str
     planned: bool
@@ -161,7 +162,7 @@ class Worth(Record):
 
 
 class Chosen(Record):
-    """A response in the order of what each adds to those before."""
+    """A response in the order in which each adds most to those before it."""
 
     name: str
     bits: Gap
@@ -169,7 +170,7 @@ class Chosen(Record):
 
 
 class Excitation(Record):
-    """What the planned responses of one excitation are worth [bits]."""
+    """Information of the planned responses of one excitation [bits]: alone, lost without them, and with all responses of the excitation."""
 
     name: str
     responses: Many[str]
@@ -180,14 +181,14 @@ class Excitation(Record):
 
 
 class PlanSeconds(Record):
-    """Seconds."""
+    """Time of the reduction and of the plan [s]."""
 
     reduction: float
     plan: float
 
 
 class PlanRecord(SealedRecord):
-    """The whole plan; ``state_job`` is the job whose result the ``state`` is."""
+    """The whole plan; ``state`` describes the state it starts from, ``state_job`` is the job that gave it, if any."""
 
     HINT: ClassVar[str] = "run `lrbc plan` to write it again"
 
@@ -196,7 +197,7 @@ class PlanRecord(SealedRecord):
     state: str
     state_job: str | None = None
     noise: PlannedNoise
-    #: What is asked of every bolt, and on which of these its word and all d' rest [decades].
+    #: Losses examined at every bolt [decades]; ``loss`` is the one on which the verdict of each bolt and all d' rest.
     losses: Many[float]
     loss: float
     tightened: bool
@@ -224,5 +225,5 @@ class PlanRecord(SealedRecord):
 
     @property
     def rehearsed(self) -> bool:
-        """Whether verdicts are those of rehearsals; else they follow from d'."""
+        """Whether the predictions come from rehearsals; else they follow from d'."""
         return self.draws > 0

@@ -1,4 +1,4 @@
-"""``rehearsal.json``: what was drawn for virtual measurements, to be compared with what was found."""
+"""``rehearsal.json``: the true values that ``lrbc rehearse`` drew for its simulated measurements, to be compared with the results."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from lrbc_cli.results.fields import Many, Record, SealedRecord
 
 
 class RehearsedJob(Record):
-    """One job: its loosened bolts, by how many decades each bolt was changed, the values that this gave, and what drifted."""
+    """One simulated job: loosened bolts, change of each bolt [decades], resulting values [log10] by group, and drift."""
 
     removed: Many[str]
     decades: dict[str, float]
@@ -17,7 +17,7 @@ class RehearsedJob(Record):
 
 
 class RehearsalRecord(SealedRecord):
-    """What was asked for, and what was drawn; ``factors`` are those on the model's materials and damping."""
+    """Settings and draws of a rehearsal; ``factors`` are those on the materials and the damping of the model."""
 
     HINT: ClassVar[str] = "run `lrbc rehearse` with --force to write it again"
 

@@ -1,4 +1,4 @@
-"""``NAME/shapes.json``: operational deflection shapes of the updated model at its largest peaks, beside what was measured there."""
+"""``NAME/shapes.json``: operational deflection shapes of the updated model at its largest peaks, and the measured values there."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from lrbc_cli.results.fields import Gap, Gaps, Many, Record, StoredRecord, Vecto
 
 
 class DeflectionShape(Record):
-    """Complex displacement at one line; ``largest`` [m/N] is the displacement that counts as one.
+    """Complex displacement at one line, divided by the largest one, ``largest`` [m/N].
 
-    ``real`` and ``imag`` hold x, y and z of each drawn node of the structure, one node after the other, at the phase of the largest
-    deflection. The values of the responses are displacements along their directions in the same measure; pressures are in shares of the
-    model's largest one, at their own phase. ``cosine`` is the FDAC of measurement and model at the line.
+    ``real`` and ``imag`` hold x, y and z of each drawn node of the structure, one node after the other, relative to the phase of the
+    largest displacement. The values of the responses are displacements along their directions in the same scale; pressures are relative
+    to the largest one of the model, with a phase of their own. ``cosine`` is the FDAC of measurement and model at the line.
     """
 
     frequency_hz: float
@@ -29,7 +29,7 @@ class DeflectionShape(Record):
 
 
 class ShapesRecord(StoredRecord):
-    """Shapes of a job for one excitation, by frequency; ``nodes`` are those of the structure in ``structure.json``."""
+    """Shapes of a job for one excitation, by frequency; ``nodes`` is the number of structural nodes in ``structure.json``."""
 
     format: Literal["lrbc-shapes"]
     job: str

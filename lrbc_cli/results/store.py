@@ -1,4 +1,4 @@
-"""Result files read and written: JSON documents whole or not at all, CSV tables, and the JSON Schema of the documents."""
+"""Reads and writes the JSON result files (atomically, with digests), and gives their JSON Schema."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ from lrbc_cli.updating.judging.evidence import Evidence
 R = TypeVar("R", bound=StoredRecord)
 S = TypeVar("S", bound=SealedRecord)
 
-#: Records that were read, which are frozen; so many are kept.
+#: Cache of the last records read; sharing them is safe, since they are frozen.
 _records = Remembered[StoredRecord](256)
 
 
 def versions() -> dict[str, str]:
-    """Versions of the tool and of what it computes with."""
+    """Versions of the tool, of Python and of the numerical libraries that are installed."""
     out = {"lrbc": __version__, "python": platform.python_version()}
     for package in ("numpy", "scipy", "h5py", "pymetis", "mkl"):
         try:
@@ -48,44 +48,44 @@ def versions() -> dict[str, str]:
 
 
 def write(path: Path, record: StoredRecord, *, compact: bool = False) -> str:
-    """Write a record atomically; compact: on one line.
+    """Write a record atomically; `compact` writes it on one line.
 
     Returns
     -------
     str
-        SHA-256 of its bytes.
+        SHA-256 of the bytes written.
 
     Raises
     ------
     ConfigError
-        Where the output folder cannot be written.
+        If the output folder cannot be written.
     """
     return write_bytes(path, _document(record.tree(), compact))
 
 
 def write_sealed(path: Path, record: S) -> S:
-    """Write a record with a digest of itself, by which it is known to be as it was written; what the file holds.
+    """Write a record with a digest of itself, which shows later changes of the file; returns the record with its digest.
 
     Raises
     ------
     ConfigError
-        Where the output folder cannot be written.
+        If the output folder cannot be written.
     """
     found = sealed(record)
     content = _document(found.tree(), False)
     write_bytes(path, content)
-    # Read again it is this one: a result that failed is read as a job's too.
+    # Reading the file again gives this record from the cache; `read_job` looks for failed jobs under JobRecord too.
     _records.of(content, lambda: found, JobRecord if isinstance(found, FailedJob) else type(found))
     return found
 
 
 def sealed(record: S) -> S:
-    """With a digest of itself."""
+    """Copy of a record with a digest of itself."""
     return record.model_copy(update={"digest": digest_of(record.tree())})
 
 
 def digest_of(tree: Mapping[str, Any]) -> str:
-    """SHA-256 of what a record says, but for the digest itself; layout and order of keys do not count."""
+    """SHA-256 of the content of a record without its digest; independent of layout and order of keys."""
     content = {key: value for key, value in tree.items() if key != "digest"}
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -96,12 +96,12 @@ def _document(tree: Mapping[str, Any], compact: bool) -> bytes:
 
 
 def write_bytes(path: Path, content: bytes) -> str:
-    """Write a file atomically; the SHA-256 of what was written, as another process may replace the file at once.
+    """Write a file atomically; returns the SHA-256 of `content`, since another process may replace the file at once.
 
     Raises
     ------
     ConfigError
-        Where the output folder cannot be written.
+        If the output folder cannot be written.
     """
     try:
         with atomic_write(path, "wb") as file:
@@ -112,32 +112,32 @@ def write_bytes(path: Path, content: bytes) -> str:
 
 
 def unwritable(path: Path, error: OSError) -> ConfigError:
-    """The output folder cannot be written."""
+    """Error that the output folder cannot be written."""
     hint = room_or(error, "choose another folder in `output`")
     return ConfigError(f"the results cannot be written ({error.strerror or error})", file=path, hint=hint)
 
 
 def read(path: Path, kind: type[R]) -> R | None:
-    """Read a document; None where it is missing.
+    """Read a result file as a record; None if it is missing.
 
     Raises
     ------
     DataError
-        Where it is damaged, of another version, changed after it was written, or something else; names the key path.
+        If it is damaged, of another format or version, or was changed after it was written; names the key path.
     ConfigError
-        Where the output folder cannot be read at all.
+        If the output folder cannot be read at all.
     """
     text = _text(path, kind)
     return None if text is None else cast(R, _records.of(text.encode(), lambda: _record(path, kind, _tree(path, kind, text)), kind))
 
 
 def read_job(output: Path, name: str, file: str = "result.json") -> Job | None:
-    """Read the result of a job; None where it is missing.
+    """Read the result of a job, also of a failed one; None if it is missing.
 
     Raises
     ------
     DataError, ConfigError
-        As ``read``; also where it is the result of another job.
+        As ``read``; also if it is the result of another job.
     """
     path = output / name / file
     text = _text(path, JobRecord)
@@ -155,17 +155,17 @@ def read_job(output: Path, name: str, file: str = "result.json") -> Job | None:
 
 
 def write_evidence(folder: Path, evidence: Evidence) -> str:
-    """Store what an identification says of the bolts; returns the SHA-256 of the file."""
+    """Write the evidence of a job into its folder; returns the SHA-256 of the file."""
     return write(folder / "evidence.json", EvidenceRecord.of(evidence))
 
 
 def read_evidence(folder: Path) -> Evidence:
-    """Read it back.
+    """Read the evidence of a job from its folder.
 
     Raises
     ------
     DataError
-        Where it is missing, damaged or of another version.
+        If it is missing, damaged or of another version.
     """
     record = read(folder / "evidence.json", EvidenceRecord)
     if record is None:
@@ -174,7 +174,7 @@ def read_evidence(folder: Path) -> Evidence:
 
 
 def read_before(output: Path, jobs: Iterable[str]) -> list[str]:
-    """SHA-256 of the files that the first finished job was made from with the HDF5 library that there is; none without one."""
+    """SHA-256 of the input files of the first finished job; empty if there is none or it was read with another version of h5py."""
     for name in jobs:
         with suppress(LrbcError):
             job = read_job(output, name)
@@ -198,7 +198,7 @@ def _record(path: Path, kind: type[R], tree: dict[str, Any]) -> R:
 
 
 def _text(path: Path, kind: type[StoredRecord]) -> str | None:
-    """The text of a document; None where it is missing."""
+    """Text of a result file; None if it is missing."""
     try:
         return read_json_text(path) if path.is_file() else None
     except OSError as error:
@@ -212,7 +212,7 @@ def _text(path: Path, kind: type[StoredRecord]) -> str | None:
 
 
 def _tree(path: Path, kind: type[StoredRecord], text: str) -> dict[str, Any]:
-    """A document that says that it is what is expected."""
+    """Content of a result file, checked for format and version."""
     expected, hint = kind.form(), kind.HINT
     try:
         tree = parse_json(text)
@@ -230,7 +230,7 @@ def _tree(path: Path, kind: type[StoredRecord], text: str) -> dict[str, Any]:
     return tree
 
 
-#: The documents under the output folder, and the one beside a rehearsal.
+#: Records by name of the result file; ``rehearsal.json`` lies beside the campaign of a rehearsal.
 FILES: dict[str, tuple[type[StoredRecord], ...]] = {
     "campaign.json": (CampaignRecord,),
     "reduction.json": (ReductionRecord,),
@@ -245,7 +245,7 @@ FILES: dict[str, tuple[type[StoredRecord], ...]] = {
 
 
 def results_schema() -> dict[str, Any]:
-    """JSON Schema of the result files: any of them fits the whole, and ``$defs`` has an entry by the name of each."""
+    """JSON Schema of the result files: each of them fits the whole schema, and ``$defs`` has an entry with the name of each."""
     kinds = [kind for several in FILES.values() for kind in several]
     refs, below = models_json_schema([(kind, "validation") for kind in kinds])
     files = {name: {"oneOf": [refs[kind, "validation"] for kind in several]} for name, several in FILES.items()}

@@ -1,4 +1,4 @@
-"""``structure.json``: what is drawn of the structure, in metres."""
+"""``structure.json``: the picture of the structure (nodes, bolts, excitations, responses, terms), in metres."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lrbc_cli.results.model import PlaceRecord
 
 
 class DrawnNodes(Record):
-    """The nodes of one field that are drawn, of how many, and lines between neighbours: two numbers of nodes each, one after the other."""
+    """The drawn nodes of one field, out of ``count``, and lines between neighbours as a flat list of pairs of node numbers (from 0)."""
 
     field: Literal["structure", "acoustic"]
     count: int
@@ -26,7 +26,7 @@ class DrawnNodes(Record):
 
 
 class DrawnPoint(Record):
-    """Where an excitation or a response acts; ``direction`` is null of a pressure and where it is not known."""
+    """Position and direction of an excitation or response; ``direction`` is null for a pressure or if unknown."""
 
     name: str
     position: Point
@@ -36,7 +36,7 @@ class DrawnPoint(Record):
 
 
 class DrawnTerms(Record):
-    """The updated terms of one group: their places along an edge or at joints, and springs between two nodes, two places each."""
+    """The updated terms of one group: their positions along an edge or at joints, and both ends of each spring between two nodes."""
 
     name: str
     kind: str
@@ -46,7 +46,7 @@ class DrawnTerms(Record):
 
 
 class StructureRecord(SealedRecord):
-    """The structure as it is drawn; ``reason`` says why there is no picture, ``notes`` what was thinned."""
+    """The structure as it is drawn; ``reason`` states why there is no picture, ``notes`` which parts were thinned out."""
 
     format: Literal["lrbc-structure"]
     campaign: str

@@ -1,4 +1,4 @@
-"""Tables beside the documents: CSV files of numbers, written whole or not at all, and what is read of them again."""
+"""CSV tables beside the JSON result files: written atomically, and read again for the report."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from lrbc_cli.results.store import write_bytes
 
 HINT = StoredRecord.HINT
 
-#: Tables that were read; so many are kept.
+#: Cache of the last tables read.
 _tables = Remembered[dict[str, Floats]](256)
 
 FRF_COLUMNS = (*(f"{state}_{part}" for state in ("measured", "initial", "updated") for part in ("db", "phase_deg")), "coherence")
@@ -34,12 +34,12 @@ def write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) 
     Returns
     -------
     str
-        SHA-256 of its bytes.
+        SHA-256 of the bytes written.
 
     Raises
     ------
     ConfigError
-        Where the output folder cannot be written.
+        If the output folder cannot be written.
     """
 
     def cell(value: Any) -> Any:
@@ -56,7 +56,7 @@ def write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) 
 
 @dataclass(frozen=True)
 class Frf:
-    """The FRFs of one job: magnitudes in dB, phases in degrees, NaN where absent.
+    """The FRFs of one job: magnitudes in dB, phases in degrees, NaN for missing values.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class Frf:
 
 @dataclass(frozen=True)
 class Fdac:
-    """FDAC maps before and after: (g, g), rows are measured lines, columns lines of the model; NaN where unknown."""
+    """FDAC maps before and after updating, (g, g): rows are measured lines, columns lines of the model; NaN if unknown."""
 
     frequency_hz: Floats
     initial: Floats
@@ -84,7 +84,7 @@ def read_frf(file: Path) -> Frf:
     Raises
     ------
     DataError
-        Where it is missing or damaged.
+        If it is missing or damaged.
     """
     table = _read(file)
     frequency = table.pop("frequency_hz", None)
@@ -100,12 +100,12 @@ def read_frf(file: Path) -> Frf:
 
 
 def read_fdac(file: Path) -> Fdac | None:
-    """Read ``fdac.csv``; None where there is none or nothing in it.
+    """Read ``fdac.csv``; None if there is no such file or it holds no map.
 
     Raises
     ------
     DataError
-        Where it is damaged.
+        If it is damaged.
     """
     if not file.exists():
         return None
@@ -124,19 +124,19 @@ def read_fdac(file: Path) -> Fdac | None:
 
 
 def require_files(folder: Path, hashes: Mapping[str, str]) -> None:
-    """Refuse tables that are not those which were written with the result beside them: two runs would be shown as one.
+    """Refuse tables that were not written with the result beside them, so that two runs are not shown as one.
 
     Parameters
     ----------
     folder
-        Of the job.
+        Folder of the job.
     hashes
-        SHA-256 by file name, as the result has them.
+        SHA-256 by file name, as the result states them.
 
     Raises
     ------
     DataError
-        Where a file is missing, or another.
+        If a file is missing or differs.
     """
     hint = "files of two runs are mixed, or the file was changed: run `lrbc update` to identify this job again"
     for name, digest in hashes.items():
@@ -150,7 +150,7 @@ def require_files(folder: Path, hashes: Mapping[str, str]) -> None:
 
 
 def _read(file: Path) -> dict[str, Floats]:
-    """Columns of a file of numbers with a header line; empty cells become NaN."""
+    """Columns of a CSV file of numbers by the names in its header line; empty cells become NaN."""
     content = _content(file)
     return dict(_tables.of(content, lambda: _columns(file, content)))
 
@@ -184,7 +184,7 @@ def _columns(file: Path, content: bytes) -> dict[str, Floats]:
 
 
 def _with_gaps(file: Path, lines: Sequence[str], columns: int) -> Floats:
-    """Rows of which some cells may be empty, or wrong: named by their line."""
+    """Rows of numbers in which cells may be empty (NaN); a wrong cell raises an error that names its line."""
     rows = []
     for count, line in enumerate(lines[1:], start=2):
         if not line.strip():

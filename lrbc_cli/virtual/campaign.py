@@ -1,4 +1,4 @@
-"""Measurements of a user's own model with noise, drift and loosened joints, as a campaign to run."""
+"""The command ``lrbc rehearse``: writes simulated measurements of the user's model as a campaign that ``lrbc run`` can process."""
 
 from __future__ import annotations
 
@@ -26,34 +26,34 @@ from lrbc_cli.virtual.drift import ROOM, Scatter
 from lrbc_cli.virtual.structure import Settings, VirtualStructure
 
 RECORD = "rehearsal.json"
-#: What a rehearsal says of its data.
+#: Description of the written campaign: it must say that nothing was measured.
 VIRTUAL = "Rehearsal: no measurements, FRFs drawn from the model itself with noise, drift and scatter of the joints."
 
 Jobs = Mapping[str, Sequence[str]]
 
 
 def declared_scatter(inputs: Inputs) -> Scatter:
-    """What the campaign says may drift between jobs (``update.nuisances``)."""
+    """Drift between jobs as the campaign states it (``update.nuisances``)."""
     nuisances = inputs.campaign.update.nuisances
     return Scatter(2.0 * ROOM * (speed_std(nuisances) or 0.0), nuisances.hammer or 0.0, nuisances.gain or 0.0)
 
 
 def job_list(inputs: Inputs, loose: Sequence[str], tight: int | None = None, seed: int = 1) -> dict[str, list[str]]:
-    """Loosened bolts by job: the tight ones first, the first of them under the name of the campaign's reference.
+    """Loosened bolts by job: first the jobs with all bolts tight, of which the first has the name of the campaign's reference job.
 
     Parameters
     ----------
     inputs : Inputs
     loose : sequence of str
-        Names of bolts, comma-separated, one text a job.
+        Comma-separated names of loosened bolts, one text for each job.
     tight : int or None
-        Jobs with all bolts tight; None: one, and where ``loose`` is empty a job with one bolt loose that ``seed`` draws.
+        Number of jobs with all bolts tight. None: one; if ``loose`` is empty, there is also a job with one loose bolt drawn by ``seed``.
     seed : int
 
     Raises
     ------
     ConfigError
-        Where a bolt does not exist.
+        If a bolt does not exist.
     """
     known = inputs.bolts.name if inputs.bolts else ()
     if not loose and tight is None and known:
@@ -73,17 +73,17 @@ def job_list(inputs: Inputs, loose: Sequence[str], tight: int | None = None, see
 
 
 def campaign_tree(inputs: Inputs, jobs: Jobs) -> dict[str, Any]:
-    """The user's campaign file with other jobs; its paths are absolute, so that it can lie anywhere."""
+    """The user's campaign file with the simulated jobs; paths are absolute, so that the file can lie in any folder."""
     reference = next(iter(jobs))
     tree: dict[str, Any] = inputs.campaign.model_dump(mode="json", by_alias=True, exclude_unset=True)
     tree |= {"campaign": f"{tree['campaign']} (rehearsal)"[:200], "output": "output"}
-    # Nobody measured, and the page has to say so.
+    # The report must say that nothing was measured.
     tree["description"] = f"{VIRTUAL} {tree.get('description', '')}"[:2000].strip()
     tree.pop("operator", None)
     tree["update"] = {key: value for key, value in tree.get("update", {}).items() if key != "baselines"} | {"reference": reference}
     if tree.get("calibration"):
         tree["calibration"] |= {"job": reference}
-    # The files that are written have records of their own.
+    # References to records by number or file do not fit the files written here.
     counted = [name for name, response in inputs.campaign.responses.items() if not isinstance(response.record, str | RecordRef | None)]
     for name in counted:
         del tree["responses"][name]["record"]
@@ -103,22 +103,23 @@ def rehearse(
     replace: bool = False,
     progress: Callable[[str], None] = lambda _: None,
 ) -> RehearsalRecord:
-    """Measure a virtual structure, and write ``campaign.yaml``, ``frf/JOB.uff`` and ``rehearsal.json``.
+    """Simulate the measurements of a virtual structure, and write ``campaign.yaml``, ``frf/JOB.uff`` and ``rehearsal.json``.
 
     Parameters
     ----------
     inputs : Inputs
-        As exported: a stored calibration belongs to other measurements.
+        The user's campaign without a stored calibration, which belongs to other measurements.
     cache : Path
         Folder of reduced models.
     out : Path
+        Folder of the files.
     jobs : mapping
-        Loosened bolts by job, the reference first.
+        Loosened bolts by job, the reference job first.
     settings : Settings or None
-        None: the defaults, with the drift that the campaign declares.
+        None: the defaults, with the drift that the campaign states.
     seed : int
     lines : (F,) float array
-        [Hz]
+        Frequency lines [Hz].
     replace : bool
         Replace the files of an earlier rehearsal.
     progress : callable
@@ -131,9 +132,9 @@ def rehearse(
     Raises
     ------
     ConfigError
-        Where a file exists or is an input, the folder cannot be written, lines lie outside the band or bolts cannot be loosened.
+        If a file exists or is an input, the folder cannot be written, lines lie outside the band, or bolts cannot be loosened.
     NumericalError
-        Where a reduced model does not reach its tolerance.
+        If a reduced model does not reach its tolerance.
     """
     files = {job: out / "frf" / f"{job}.uff" for job in jobs}
     _require_targets(inputs, [out / FILE, out / RECORD, *files.values()], replace)

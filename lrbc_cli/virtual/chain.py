@@ -1,4 +1,4 @@
-"""How FRFs are measured: hits of a hammer, noise on force and response, H1 estimate and coherence."""
+"""Simulates the measurement of FRFs: hammer hits, noise on force and responses, H1 estimate and coherence."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from lrbc_cli.arrays import Complexes, Floats
 
 @dataclass(frozen=True, kw_only=True)
 class Chain:
-    """Hammer, sensors and noise.
+    """Measurement chain: hammer, noise and averages.
 
     Attributes
     ----------
     peak : float
         Mean peak force [N].
     duration : float
-        Mean duration of the half-sine pulse [s]; its spectrum has lost about 10 dB at 1 / duration.
+        Mean duration of the half-sine pulse [s]; at the frequency 1 / duration its spectrum is about 10 dB lower than at zero.
     force_noise : float
-        Noise of a force line relative to the largest force line.
+        Noise of the force spectrum relative to its largest line.
     response_noise : float
-        Noise of a response line relative to the response's root mean square over the lines, rising below `corner`.
+        Noise of a response spectrum relative to its root mean square over the lines; it rises below `corner`.
     corner : float
-        [Hz]
+        Frequency [Hz].
     hits : int
-        Averages of a measurement.
+        Number of averages.
     """
 
     peak: float = 80.0
@@ -37,7 +37,7 @@ class Chain:
     hits: int = 5
 
     def force(self, frequencies: Floats, rng: np.random.Generator) -> Complexes:
-        """Spectrum of one hit [N s]: a half-sine pulse of random strength, duration and delay."""
+        """Spectrum of one hit [N s], (f,): a half-sine pulse of random peak, duration and delay; `frequencies` in Hz."""
         duration = self.duration * np.exp(rng.normal(0.0, 0.05))
         peak = self.peak * np.exp(rng.normal(0.0, 0.25))
         x = 2 * frequencies * duration
@@ -47,7 +47,7 @@ class Chain:
         return np.asarray(2 * peak * duration / np.pi * shape * np.exp(-2j * np.pi * frequencies * delay))
 
     def measure(self, frfs: Complexes, frequencies: Floats, rng: np.random.Generator) -> tuple[Complexes, Floats]:
-        """H1 estimate and coherence over the hits.
+        """H1 estimate and coherence of noisy measurements over all hits.
 
         Parameters
         ----------

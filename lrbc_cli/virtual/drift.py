@@ -1,4 +1,4 @@
-"""What changes between the jobs of a campaign besides the bolts: temperature, hits, gains, torque."""
+"""Draws what changes between the jobs of a rehearsal besides the bolts: air temperature, hammer points, sensor gains."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ import numpy as np
 
 from lrbc_cli.arrays import Floats
 
-#: Temperature at which the design's air has its properties [K].
+#: Temperature at which the air of the model has its stated properties [K].
 ROOM = 293.15
 
 
 @dataclass(frozen=True)
 class Drift:
-    """One job's share of it.
+    """Drift of one job against the model.
 
     Attributes
     ----------
     kelvin : float
-        Air temperature above the design's [K].
+        Rise of the air temperature [K].
     hammer : (float, float)
-        Hits off their usual place along x and y [m].
+        Offset of the hits along the two axes of the surface [m].
     gain : mapping of str to float
-        Sensitivity of each response against its calibration [dB].
+        Gain of each response [dB].
     """
 
     kelvin: float = 0.0
@@ -33,28 +33,28 @@ class Drift:
 
     @property
     def warming(self) -> float:
-        """Factor on the squared speed of sound, and the inverse of that on the density of the air."""
+        """Factor on the squared speed of sound, and inverse factor on the density of the air."""
         return (ROOM + self.kelvin) / ROOM
 
     def gains(self, names: Sequence[str]) -> Floats:
-        """(r,) linear gains."""
+        """Linear gains of the responses `names`, (r,)."""
         return np.array([10 ** (self.gain.get(name, 0.0) / 20) for name in names])
 
     def as_dict(self) -> dict[str, object]:
-        """For the record beside the data."""
+        """Drift that is not zero, as stored in ``rehearsal.json``."""
         return {key: value for key, value in asdict(self).items() if value and value != (0.0, 0.0)}
 
 
 @dataclass(frozen=True)
 class Scatter:
-    """Standard deviations of what is drawn, normally distributed, for every job.
+    """Standard deviations of the drift, which is drawn from normal distributions for each job.
 
     Attributes
     ----------
     kelvin : float
-        [K]
+        Of the air temperature [K].
     hammer : float
-        Along x and along y [m].
+        Of the hammer point along each of two axes [m].
     gain : float
         Of each response [dB].
     """
@@ -64,7 +64,7 @@ class Scatter:
     gain: float = 0.0
 
     def draw(self, names: Sequence[str], rng: np.random.Generator) -> Drift:
-        """Draw one job; the same numbers are taken from `rng` whatever the scatter, so one does not change the others."""
+        """Drift of one job; always draws the same random numbers, so a change of one deviation does not change the other drifts."""
         kelvin, x, y, *gain = rng.standard_normal(3 + len(names))
         gains = {name: round(self.gain * float(value), 4) for name, value in zip(names, gain, strict=True)} if self.gain else {}
         return Drift(round(self.kelvin * float(kelvin), 4), (round(self.hammer * float(x), 6), round(self.hammer * float(y), 6)), gains)

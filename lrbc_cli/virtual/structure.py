@@ -1,4 +1,4 @@
-"""A user's model as the structure might turn out: a little off, with loosened joints, measured by a noisy chain."""
+"""The virtual structure of a rehearsal: the user's model with slightly wrong materials and loosened joints, measured by a noisy chain."""
 
 from __future__ import annotations
 
@@ -30,26 +30,26 @@ from lrbc_cli.virtual.drift import Drift, Scatter
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What is simulated.
+    """Settings of a simulated structure and its measurement.
 
     Attributes
     ----------
     depth : float
-        Decades by which the stiffness at a loose bolt is lowered.
+        Loss of stiffness at a loose bolt [decades].
     reach : float or None
-        Radius of a bolt's patch along the edge [m]; None: half the bolt pitch.
+        Radius of the part of the edge that a bolt clamps [m]; None: half the bolt pitch.
     level : float or None
-        log10 of a tight term; None: the campaign's start value.
+        log10 stiffness of a tight term; None: the start value of the campaign.
     noise : float
-        Of a response line relative to its root mean square; half of it on the force.
+        Noise of a response spectrum relative to its root mean square; half of it acts on the force.
     retorque : float
-        Standard deviation of the log stiffness of tight bolts from job to job.
+        Standard deviation of the natural logarithm of the stiffness of tight bolts from job to job.
     perturb : float
         Standard deviation of the factors on structural stiffness, structural mass and air stiffness.
     damping : float
-        Standard deviation of the log of the factors on the damping of structure and air.
+        Standard deviation of the natural logarithm of the factors on the damping of structure and air.
     scatter : Scatter
-        What drifts between jobs.
+        Drift between jobs.
     """
 
     depth: float = 2.0
@@ -63,12 +63,12 @@ class Settings:
 
 
 def moved_loads(inputs: Inputs, offset: tuple[float, float]) -> sp.csc_array:
-    """(n, n_in) loads with every hit moved along the two axes of the surface that it hits, in the order x, y, z [m].
+    """Load matrix (n, n_in) with every hit moved by `offset` [m] along the two axes of its surface, in the order x, y, z.
 
     Raises
     ------
     ConfigError
-        Where an excitation is not a translation of the DOF table.
+        If an excitation is not a single translational DOF of the DOF table.
     """
     table, columns = inputs.dofs, []
     for index, name in enumerate(inputs.excitations):
@@ -87,16 +87,16 @@ def moved_loads(inputs: Inputs, offset: tuple[float, float]) -> sp.csc_array:
 
 
 class VirtualStructure:
-    """A user's model as it might turn out, measured with some bolts loose.
+    """The user's model with randomly perturbed materials and damping, measured with some bolts loose.
 
     Parameters
     ----------
     inputs : Inputs
-        Of the user's campaign, as exported.
+        Those of the user's campaign, without a stored calibration.
     settings : Settings
     seed : int
     cache : Path
-        Folder of reduced models of the user's own model, as of ``lrbc``.
+        Folder of the cached reduced model of the user's own model.
     frequency_hz : (F,) array
         Lines [Hz].
     progress : callable
@@ -104,7 +104,7 @@ class VirtualStructure:
     Raises
     ------
     ConfigError
-        Where bolts cannot be loosened, or the air is to warm in a model without.
+        If bolts cannot be loosened, or the air temperature is to drift in a model without air.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class VirtualStructure:
         self._ports: dict[tuple[float, tuple[float, float]], PortFrf] = {}
 
     def model(self, drift: Drift) -> FeModel:
-        """The model of one job; the joints are not part of what is off."""
+        """Full model of one job with perturbed materials and drift; the joints are not perturbed here, see ``profile``."""
         air = {SOUND_SPEED: float(np.sqrt(drift.warming))} if drift.kelvin else {}
         model, _ = with_factors(self.inputs.model, self.inputs.recipe, self.factors | air)
         return replace(
@@ -158,7 +158,7 @@ class VirtualStructure:
         return self._ports[key]
 
     def profile(self, removed: Sequence[str]) -> tuple[Complexes, dict[str, list[float]], dict[str, float]]:
-        """(F, nt) dynamic values of the terms, log10 of each parameter by group, and each bolt's change [decades]."""
+        """Dynamic values of the terms (F, nt), log10 of the parameters by group, and change of each bolt [decades]."""
         settings = self.settings
         change = {}
         for name in self.patches:
@@ -180,14 +180,14 @@ class VirtualStructure:
         return D * kappa, values, change
 
     def measure(self, removed: Sequence[str]) -> tuple[FrfSet, dict[str, Any]]:
-        """FRFs of one job with noise and coherence, and what was drawn for it."""
+        """Noisy FRFs and coherence of one job, and what was drawn for it (see ``RehearsedJob``)."""
         inputs, noise = self.inputs, self.settings.noise
         names = [response.name for response in inputs.responses]
         drift = self.settings.scatter.draw(names, self._drift)
         D, values, change = self.profile(removed)
         frfs = self._table(drift).evaluate(D) * drift.gains(names)
         low, high = inputs.campaign.reduction.band
-        # The pulse has lost 10 dB at the end of the band, noise rises at its beginning.
+        # The force spectrum falls by 10 dB up to the end of the band; noise rises at its beginning.
         chain = Chain(duration=1 / high, force_noise=noise / 2, response_noise=noise, corner=1.25 * low)
         measured, coherence = np.empty(frfs.shape, dtype=complex), np.empty(frfs.shape)
         for index in range(len(inputs.excitations)):
