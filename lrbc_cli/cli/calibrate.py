@@ -60,7 +60,7 @@ def calibrate(
 
 
 def describe(record: CalibrationRecord, kept: bool) -> list[str]:
-    """The calibration in a few lines."""
+    """Lines of text on a calibration; `kept`: it was not computed again."""
     misfit, reduction = record.misfit_db, record.reduction
 
     def change(before: float, after: float) -> str:

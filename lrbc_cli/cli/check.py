@@ -55,7 +55,7 @@ def check(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json:
 
 
 def _once(errors: Iterable[LrbcError]) -> list[str]:
-    """Messages, each once; what is the same of other files stands below the first of them."""
+    """Messages without repetition: other files with the same error are listed below the first message."""
     told: dict[tuple[str, ...], list[LrbcError]] = {}
     for error in errors:
         told.setdefault((error.problem, *(str(part) for part in (error.expected, error.found, error.hint))), []).append(error)
@@ -67,8 +67,8 @@ def _once(errors: Iterable[LrbcError]) -> list[str]:
 
 
 def _draw(inputs: Inputs, *, tell: bool) -> list[Path]:
-    """Write the picture, and say so."""
-    # Drawing loads matplotlib, which nobody else needs here.
+    """Write the picture of the structure; with `tell`, print its files."""
+    # Imported here because it loads matplotlib, which is slow.
     from lrbc_cli.report.write import write_structure
 
     record = structure_of(inputs)
@@ -81,7 +81,7 @@ def _draw(inputs: Inputs, *, tell: bool) -> list[Path]:
 
 
 def _without_model(campaign: Campaign, first: LrbcError, as_json: bool) -> int:
-    """Say what stopped the reading, and which other files cannot be read."""
+    """Print the error that stopped the reading and those of all other files that cannot be read; returns the exit code."""
     found = unusable_files(campaign)
     errors = {error.message: error for error in (first, *first.others, *(error for several in found.values() for error in several))}
     if as_json:

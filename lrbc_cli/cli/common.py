@@ -1,4 +1,4 @@
-"""What the commands that read a campaign share: loading it, progress on stderr, output on stdout."""
+"""Functions shared by the commands that read a campaign: loading, warnings and progress on stderr, JSON on stdout."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = ["cache_folder", "load", "progress", "say_json", "tell_calibration"]
 def load(
     config: Path, overrides: tuple[str, ...], *, own_output: bool = True, calibration: bool | None = True, warn: bool = True
 ) -> Inputs:
-    """Read the campaign file and its model, see ``read``. An output folder of another campaign is refused where it counts."""
+    """Read the campaign file and its model, see ``read``; with `own_output`, an output folder of another campaign is refused."""
     campaign = load_campaign(config, overrides)
     if own_output:
         require_own_output(campaign)
@@ -38,10 +38,10 @@ def load(
 def read(campaign: Campaign, *, calibration: bool | None = True, warn: bool = True) -> Inputs:
     """Read the model of a campaign; warnings go to stderr.
 
-    What became of a stored calibration is said; False leaves it out, None looks for none.
-    ``warn=False`` leaves the warnings about files and model, and the calibration, to the caller.
+    ``calibration``: True applies a stored calibration, False leaves it out, None does not look for one.
+    ``warn=False`` leaves the warnings about files, model and calibration to the caller.
     """
-    # Here: who judges anew reads no model.
+    # Imported here, since commands that only judge again read no model.
     from lrbc_cli.campaign.calibration import read_inputs
     from lrbc_cli.campaign.reading.inputs import read_as_exported
 
@@ -53,21 +53,21 @@ def read(campaign: Campaign, *, calibration: bool | None = True, warn: bool = Tr
 
 
 def tell_warnings(warnings: Sequence[str]) -> None:
-    """Say on stderr what is doubtful about files and model."""
+    """Print warnings about files and model to stderr."""
     for warning in warnings if verbosity.level >= 0 else ():
         remark(warning, kind="warning")
 
 
 def tell_calibration(use: CalibrationUse | CalibrationNews | None, *, wanted: bool) -> None:
-    """Say on stderr what became of a stored calibration; that there is none is no news but for those who left it out."""
+    """Print to stderr whether a stored calibration is used; if there is none, only with -v or if it was left out (`wanted` false)."""
     if use is not None and verbosity.level >= (0 if use.used or use.stale or not wanted else 1):
         remark(f"calibration: {use.text}", kind="warning" if use.stale else "")
 
 
 def progress() -> Callable[[str], None]:
-    """Write progress lines to stderr: kept with -v, one changing line on a terminal, nothing otherwise.
+    """Function that writes progress to stderr: lines with -v, else one changing line on a terminal, else nothing.
 
-    Each is a step after which an interrupted run stops.
+    Each call is also a point at which an interrupted run stops.
     """
     show = _shown()
 

@@ -27,7 +27,7 @@ def init(directory: Path, source: Path | None) -> None:
         for path in write_skeleton(directory):
             say(path)
         return
-    # Here: numpy and the readers are not needed for a template.
+    # Imported here, since a template needs neither NumPy nor the readers.
     from lrbc_cli.campaign.drafting.draft import draft
     from lrbc_cli.campaign.drafting.recognise import recognise
 

@@ -1,7 +1,7 @@
-"""An interruption from the keyboard that nothing swallows.
+"""Makes sure that Ctrl-C stops a run.
 
-Python raises KeyboardInterrupt wherever it is; in a finaliser or a callback from compiled code the interpreter prints it
-as ignored and goes on, so that a run of hours would not stop. It is noted here, and raised again at the next step.
+Python raises KeyboardInterrupt wherever it happens to be. In a finaliser or a callback from compiled code the interpreter prints it
+as ignored and goes on, so a run of hours would not stop. It is recorded here and raised again at the next step.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _state = _Interruption()
 
 
 def _quiet() -> None:
-    """Let Python say nothing of an interruption that it cannot raise: it is raised again."""
+    """Suppress Python's message on an interruption that it cannot raise, since it is raised again later."""
     before = sys.unraisablehook
 
     def hook(told: sys.UnraisableHookArgs) -> None:
@@ -39,7 +39,7 @@ def _quiet() -> None:
 
 
 def listen() -> None:
-    """Note interruptions from now on; where they are ignored (``nohup``, a shell's background job) they stay so."""
+    """Record interruptions from now on; if they are ignored (``nohup``, background job of a shell), they stay ignored."""
     _state.asked = False
     if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _state.note)
@@ -47,7 +47,7 @@ def listen() -> None:
 
 
 def stop_if_asked() -> None:
-    """Stop at a place between two steps.
+    """Raise a recorded interruption; called between two steps.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def stop_if_asked() -> None:
 
 
 def cause_of(error: BaseException) -> BaseException:
-    """The error, or the interruption that came before it: code that it breaks into, such as a lock of threads, may fail in its own way."""
+    """The error, or KeyboardInterrupt if an interruption came before: interrupted code, such as a lock, may fail with another error."""
     if not _state.asked or isinstance(error, LrbcError | KeyboardInterrupt | click.ClickException | click.Abort):
         return error
     found = KeyboardInterrupt()

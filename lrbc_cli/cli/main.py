@@ -1,4 +1,4 @@
-"""The command ``lrbc``: finds its commands, and turns every error into one message and an exit code."""
+"""The command ``lrbc``: imports and runs its commands, and turns every error into one message and an exit code."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from lrbc_cli.cli.options import verbosity, verbosity_options
 from lrbc_cli.cli.terminal import complain
 from lrbc_cli.errors import ConfigError, LrbcError, NumericalError
 
-#: Where each command stands, and its line in the help: commands are imported when they run, so that the help is quick.
+#: Module and function of each command, and its line in the help; commands are imported when they run, so that the help is fast.
 COMMANDS: dict[str, tuple[str, str]] = {
     "init": ("lrbc_cli.cli.init:init", "Write a commented campaign file to fill in."),
     "check": ("lrbc_cli.cli.check:check", "Check all inputs and print what will be done; change nothing."),
@@ -44,11 +44,11 @@ COMMANDS: dict[str, tuple[str, str]] = {
 DEFECT = 1
 INTERRUPTED = 130
 PIPE_CLOSED = 141
-#: What an error that is not of this package is under --json, by its exit code.
+#: ``kind`` of an error that is no LrbcError under --json, by exit code.
 KINDS = {2: "usage", 3: "data", 4: "numerical", INTERRUPTED: "interrupted"}
-#: How long an interrupted run waits for what it is about to finish.
+#: Time that an interrupted run has to finish its current step [s].
 GRACE_SECONDS = 5.0
-#: Errors of writing that more space or another place fixes.
+#: Error numbers of a full disk, an exhausted quota or a file-size limit.
 NO_SPACE = {code for name in ("ENOSPC", "EDQUOT", "EFBIG") if (code := getattr(errno, name, None)) is not None}
 
 
@@ -60,11 +60,11 @@ class LazyGroup(click.Group):
         self.table = table
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Give the names in the order of the table."""
+        """Names of the commands in the order of the table."""
         return list(self.table)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import a command."""
+        """Import a command; None if there is no such command."""
         if cmd_name not in self.table:
             return None
         module, _, name = self.table[cmd_name][0].partition(":")
@@ -73,7 +73,7 @@ class LazyGroup(click.Group):
         return command
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find a command, or say which one was meant."""
+        """Find a command; for an unknown name, raise a ConfigError with the most similar one."""
         if args and args[0] not in self.table and not args[0].startswith("-"):
             raise ConfigError(
                 f"no command '{args[0]}'", place="lrbc", expected=f"one of {', '.join(self.table)}", hint=_nearest(args[0], self.table)
@@ -86,7 +86,7 @@ class LazyGroup(click.Group):
             formatter.write_dl([(name, text) for name, (_, text) in self.table.items()])
 
     def make_context(self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any) -> click.Context:
-        """Read the options; end quietly where the help has no reader."""
+        """Parse the options; end without a message if nobody reads the help."""
         try:
             return super().make_context(info_name, args, parent, **extra)
         except BrokenPipeError:
@@ -94,7 +94,7 @@ class LazyGroup(click.Group):
             raise click.exceptions.Exit(PIPE_CLOSED) from None
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; end quietly where the reader of its output has gone (``lrbc schema | head``)."""
+        """Run the command; end without a message if the reader of its output has closed the pipe (``lrbc schema | head``)."""
         try:
             result = super().invoke(ctx)
             sys.stdout.flush()
@@ -115,10 +115,10 @@ class LazyGroup(click.Group):
         standalone_mode: bool = True,
         **extra: Any,
     ) -> Any:
-        """Run and exit: an int that a command returns is its exit code, errors have theirs."""
+        """Run a command and exit with the int that it returns, or with the exit code of its error."""
         verbosity.reset()
-        # Before NumPy is loaded. Matrices are small and threads share the lines: those of BLAS only wait for each other, on a busy machine
-        # several times as long as they work; reductions of 10⁵ DOFs, whose factorisations have threads of their own, take no longer.
+        # Set before NumPy is loaded. Matrices are small and our threads share the frequency lines: threads of BLAS would mostly wait for
+        # each other on a busy machine. Reductions of 10⁵ DOFs take no longer, as their factorisations have threads of their own.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         _complete_streams()
         interruption.listen()
@@ -129,7 +129,7 @@ class LazyGroup(click.Group):
             error = interruption.cause_of(caught)
             if isinstance(error, Exception) and not standalone_mode:
                 raise
-            # click makes an Abort of most interrupts.
+            # click turns most interruptions into an Abort.
             interrupted = isinstance(error, KeyboardInterrupt | click.Abort) and args is None
             as_json = "--json" in (sys.argv[1:] if args is None else args)
             _stop(error, at_once=interrupted and not _leave_soon(), as_json=as_json)
@@ -139,9 +139,9 @@ class LazyGroup(click.Group):
 
 
 def _leave_soon() -> bool:
-    """End the process even where a thread does not: in the middle of a long factorisation, or started while the signal came.
+    """End the process after ``GRACE_SECONDS`` even if another thread goes on, for instance in a long factorisation.
 
-    False where no thread can be started that would see to it.
+    Returns False if the thread that does this cannot be started.
     """
 
     def leave() -> None:
@@ -175,16 +175,16 @@ _CLEARER = {
 
 
 def _command(words: Sequence[str]) -> str:
-    """The command that was meant, with its name where that is the first word."""
+    """``lrbc`` with the name of the command, if that is the first of the words."""
     return f"lrbc {words[0]}" if words and words[0] in COMMANDS else "lrbc"
 
 
 def _usage_error(error: click.ClickException) -> str:
-    """Give a click error the form of all others; the help for no arguments stays as it is."""
+    """Message of a click error in the form of all other errors; the help that click shows without arguments is not changed."""
     text = error.format_message()
     if text.startswith("Usage:"):
         return text
-    # What the words of click leave unclear.
+    # Clearer words for messages of click.
     for said, clear in _CLEARER.items():
         text = re.sub(said, clear, text)
     context = getattr(error, "ctx", None)
@@ -201,14 +201,14 @@ def _defect(error: BaseException) -> str:
 
 
 def _complete_streams() -> None:
-    """Open the null device where a standard stream was closed (``>&-``): a run needs no reader, and no file may get its number."""
+    """Replace closed standard streams (``>&-``) by the null device, since a file opened later could get their number."""
     for name, flags, mode in (("stdin", os.O_RDONLY, "r"), ("stdout", os.O_WRONLY, "w"), ("stderr", os.O_WRONLY, "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, flags), mode, encoding="utf-8"))
 
 
 def _release_streams() -> None:
-    """Let go what a standard stream cannot take: the interpreter would try, and complain, once more at its end."""
+    """Discard output that a standard stream cannot take; the interpreter would try again at its end and print an error."""
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
@@ -217,7 +217,7 @@ def _release_streams() -> None:
 
 
 def _reader_has_gone() -> bool:
-    """Tell whether the reader of stdout or stderr has gone; a pipe may have broken elsewhere."""
+    """Whether the reader of stdout or stderr has gone; the broken pipe may also be another one."""
     try:
         poll = select.poll()
         for stream in (sys.stdout, sys.stderr):
@@ -229,8 +229,8 @@ def _reader_has_gone() -> bool:
 
 
 def _stop(error: BaseException, *, at_once: bool = False, as_json: bool = False) -> NoReturn:
-    """Say what happened, once, and exit; at once: whatever threads do; with --json the document on stdout is the error."""
-    # Some versions of click name it as the cause, others do not.
+    """Print the error and exit; `at_once` does not wait for threads; with --json the error is the document on stdout."""
+    # Some versions of click keep the EOFError as the cause, others only as the context.
     if isinstance(error, click.Abort) and isinstance(error.__cause__ or error.__context__, EOFError):
         error = error.__cause__ or error.__context__ or error
     message, code = _told(error)
@@ -251,7 +251,7 @@ def _stop(error: BaseException, *, at_once: bool = False, as_json: bool = False)
 
 
 def _told(error: BaseException) -> tuple[str, int]:
-    """Message and exit code."""
+    """Message and exit code of an error of any kind."""
     if isinstance(error, click.ClickException):
         return _usage_error(error), error.exit_code
     if isinstance(error, KeyboardInterrupt | click.Abort):

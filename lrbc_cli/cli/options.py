@@ -17,29 +17,29 @@ LEVELS = {-2: logging.CRITICAL, -1: logging.ERROR, 0: logging.WARNING, 1: loggin
 
 
 class _StderrHandler(logging.Handler):
-    """Writes the log to what stderr is now."""
+    """Log handler that writes to the current stderr, which tests and callers may replace."""
 
     def emit(self, record: logging.LogRecord) -> None:
         try:
-            # As the commands' own lines begin.
+            # In the form of the commands' own messages.
             remark(self.format(record), kind=record.levelname.lower())
         except Exception:
             self.handleError(record)
 
 
 class Verbosity:
-    """How much is said on stderr: the sum of all -v less all -q, before and after the command's name."""
+    """Level of messages on stderr: the number of -v minus the number of -q, before and after the name of the command."""
 
     def __init__(self) -> None:
         self.level = 0
         self.handler = _StderrHandler()
 
     def reset(self) -> None:
-        """Begin anew, at warnings."""
+        """Reset to the default level, warnings."""
         self.add(-self.level)
 
     def add(self, steps: int) -> None:
-        """Say more (or less, where negative), and set the log level."""
+        """Raise the level by `steps` (lower it if negative), and set the log level."""
         self.level += steps
         logger = logging.getLogger("lrbc_cli")
         if self.handler not in logger.handlers:
@@ -59,7 +59,7 @@ def _less(ctx: click.Context, param: click.Parameter, value: int) -> None:
 
 
 def verbosity_options(function: F) -> F:
-    """Add -v and -q."""
+    """Decorator that adds the options -v and -q."""
     function = click.option("-q", "--quiet", count=True, expose_value=False, callback=_less, help="Print less; repeat for even less.")(
         function
     )
@@ -79,7 +79,7 @@ lines_option = click.option(
 
 
 def campaign_options(function: F) -> F:
-    """Add what all commands take that read a campaign.
+    """Decorator that adds the argument and options of all commands that read a campaign.
 
     The command receives ``config: Path``, ``overrides: tuple[str, ...]``, ``cache: Path | None`` and ``as_json: bool``.
     """

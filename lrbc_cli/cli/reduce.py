@@ -82,7 +82,7 @@ def reduce(
         _dry_run(inputs, folder, exports, force=force, as_json=as_json)
         return
     output, study = inputs.campaign.output, Study(inputs, folder, progress())
-    # Its certificate and trace are what tells why a tolerance was missed.
+    # A model that misses its tolerance is written too: its certificate and trace show why.
     study.reduce(force=force, accept=accept_tolerance, missed=lambda stage: write_reduction(output, inputs, stage))
     stage = study.stage
     record = write_reduction(output, inputs, stage)
@@ -117,7 +117,7 @@ def _dry_run(inputs: Inputs, folder: Path, exports: tuple[Path, ...], *, force: 
 
 
 def describe(record: ReductionRecord, seconds: float) -> list[str]:
-    """The reduced model in a few lines."""
+    """Lines of text on the reduced model; `seconds` is the time of this call."""
     measured, spent = record.certificate, record.seconds
     held_out, missed = measured.held_out, "" if record.reached else ", NOT reached"
     lines = [
@@ -136,7 +136,7 @@ def describe(record: ReductionRecord, seconds: float) -> list[str]:
             f"with {round(100 * sure)} % confidence{above}"
         )
     low, high = record.band_hz
-    # As many decimals as tell lines of a narrow band apart.
+    # Enough decimals to distinguish the lines of a narrow band.
     digits = max(2, math.ceil(3 - math.log10(high - low)))
     for line in held_out:
         errors = ", ".join(f"{kind} {error:.1e}" for kind, error in line.errors.items())
@@ -149,7 +149,7 @@ def describe(record: ReductionRecord, seconds: float) -> list[str]:
 
 
 def describe_export(item: dict[str, Any], record: ReductionRecord) -> str:
-    """One exported file in a line."""
+    """Line of text on an exported file."""
     system = item.get("state_space")
     missed = "" if record.reached else ", tolerance NOT reached"
     first = (

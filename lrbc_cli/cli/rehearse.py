@@ -87,7 +87,7 @@ def rehearse(
     Run this campaign before any test. The FRF files of CONFIG need not exist. Values of S, K, M and DB for errors, scatter, noise and
     drift are standard deviations of what is drawn for each rehearsal or job.
     """
-    # As exported: a stored calibration belongs to other measurements.
+    # Without a stored calibration, which belongs to other measurements.
     inputs = load(config, overrides, own_output=False, calibration=None)
     jobs = job_list(inputs, loose, tight, seed)
     declared = declared_scatter(inputs)

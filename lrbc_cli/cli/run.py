@@ -67,7 +67,7 @@ def run(
         page = write_report(output, expected=expected, passed_over=beside, workers=min(2, os.cpu_count() or 1), progress=tell)
     except LrbcError as error:
         complain(error.message)
-        # What comes first in the table of exit codes: the report's error before those of single jobs.
+        # The lower exit code counts: the error of the report comes before those of single jobs.
         code = min(code or error.exit_code, error.exit_code)
     if as_json:
         use = inputs.calibration

@@ -61,7 +61,7 @@ def status(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json
 
 
 def _ahead(inputs: Inputs, found: CampaignStatus, campaign: Sequence[Path | str]) -> list[str]:
-    """What is to be done, with the campaign as it was named, and how long it will take."""
+    """Lines with the commands still to run (`campaign`: the arguments that name it) and the time they will take."""
     todo = found.named("stale", "failed", "new")
     if not todo:
         lacking = [state for state in ("missing", "unusable") if found.named(state)]

@@ -1,4 +1,4 @@
-"""What a person sees on a terminal: colours of verdicts and messages, and a line of progress that never spoils a result."""
+"""Output to a terminal: colours of verdicts and messages, and a progress line that is cleared before any other output."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import IO, Any
 
 import click
 
-#: Words of a finding and their colours; what begins with ``plain`` only looks like a verdict.
+#: Words of a finding by colour; the group ``plain`` matches phrases that look like a verdict but are none.
 _WORDS = re.compile(
     r"(?P<plain>no loose bolts? found|none is judged tight|loose bolts\b|taken as tight|all bolts tight)"
     r"|(?P<yellow>(?<![\w-])(?:(?:probably|likely)(?: loose)?|inconclusive|undecided|no verdict|unexplained|not validated)(?![\w-]))"
@@ -21,7 +21,7 @@ _WORDS = re.compile(
 
 
 def coloured(stream: IO[Any]) -> bool:
-    """Whether a stream takes colours: NO_COLOR forbids them, FORCE_COLOR wants them, else terminals have them."""
+    """Whether to write colours to a stream: not with NO_COLOR, as FORCE_COLOR states, otherwise to terminals only."""
     if os.environ.get("NO_COLOR"):
         return False
     forced = os.environ.get("FORCE_COLOR")
@@ -31,7 +31,7 @@ def coloured(stream: IO[Any]) -> bool:
 
 
 def painted(text: str) -> str:
-    """Text with the verdicts in it coloured: loose red, undecided amber, tight green; the first word of a line is a name."""
+    """Text with coloured verdicts: loose red, undecided amber, tight green; the first word of a line, a name, is left as it is."""
 
     def colour(found: re.Match[str]) -> str:
         kind = found.lastgroup
@@ -45,25 +45,25 @@ def painted(text: str) -> str:
 
 
 def typed(*words: object) -> str:
-    """A command line as it is typed, in quotes where a word holds blanks."""
+    """Command line to type, with quotes around words that contain blanks."""
     parts = [str(word) for word in words]
     if sys.platform != "win32":
         return shlex.join(parts)
-    # Loaded there only: commands start quickly.
+    # Imported here, so that commands start fast.
     from subprocess import list2cmdline
 
     return list2cmdline(parts)
 
 
 def say(text: object, *, finding: bool = False) -> None:
-    """A result, on stdout; verdicts in it are coloured where it is a finding."""
+    """Print a result to stdout; the verdicts of a finding are coloured."""
     line.clear()
     colours = coloured(sys.stdout)
     click.echo(painted(str(text)) if finding and colours else text, color=colours)
 
 
 def complain(message: str) -> None:
-    """An error, on stderr."""
+    """Print an error to stderr."""
     line.clear()
     colours = coloured(sys.stderr)
     first, new, rest = message.partition("\n")
@@ -71,7 +71,7 @@ def complain(message: str) -> None:
 
 
 def remark(text: str, *, kind: str = "") -> None:
-    """A line beside the results, on stderr; its kind, such as a warning, stands before it."""
+    """Print a message to stderr, preceded by its kind, such as ``warning``."""
     line.clear()
     colours = coloured(sys.stderr)
     label = f"{kind}: " if kind else ""
@@ -83,25 +83,25 @@ def remark(text: str, *, kind: str = "") -> None:
 
 
 class _Line:
-    """The one line of stderr that changes while a command runs."""
+    """The progress line on stderr, which is overwritten while a command runs."""
 
     shown = False
 
     def show(self, text: str) -> None:
-        """Replace it."""
+        """Replace the text of the line."""
         width = self._width()
         click.echo("\r" + text[:width].ljust(width), err=True, nl=False)
         self.shown = True
 
     def clear(self) -> None:
-        """Make room for a line that stays."""
+        """Remove the line before a message that stays."""
         if self.shown:
             self.shown = False
             click.echo("\r" + " " * self._width() + "\r", err=True, nl=False)
 
     @staticmethod
     def _width() -> int:
-        # Of stderr, as stdout may be a file. Terminals begin a new line after their last column; windows are resized.
+        # Of stderr, since stdout may be a file; asked anew each time, since windows are resized. A full last column would wrap the line.
         try:
             columns = os.get_terminal_size(sys.stderr.fileno()).columns
         except (OSError, ValueError):

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 FAIL_HELP = """Exit with 6 if all jobs ran and a bolt is judged loose; with 7 if no bolt is judged loose but not every observable bolt is
 judged tight in every job, or nothing was compared. Exit code 0 is an all-clear."""
 
-#: What an exit code of ``--fail-on-loose`` says.
+#: Meaning of the exit codes of ``--fail-on-loose``.
 CLEARANCE = {
     0: "all clear: every observable bolt is tight",
     6: "a bolt is loose",
@@ -92,7 +92,7 @@ def update(
 
 
 def _judged_anew(campaign: Campaign, jobs: tuple[str, ...], *, calibration: bool) -> Outcome | None:
-    """What judging alone gives, where nothing has to be read but results; None where more is to be done."""
+    """Outcome of judging the stored evidence again, without reading the model; None if anything has to be identified."""
     require_inputs_apart(campaign)
     found = unchanged(campaign, jobs, calibration=calibration)
     if found is None:
@@ -104,8 +104,8 @@ def _judged_anew(campaign: Campaign, jobs: tuple[str, ...], *, calibration: bool
 
 
 def _updated(inputs: Inputs, folder: Path, scheduler: str | None, **options: Any) -> Outcome:
-    """Identify what there is to identify."""
-    # Here: what only judges is quick without them.
+    """Identify and judge all jobs that are not up to date."""
+    # Imported here, since they would delay runs that only judge.
     from lrbc_cli.campaign.jobs.remote import cluster
     from lrbc_cli.study import Study
 
@@ -137,7 +137,7 @@ def _dry_run(inputs: Inputs, folder: Path, jobs: tuple[str, ...], *, force: bool
 
 
 def tell_troubles(outcome: Outcome) -> None:
-    """Say on stderr why jobs failed, and what is doubtful about the others."""
+    """Print to stderr why jobs failed, and the warnings on the others."""
     if verbosity.level >= 0:
         for name, error in outcome.errors.items():
             complain(f"job {name} failed: {error.message}")
@@ -151,12 +151,12 @@ def tell_troubles(outcome: Outcome) -> None:
 
 
 def finished(campaign: Campaign, outcome: Outcome) -> list[str]:
-    """The jobs of this call, in the campaign's order."""
+    """Names of the jobs of this call, in the order of the campaign."""
     return [name for name in campaign.jobs if name in outcome.results or name in outcome.failed]
 
 
 def outcome_tree(campaign: Campaign, outcome: Outcome, code: int) -> dict[str, Any]:
-    """What ``--json`` says of the jobs."""
+    """Content of the document that ``--json`` prints."""
     return {
         "exit_code": code,
         "output": campaign.output,
@@ -170,7 +170,7 @@ def outcome_tree(campaign: Campaign, outcome: Outcome, code: int) -> dict[str, A
 
 
 def tell_clearance(outcome: Outcome, code: int, fail_on_loose: bool) -> None:
-    """Say what the exit code of ``--fail-on-loose`` means."""
+    """Print the meaning of the exit code of ``--fail-on-loose``."""
     if fail_on_loose and code in CLEARANCE:
         why = "; ".join(f"{name}: {', '.join(points)}" if name else ", ".join(points) for name, points in outcome.not_clear.items())
         say(f"{CLEARANCE[code]}" + (f" ({why})" if code == 7 else ""))

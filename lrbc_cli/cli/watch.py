@@ -65,7 +65,7 @@ def watch(
     session = Session(WatchSettings(config, overrides, cache_folder(cache), calibration, accept_tolerance), progress())
     page = session.output / "report.html"
     if session.campaign.calibration is None or not calibration:
-        # One of its own it makes where it has to.
+        # Otherwise the calibration is computed or checked while watching.
         tell_calibration(session.inputs.calibration, wanted=calibration)
 
     def tell(verdict: Verdict) -> None:
@@ -96,7 +96,7 @@ def watch(
 
 
 def _begin(watched: WatchConfig | None, page: Path, once: bool) -> None:
-    """Say what is watched, and that its folder is not there."""
+    """Print what is watched, with a warning if its folder cannot be read."""
     place = "the files of its jobs" if watched is None else f"{watched.folder} for {', '.join(watched.patterns)}"
     remark(f"watching {place}; the page is {page}" + ("" if once else "; Ctrl+C to end"))
     if watched is not None and not watched.in_reach:

@@ -1,4 +1,4 @@
-"""The campaign file: typed, frozen, strict."""
+"""Reads the campaign file into frozen pydantic models; wrong files give one error with line, key path and advice."""
 
 from lrbc_cli.config.campaign import Campaign
 from lrbc_cli.config.fields import MatrixRef

@@ -1,4 +1,4 @@
-"""Models of the calibration: which global factors are identified, and from which job."""
+"""Model of the section ``calibration``: which global factors are identified, and from which job."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from lrbc_cli.config.fields import Name, NameMap, OperatorRef, Strict, check_uni
 
 FIELDS = ("structure", "acoustic")
 
-#: Factors of every model, by what they scale.
+#: Properties of a field that a factor can scale.
 SCALES = ("stiffness", "mass", "alpha", "beta", "damping", "loss_factor")
 
 SOUND_SPEED = "sound_speed"
 
-#: All names of factors but those of groups.
+#: Names of all factors except those of groups.
 FACTOR_NAMES = (*(f"{scale}.{field}" for field in FIELDS for scale in SCALES), SOUND_SPEED)
 
 
@@ -28,7 +28,7 @@ class FactorGroup(Strict):
 
     @property
     def matrices(self) -> dict[str, OperatorRef]:
-        """Those that are given, by operator."""
+        """The matrices that are given, by operator."""
         given = {"stiffness": self.stiffness, "damping": self.damping, "mass": self.mass}
         return {operator: ref for operator, ref in given.items() if ref is not None}
 
@@ -61,7 +61,7 @@ class CalibrationConfig(Strict):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All factors that are sought, groups last."""
+        """Names of all factors to identify, groups last."""
         return (*(name for name in self.factors if name not in self.groups), *self.groups)
 
     @model_validator(mode="after")

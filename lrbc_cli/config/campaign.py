@@ -1,4 +1,4 @@
-"""The campaign: everything the file says, typed and checked."""
+"""The top-level model of the campaign file, with the places of its keys for messages."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ def _check_title(value: str) -> str:
 
 
 def _meant_units(value: str) -> str | None:
-    """The usual system of these units, capitals and separators aside, else that of their length and force; others are not guessed."""
+    """Hint with the usual unit system of the same words, else of the same length and force; otherwise all usual systems."""
     plain = re.sub(r"[\s,;/_-]+", "-", value.strip()).lower().replace("tonnes", "t").replace("tonne", "t").replace("ton", "t")
     words = set(plain.split("-"))
     near = next((text for text in USUAL_SYSTEMS if set(text.lower().split("-")) == words), None)
-    # Of length, force and mass that do not fit each other the mass is the one that is mistaken.
+    # If length, force and mass do not fit, the mass is most likely wrong.
     near = near or next(
         (text for text in USUAL_SYSTEMS if text.count("N") + text.count("lbf") and set(text.lower().split("-")[:2]) < words), None
     )
@@ -55,7 +55,7 @@ def _check_units(value: str) -> str:
 class Campaign(Strict):
     """A campaign file: model, measurements, parameters and settings. Paths are relative to the file, units SI unless `units` says more.
 
-    Read-only, its mappings too. `place` and `error` let every layer speak about the lines of the file.
+    Read-only, including its mappings. `place` and `error` give messages of all layers the line and key path in the file.
     """
 
     name: Annotated[str, Field(max_length=200), AfterValidator(_check_title)] = Field(
@@ -107,30 +107,30 @@ class Campaign(Strict):
 
     @property
     def unit_system(self) -> UnitSystem:
-        """Of the model's files and all coordinates."""
+        """Unit system of the model files and of all coordinates."""
         return parse_system(self.units)
 
     @property
     def path(self) -> Path:
-        """The campaign file, absolute."""
+        """Absolute path of the campaign file."""
         return self._document.file
 
     def place(self, *keys: str | int) -> str:
-        """Say where `keys` stand: ``line 12, parameters.left_edge.bounds``."""
+        """Place of a key path for messages: ``line 12, parameters.left_edge.bounds``."""
         return self._document.place(*keys)
 
     def error(self, problem: str, *keys: str | int, expected: object = None, found: object = None, hint: str | None = None) -> ConfigError:
-        """Make (not raise) a ConfigError about what stands at `keys`."""
+        """Return (not raise) a ConfigError about the value at the key path `keys`."""
         return self._document.error(problem, *keys, expected=expected, found=found, hint=hint)
 
     def require_job(self, name: str, place: str | None = None) -> None:
-        """Refuse the name of a job that this campaign has not, given at a place such as ``--job``."""
+        """Raise a ConfigError if there is no job `name`; `place` is where the name was given, such as ``--job``."""
         if name not in self.jobs:
             known, hint = ", ".join(self.jobs) or "a job", suggestion(name, self.jobs)
             raise ConfigError(f"no job '{name}' in this campaign", file=self.path, place=place, expected=known, found=name, hint=hint)
 
     def resolved(self) -> dict[str, Any]:
-        """Give the campaign as JSON-able values, all defaults filled in, overrides applied, paths as written."""
+        """The campaign as values for JSON: with all defaults and overrides, paths as written."""
         values = self.model_dump(by_alias=True)
         written = _as_written(values, self._document.root.plain(), self.path.parent)
         assert isinstance(written, dict)

@@ -1,4 +1,4 @@
-"""What the keys of a campaign say about one another."""
+"""Checks across the keys of a campaign, which the models of single sections cannot make."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from lrbc_cli.config.structure import GroupConfig, GroupDampingConfig, PointConf
 
 
 def check_references(campaign: Campaign) -> None:
-    """Check what one key says about another.
+    """Check that the keys of a campaign agree with each other.
 
     Raises
     ------
     ConfigError
-        For names that do not exist or clash, for selections that need a DOF table, for damping without a coefficient.
+        For names that do not exist or clash, settings that exclude each other, selections without the DOF table that they need,
+        or damping without a coefficient.
     """
     for section in ("excitation", "responses", "parameters", "jobs"):
         _check_case(campaign, section)

@@ -1,8 +1,8 @@
-"""YAML text as a tree that remembers its lines, read by the rules of YAML 1.2 and nothing more.
+"""Parses YAML text into a tree that keeps the line of every value, by the core rules of YAML 1.2 only.
 
-The syntax is PyYAML's; the tree is built here. Why not ruamel.yaml (0.19, tried): it has lines, duplicate keys and the numbers of YAML 1.2,
-but turns ``2001-01-01`` into a date and ``1_000`` into 1000, obeys ``%YAML 1.1``, lets tags and merge keys pass, ends in a RecursionError
-on deep nesting and counts no aliases; refusing all that takes a walk over its tree as long as this one, and reading takes twice as long.
+PyYAML parses the syntax; the tree is built here. Why not ruamel.yaml (0.19, tried): it has lines, duplicate keys and the numbers of YAML
+1.2, but turns ``2001-01-01`` into a date and ``1_000`` into 1000, obeys ``%YAML 1.1``, accepts tags and merge keys, ends in a
+RecursionError on deep nesting and does not count aliases. Refusing all that takes as much code as this, and reading takes twice as long.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import yaml
 
 from lrbc_cli.errors import ConfigError
 
-#: Limits that no campaign file comes near, and that keep a hostile one harmless.
+#: Limits far above any campaign file, against hostile ones.
 MAX_BYTES = 1 << 20
 MAX_NODES = 100_000
 MAX_DEPTH = 32
@@ -36,7 +36,7 @@ _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\
 
 
 def resolve_scalar(text: str) -> Scalar:
-    """Give the value of an unquoted scalar by the core schema of YAML 1.2 (``1e6`` is a number, ``no`` is text)."""
+    """Value of an unquoted scalar by the core schema of YAML 1.2 (``1e6`` is a number, ``no`` is text)."""
     if len(text) > MAX_DIGITS:
         return text
     if _NULL.fullmatch(text):
@@ -55,13 +55,13 @@ def resolve_scalar(text: str) -> Scalar:
 
 
 def dotted(keys: Sequence[str | int]) -> str:
-    """Write a key path as people read it: ``update.responses[2]``."""
+    """Key path as text: ``update.responses[2]``."""
     return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys).removeprefix(".")
 
 
 @dataclass(frozen=True)
 class Node:
-    """One value of the file.
+    """One value of the file with its place.
 
     Attributes
     ----------
@@ -70,11 +70,11 @@ class Node:
     line
         Line of its key (or of the value itself, in a list), from 1.
     origin
-        The override that it comes from; empty where it stands in the file.
+        Key path of the override that gave it; empty for values of the file.
     size
-        Number of nodes, itself and all below it.
+        Number of nodes, this one and all below it.
     height
-        Levels below it.
+        Number of levels below it.
     """
 
     value: Scalar | Mapping[str, Node] | tuple[Node, ...]
@@ -93,7 +93,7 @@ class Node:
         object.__setattr__(self, "height", 1 + max((node.height for node in below), default=-1))
 
     def child(self, key: str | int) -> Node | None:
-        """Give the node under a key or index, None where there is none."""
+        """Node under a key or index; None if there is none."""
         if isinstance(self.value, Mapping) and isinstance(key, str):
             return self.value.get(key)
         if isinstance(self.value, tuple) and isinstance(key, int) and 0 <= key < len(self.value):
@@ -101,7 +101,7 @@ class Node:
         return None
 
     def plain(self) -> object:
-        """Strip the lines: dict, tuple and scalars."""
+        """Value without lines: dict, tuple and scalars."""
         if isinstance(self.value, Mapping):
             return {key: node.plain() for key, node in self.value.items()}
         if isinstance(self.value, tuple):
@@ -125,7 +125,7 @@ class Document:
     root: Node
 
     def node(self, keys: Sequence[str | int]) -> tuple[Node, int]:
-        """Give the deepest node on the way to `keys` that exists, and how many keys lead to it."""
+        """Deepest existing node on the key path `keys`, and the number of keys that lead to it."""
         node = self.root
         for depth, key in enumerate(keys):
             below = node.child(key)
@@ -135,7 +135,7 @@ class Document:
         return node, len(keys)
 
     def place(self, *keys: str | int) -> str:
-        """Say where `keys` stand: ``line 12, update.method`` or ``--override update.method``."""
+        """Place of a key path for messages: ``line 12, update.method`` or ``--override update.method``."""
         node, _ = self.node(keys)
         path = dotted(keys)
         if node.origin:
@@ -143,7 +143,7 @@ class Document:
         return f"line {node.line}, {path}" if path else f"line {node.line}"
 
     def error(self, problem: str, *keys: str | int, expected: object = None, found: object = None, hint: str | None = None) -> ConfigError:
-        """Make (not raise) the error about what stands at `keys`."""
+        """Return (not raise) the error about the value at the key path `keys`."""
         return ConfigError(problem, file=self.file, place=self.place(*keys), expected=expected, found=found, hint=hint)
 
 
@@ -163,7 +163,7 @@ class _NodeReader:
         raise ConfigError(problem, file=self.file, place=place, expected=expected, found=found, hint=hint)
 
     def document(self) -> Node | None:
-        """Read the only document; None where there is none."""
+        """Tree of the only document; None if there is none."""
         root: Node | None = None
         for event in self.events:
             if isinstance(event, yaml.DocumentStartEvent):
@@ -256,26 +256,26 @@ class _NodeReader:
 
 
 def parse(text: str, *, file: Path | None = None, origin: str = "") -> Node | None:
-    """Parse YAML text.
+    """Parse YAML text into a tree.
 
     Parameters
     ----------
     text
         One YAML document.
     file
-        The file it was read from, for messages.
+        The file that contains it, for messages.
     origin
-        The override it was given by, for messages.
+        Key path of the override that gave it, for messages.
 
     Returns
     -------
     Node or None
-        The tree; None for text that holds no document.
+        The tree; None if the text has no document.
 
     Raises
     ------
     ConfigError
-        For anything that is not plain YAML: syntax, tags, duplicate keys, several documents, limits.
+        For wrong syntax, tags, duplicate keys, several documents, or values beyond the limits.
     """
     reader = _NodeReader(text, file, origin)
     try:
@@ -334,7 +334,7 @@ def read_document(path: Path) -> Document:
     Raises
     ------
     ConfigError
-        Where the file is missing, no regular file, too large, not UTF-8, empty, not YAML, or not a mapping.
+        If the file is missing, no regular file, too large, not UTF-8, empty, not YAML, or not a mapping.
     """
     path = path.absolute()
     try:
@@ -371,7 +371,7 @@ def read_document(path: Path) -> Document:
 
 
 def as_yaml(tree: Mapping[str, object]) -> str:
-    """Plain values as the text of a campaign file, keys in their order."""
+    """Text of a campaign file from plain values; the order of keys is kept."""
     return yaml.safe_dump(dict(tree), sort_keys=False, allow_unicode=True, width=120)
 
 

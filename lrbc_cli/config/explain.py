@@ -1,4 +1,4 @@
-"""Turns what validation finds into one message with its line, and a suggestion; what to write instead of keys that are gone."""
+"""Turns validation errors of pydantic into one message with line and advice, also for keys that no longer exist."""
 
 from __future__ import annotations
 
@@ -40,35 +40,35 @@ WRONG_TYPE = {key for key in EXPECTED if key.endswith("_type") or key == "int_fr
 
 
 def suggestion(word: str, candidates: Iterable[str]) -> str | None:
-    """Give ``did you mean 'x'?`` for the nearest candidate, None where none is near."""
+    """``did you mean 'x'?`` with the most similar candidate; None if none is similar."""
     names = {name.lower(): name for name in candidates}
     near = difflib.get_close_matches(word.lower(), names, n=1, cutoff=0.6)
     return f"did you mean '{names[near[0]]}'?" if near else None
 
 
 def key_name(name: str, field: FieldInfo) -> str:
-    """Give the key of a field as it stands in the file."""
+    """Key of a field in the file."""
     return field.alias or name
 
 
 def explain(error: ValidationError, document: Document, model: type[BaseModel]) -> ConfigError:
-    """Make one ConfigError of a failed validation.
+    """Return one ConfigError for a failed validation.
 
-    The first problem is told in full, unknown keys before what follows from them; the others by their places.
+    It describes the first problem in full and lists the places of the others. Unknown keys come first, since others follow from them.
 
     Parameters
     ----------
     error
-        What pydantic found.
+        Errors found by pydantic.
     document
-        The file.
+        The campaign file.
     model
         The model of the whole file.
     """
     details = sorted(error.errors(include_url=False), key=lambda detail: _rank(detail, document))
     misspelt = {_keys(detail, document)[:-1] for detail in details if detail["type"] == "extra_forbidden"}
     details = [detail for detail in details if detail["type"] != "missing" or _keys(detail, document)[:-1] not in misspelt]
-    # A list is short of the entries that are wrong.
+    # Pydantic does not count wrong entries of a list, so that it also calls the list too short.
     above = {_keys(detail, document)[:-1][:depth] for detail in details for depth in range(1, len(detail["loc"]))}
     details = [detail for detail in details if detail["type"] != "too_short" or _keys(detail, document) not in above]
     found = [_explain_one(detail, document, model) for detail in details]
@@ -85,7 +85,7 @@ def _rank(detail: ErrorDetails, document: Document) -> tuple[int, int]:
 
 
 def _keys(detail: ErrorDetails, document: Document) -> tuple[str | int, ...]:
-    """Give the key path in the file: without the tags of unions and the inside of short forms."""
+    """Key path in the file: that of pydantic without the tags of unions and without keys inside short forms."""
     keys: list[str | int] = []
     steps: list[str | int] = [*detail["loc"], *detail.get("ctx", {}).get("keys", ())]
     for step in steps:
@@ -113,7 +113,7 @@ def _explain_one(detail: ErrorDetails, document: Document, model: type[BaseModel
             return document.error("the wrong number of entries", *keys[:-1], expected=f"exactly {max(lengths)}", found=keys[-1])
         return document.error(f"the key '{keys[-1]}' is missing", *keys, expected=_description(model, keys), hint="add it")
     expected = EXPECTED[kind].format(**context) if kind in EXPECTED else detail["msg"]
-    # As YAML writes it.
+    # In the notation of YAML.
     expected = "true" if expected == "True" else expected
     if kind in ("too_short", "too_long"):
         count, most = context.get("actual_length"), context.get("max_length")
@@ -130,7 +130,7 @@ def _explain_one(detail: ErrorDetails, document: Document, model: type[BaseModel
 
 
 def describe(value: object) -> str:
-    """Say what was found, shortly."""
+    """Short description of a value that was found."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):
@@ -168,7 +168,7 @@ def _hint(kind: str, value: object, model: type[BaseModel], keys: Sequence[str |
 
 
 def _share(value: object, limits: Mapping[str, Any]) -> str | None:
-    """A hint for a share or a probability that is given in per cent."""
+    """Hint for a share or probability that is given in per cent; None if it is not."""
     most = limits.get("lt", limits.get("le"))
     if most != 1.0 or isinstance(value, bool) or not isinstance(value, int | float) or not 1.0 < value < 100.0:
         return None
@@ -191,7 +191,7 @@ def _unknown_key(document: Document, keys: Sequence[str | int], model: type[Base
 
 
 def _before(document: Document, parents: Sequence[str | int], key: str) -> tuple[str, int] | None:
-    """The key before another one and its value, where that is a whole number."""
+    """Key before `key` and its value, if that is a whole number; a decimal comma splits a number in this way."""
     siblings = document.node(parents)[0].value
     names = list(siblings) if isinstance(siblings, Mapping) else []
     at = names.index(key) if key in names else 0
@@ -208,7 +208,7 @@ def _description(model: type[BaseModel], keys: Sequence[str | int]) -> str | Non
 
 
 def key_paths(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
-    """Walk all keys that a campaign file can hold: ``jobs.NAME.frf``."""
+    """Yield all keys that a campaign file can contain, such as ``jobs.NAME.frf``."""
     for name, field in model.model_fields.items():
         path = f"{prefix}{key_name(name, field)}"
         yield path
@@ -222,7 +222,7 @@ def key_paths(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
 
 
 def _unfold(annotation: Any) -> Iterator[Any]:
-    """Strip annotations and take unions apart."""
+    """Yield the members of a type: without annotations, and each member of a union."""
     origin = get_origin(annotation)
     if origin is Annotated:
         yield from _unfold(get_args(annotation)[0])
@@ -234,7 +234,7 @@ def _unfold(annotation: Any) -> Iterator[Any]:
 
 
 def _annotations(annotation: Any, keys: Sequence[str | int]) -> Iterator[Any]:
-    """Give the types that may stand at a key path."""
+    """Yield the types that are allowed at a key path."""
     for option in _unfold(annotation):
         if not keys:
             yield option
@@ -258,7 +258,7 @@ def _literals(annotation: Any) -> tuple[Any, ...]:
 
 _BOLTS = "approach: bolts (the default where there is a reference job) or approach: paper"
 
-#: Key of ``update`` -> what to write instead.
+#: Advice by key of ``update`` that no longer exists.
 GONE = {
     "prior": f"remove it, and write {_BOLTS}: paper draws values to their start values, bolts draws changes to the reference job",
     "unknowns": f"remove it, and write {_BOLTS}: paper identifies values along the edge, bolts identifies changes at bolts",
@@ -267,7 +267,7 @@ GONE = {
     "penalty": "remove it: departures are penalised; write the weight as update.regularisation, with approach: paper",
 }
 
-#: The same for single values of keys.
+#: The same for single values of a key.
 GONE_VALUES = {
     ("residual", "complex"): "write residual: log-complex (with the phase), or db",
     ("lines", "resonances-both"): "write lines: resonances",
@@ -277,7 +277,7 @@ GONE_VALUES = {
 
 
 def refuse_gone(document: Document) -> None:
-    """Raise a ConfigError where a file says what is gone."""
+    """Raise a ConfigError if the file uses a key or value that no longer exists."""
     values = document.root.plain()
     update = values.get("update") if isinstance(values, Mapping) else None
     if not isinstance(update, Mapping):
@@ -294,10 +294,10 @@ def refuse_gone(document: Document) -> None:
             )
 
 
-#: Numbers that `lrbc init` leaves to be filled in.
+#: Letters that `lrbc init` writes for coordinates to be filled in.
 UNFILLED = {"x", "y", "z", "x0", "x1", "y0", "y1", "z0", "z1"}
 
-#: Where they stand, by section of the campaign file, and what takes their place where the rest is to be read.
+#: Keys with such letters by section of the campaign file; then the values that replace them while the rest is checked.
 PLACES = {"excitation": ("near",), "responses": ("near",), "parameters": ("select", "box")}
 ANYWHERE: dict[str, list[Any]] = {"near": [0.0, 0.0, 0.0], "box": [[0.0, 0.0], [0.0, 0.0], [0.0, 0.0]]}
 UNFILLED_EXPECTED = "coordinates, as numbers"
@@ -308,7 +308,7 @@ UNFILLED_HINT = (
 
 
 def refuse_unfilled(document: Document) -> None:
-    """Raise a ConfigError where places are those that `lrbc init` left to be filled in."""
+    """Raise a ConfigError if coordinates that `lrbc init` left open are not filled in."""
     unfilled = _unfilled(document)
     found = []
     for section, keys in PLACES.items():
@@ -322,7 +322,7 @@ def refuse_unfilled(document: Document) -> None:
 
 
 def without_unfilled(document: Document) -> tuple[dict[tuple[str, ...], list[Any]], list[ConfigError]]:
-    """Values by key path that let the rest be read where places are still to be filled in, and an error for each of these."""
+    """Substitutes by key path for coordinates that are not filled in, so that the rest can be checked, and an error for each of them."""
     places = _unfilled(document)
     errors = [
         document.error("these coordinates are not filled in yet", *keys, expected=UNFILLED_EXPECTED, hint=None if index else UNFILLED_HINT)
@@ -332,7 +332,7 @@ def without_unfilled(document: Document) -> tuple[dict[tuple[str, ...], list[Any
 
 
 def _unfilled(document: Document) -> list[tuple[str, ...]]:
-    """Key paths of places with letters for numbers."""
+    """Key paths of coordinates with letters instead of numbers."""
     values = document.root.plain()
     return [
         (section, name, *keys)
@@ -344,7 +344,7 @@ def _unfilled(document: Document) -> list[tuple[str, ...]]:
 
 
 def _texts(value: object, keys: Sequence[str] = ()) -> Iterator[str]:
-    """Texts in the lists under a key path."""
+    """Yield the texts in the lists under a key path."""
     if keys:
         yield from _texts(value[keys[0]], keys[1:]) if isinstance(value, Mapping) and keys[0] in value else ()
     elif isinstance(value, list | tuple):

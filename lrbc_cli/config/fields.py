@@ -1,4 +1,4 @@
-"""What the models of the campaign file are made of: strict base, names, paths, matrix references, frozen mappings."""
+"""Field types that the models of the campaign file share: strict base class, names, paths, matrix references, frozen mappings."""
 
 from __future__ import annotations
 
@@ -35,19 +35,19 @@ T = TypeVar("T")
 
 NAME_PATTERN = r"[A-Za-z0-9_-][A-Za-z0-9._-]*"
 NAME_LENGTH = 100
-#: Files that commands write into the output folder, beside the folders of the jobs; temporary ones begin with a dot, as no name does.
+#: Files that commands write into the output folder, beside the folders of the jobs. Temporary ones begin with a dot, which no name does.
 RESULT_FILES = (
     *("campaign.csv", "campaign.json", "reduction.json", "calibration.json"),
     *("plan.json", "plan.csv", "structure.json", "structure.html", "report.html"),
     *(f"{stem}.{kind}" for stem in ("plan", "structure", "verdicts", "damping") for kind in ("png", "pdf", "svg")),
 )
-#: What no job may be called.
+#: Names that no job may have.
 RESERVED_JOBS = (*RESULT_FILES, "calibration")
 _WINDOWS = {"con", "prn", "aux", "nul", *(f"{port}{number}" for port in ("com", "lpt") for number in range(1, 10))}
 
 
 def problem(text: str, *keys: str | int, expected: object = None, found: object = None, hint: str | None = None) -> PydanticCustomError:
-    """Make the error that a validator raises; `keys` lead from the validated value to the culprit."""
+    """Return the error that a validator raises; `keys` is the path from the validated value to the wrong one."""
     return PydanticCustomError("lrbc", "{text}", {"text": text, "keys": keys, "expected": expected, "found": found, "hint": hint})
 
 
@@ -58,7 +58,7 @@ class Strict(BaseModel):
 
 
 class FrozenDict(dict[str, T]):
-    """A dict that cannot be changed."""
+    """A dictionary that cannot be changed."""
 
     def _refuse(self, *_: object, **__: object) -> NoReturn:
         raise TypeError("the campaign is read-only")
@@ -74,12 +74,12 @@ def _freeze(value: dict[str, T]) -> dict[str, T]:
 
 
 def is_name(text: str) -> bool:
-    """Whether a text can be a file or folder name on every system, and part of a key path."""
+    """Whether the characters of a text are allowed in file names on every system and in key paths."""
     return re.fullmatch(NAME_PATTERN, text) is not None and not text.endswith(".")
 
 
 def check_name(name: str) -> str:
-    """Accept a name that can be a file or folder name on every system, and part of a key path."""
+    """Return a name that can be a file or folder name on every system; refuse wrong characters, long and reserved names."""
     rule = "letters, digits, '.', '_' and '-', not beginning or ending with '.'"
     if not is_name(name):
         raise problem("this name cannot be used as a file name", expected=rule, found=f"'{name}'" if name else "an empty name")
@@ -91,20 +91,22 @@ def check_name(name: str) -> str:
 
 
 def plain_name(text: str) -> str:
-    """A text as far as it can be a name: letters without accents, dashes for what else cannot stand there; it may be empty."""
+    """Name made from a text: letters without accents, dashes for characters that are not allowed; may be empty."""
     plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
     return re.sub(r"[^A-Za-z0-9._-]+", "-", plain).strip("-._")[:NAME_LENGTH].rstrip(".")
 
 
 def job_name(texts: Sequence[str], taken: Collection[str], key: str) -> str:
-    """The first of some texts that can name one more job; where none can, the first with a digest of a key that is the job's alone.
+    """Name of a further job: the first of `texts` that is allowed and free, else the first one with a checksum of `key`.
 
     Parameters
     ----------
     texts : sequence of str
+        Candidates.
     taken : collection of str
-        Names of other jobs; capitals and small letters are alike.
+        Names of other jobs; case does not matter.
     key : str
+        A text that no other job has, such as the name of its file.
     """
     others = {name.lower() for name in (*taken, *RESERVED_JOBS)}
     names = [name for name in map(plain_name, texts) if name]
@@ -115,14 +117,14 @@ def job_name(texts: Sequence[str], taken: Collection[str], key: str) -> str:
     return f"{(*names, 'job')[0][: NAME_LENGTH - 9]}-{zlib.crc32(key.encode()):08x}"
 
 
-#: A name given in the campaign file: it becomes the name of files and columns.
+#: A name in the campaign file, which is also used for files and columns.
 Name = Annotated[
     str,
     AfterValidator(check_name),
     WithJsonSchema({"type": "string", "pattern": f"^{NAME_PATTERN}$", "maxLength": NAME_LENGTH}),
 ]
 
-#: A mapping from names to things, read-only.
+#: A read-only mapping by name.
 NameMap = Annotated[dict[Name, T], AfterValidator(_freeze)]
 
 
@@ -136,18 +138,18 @@ def _to_path(value: object, info: ValidationInfo) -> object:
     try:
         path.lstat()
     except OSError as error:
-        # What is missing or out of reach is told by whoever reads or writes it.
+        # Missing or unreachable files are reported by the code that reads or writes them.
         if error.errno == errno.ENAMETOOLONG:
             raise problem("the path is longer than this system allows", found=f"{len(str(path))} characters", hint="shorten it") from None
     return path
 
 
-#: A path: text in the file, absolute once it is loaded.
+#: A path: text in the file, absolute after loading.
 FilePath = Annotated[Path, BeforeValidator(_to_path), WithJsonSchema({"type": "string", "minLength": 1})]
 
 
 def told_apart(kinds: type | UnionType, form: str, other: str) -> Discriminator:
-    """Two forms of a value by their tags: ``form:`` and one word for what is of the kinds, another for what is not."""
+    """Discriminator of two forms of a value: tag ``form:`` with `form` for values of the types `kinds`, with `other` for all others."""
     return Discriminator(lambda value: f"form:{form if isinstance(value, kinds) else other}")
 
 
@@ -157,7 +159,7 @@ NumberOrAuto = Annotated[Annotated[float, Tag("form:number")] | Annotated[Auto, 
 
 
 def check_ordered(value: tuple[float, float]) -> tuple[float, float]:
-    """Accept a pair whose first number is below its second."""
+    """Return a pair of numbers; refuse it unless the first is below the second."""
     if not value[0] < value[1]:
         raise problem(
             "the range is empty",
@@ -198,7 +200,7 @@ def check_inside(initial: float, bounds: tuple[float, float]) -> None:
 
 
 def check_unique(values: tuple[T, ...]) -> tuple[T, ...]:
-    """Accept a list without repetition."""
+    """Return a list; refuse it if an entry is repeated."""
     for index, value in enumerate(values):
         if value in values[:index]:
             raise problem("an entry is given twice", index, expected="each entry once", found=f"'{value}'", hint="remove one of them")
@@ -210,7 +212,7 @@ ComplexFactor = Annotated[
     Annotated[float, Tag("form:number")] | Annotated[tuple[float, float], Tag("form:pair")], told_apart(list | tuple, "pair", "number")
 ]
 
-#: Formats of matrix files that can be forced.
+#: Formats of matrix files that the campaign can prescribe.
 MatrixFormat = Literal[
     "matrix-market",
     "hdf5",
@@ -272,7 +274,7 @@ class MatrixRef(Strict):
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        """Accept the short form in the schema too."""
+        """Allow the short form in the JSON Schema too."""
         schema = handler.resolve_ref_schema(handler(core_schema))
         mapping = {key: schema.pop(key) for key in ("type", "properties", "required", "additionalProperties") if key in schema}
         schema["anyOf"] = [{"type": "string", "minLength": 1, "description": "'file' or 'file#group'."}, mapping]
@@ -298,7 +300,7 @@ class OperatorRef(MatrixRef):
 
 
 def check_smoothing(value: tuple[float, ...]) -> tuple[float, ...]:
-    """Weights with a middle, and a positive sum."""
+    """Return smoothing weights; refuse them unless their number is odd and their sum positive."""
     if len(value) % 2 == 0:
         raise problem("the smoothing weights have no middle", expected="an odd number of weights", found=f"{len(value)}")
     if not sum(value) > 0:
@@ -307,7 +309,7 @@ def check_smoothing(value: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def check_smoothing_sum(weights: tuple[float, ...] | None, normalised: bool) -> None:
-    """Weights that sum to more than ten shift all values by a decade from what they are called."""
+    """Refuse smoothing weights with a sum above ten: effective values would lie more than a decade above the parameters."""
     if weights is None or normalised or sum(weights) <= 10.0:
         return
     own = ", ".join(f"{weight / 100.0:g}" for weight in weights)

@@ -1,4 +1,4 @@
-"""Loads a campaign file, overrides and the jobs of a watched folder applied, or says what is wrong with it."""
+"""Loads and checks a campaign file, with overrides of the command line and the jobs of a watched folder."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lrbc_cli.config.fields import FrozenDict, job_name, plain_name
 from lrbc_cli.config.settings import JobConfig, MeasuredFile
 from lrbc_cli.errors import ConfigError
 
-#: What of another job holds for a file that says nothing of itself; a measurement of its own is no setting.
+#: Keys of a job that describe its own measurement: a job made from a file in the watched folder does not inherit them.
 OWN = {"frf", "coherence", "repeats", "removed"}
 
 DEFAULT_OUTPUT = "output"
@@ -32,7 +32,7 @@ def load_campaign(path: Path, overrides: Sequence[str] = ()) -> Campaign:
     path
         The file.
     overrides
-        ``key.path=value`` each, the value in YAML; they act as if written in the file.
+        Texts ``key.path=value`` with the value in YAML; they act as if written in the file.
 
     Returns
     -------
@@ -42,15 +42,15 @@ def load_campaign(path: Path, overrides: Sequence[str] = ()) -> Campaign:
     Raises
     ------
     ConfigError
-        With file, line and key path, for anything that is not a valid campaign.
+        If it is not a valid campaign; with file, line and key path.
     """
     return _build(_document(path, overrides))
 
 
 def load_unfilled(path: Path, overrides: Sequence[str] = ()) -> tuple[Campaign, list[ConfigError]]:
-    """As ``load_campaign``, also where places are still to be filled in: these are anywhere, and there is an error for each.
+    """As ``load_campaign``, but coordinates that are not filled in are replaced by zeros, with an error for each of them.
 
-    The campaign then serves to look for what else is wrong, and for nothing more.
+    The campaign is then only good for finding further errors.
     """
     document = _document(path, overrides)
     values, errors = without_unfilled(document)
@@ -106,13 +106,13 @@ def _override(document: Document, text: str) -> Node:
 
 
 def _split_path(path: str) -> list[str]:
-    """Split ``a.b[0].c``; empty where it is no key path."""
+    """Keys of a path such as ``a.b[0].c``; empty if it is not a key path."""
     parts = re.sub(r"\[(\d{1,9})\]", r".\1", path.strip()).split(".")
     return parts if all(parts) and len(parts) <= MAX_DEPTH else []
 
 
 def _replace(document: Document, node: Node, keys: list[str], depth: int, value: Node, path: str) -> Node:
-    """Give the tree with `value` put at the key path; names that contain dots are found by the longest match."""
+    """Copy of the tree with `value` at the key path; names that contain dots are found by the longest match."""
     rest = keys[depth:]
     if not rest:
         return Node(value.value, node.line, path)
@@ -145,9 +145,10 @@ def _replace(document: Document, node: Node, keys: list[str], depth: int, value:
 
 
 def with_folder(campaign: Campaign) -> Campaign:
-    """Add a job for each file of the watched folder that no job names, and for tight states that are still to be measured.
+    """Add a job for each file of the watched folder that no job names, and for each tight state that is not measured yet.
 
-    A file of the name of a job whose own file is missing is that job's. No file is passed over: one that was not judged would be missed.
+    A file with the name of a job whose own files are missing becomes the file of that job. Every matching file gets a job, so that no
+    measurement stays without a verdict.
     """
     watch, jobs = campaign.watch, dict(campaign.jobs)
     if watch is None:
@@ -169,7 +170,7 @@ def with_folder(campaign: Campaign) -> Campaign:
         known = taken.get(path.stem.lower())
         if known is not None and any(file.exists() for file in jobs[known].all_files):
             known = None
-        with suppress(ValidationError):  # it has just gone
+        with suppress(ValidationError):  # the file has just been removed
             stem = plain_name(path.stem) or "job"
             name = known or job_name([stem, f"{stem}-{path.suffix.lstrip('.')}"], taken, path.name)
             jobs[name] = job(path, jobs.get(name, like), {"frf"} if known else OWN)
@@ -183,7 +184,7 @@ def with_folder(campaign: Campaign) -> Campaign:
 
 
 def _texts(value: Any) -> Any:
-    """Paths as text, as the file has them."""
+    """Copy of nested values with paths as text, as in the file."""
     if isinstance(value, dict):
         return {key: _texts(item) for key, item in value.items()}
     if isinstance(value, tuple):

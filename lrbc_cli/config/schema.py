@@ -1,4 +1,4 @@
-"""JSON Schema of the campaign file, from the models that validate it."""
+"""JSON Schema of the campaign file for editors, from the models that validate it."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def campaign_schema() -> dict[str, Any]:
-    """Give the JSON Schema of the campaign file, with the description and default of every key."""
+    """JSON Schema of the campaign file, with the description and default of every key."""
     schema = Campaign.model_json_schema(by_alias=True)
     _close_maps(schema)
     return {"$schema": DIALECT, **schema, "title": "lrbc campaign file"}
 
 
 def _close_maps(schema: Any) -> None:
-    """Refuse names of another pattern."""
+    """Forbid keys of mappings that do not match the pattern of names."""
     if isinstance(schema, dict):
         if "patternProperties" in schema:
             schema["additionalProperties"] = False

@@ -1,4 +1,4 @@
-"""Models of how it is computed: reduction, updating, jobs."""
+"""Models of the sections ``reduction``, ``update`` and ``jobs``, and of the layout of measurement files."""
 
 from __future__ import annotations
 
@@ -301,7 +301,7 @@ def _files_form(value: object) -> str:
 
 
 OneFile = Annotated[Annotated[FilePath, Tag("form:file")] | Annotated[MeasuredFile, Tag("form:own")], Discriminator(_file_form)]
-#: One file or several, each with a layout of its own where it needs one.
+#: One file or several, each optionally with a layout of its own.
 Files = Annotated[
     Annotated[FilePath, Tag("form:file")]
     | Annotated[MeasuredFile, Tag("form:own")]
@@ -311,7 +311,7 @@ Files = Annotated[
 
 
 def entries_of(value: Path | MeasuredFile | tuple[Path | MeasuredFile, ...] | None) -> tuple[Path | MeasuredFile, ...]:
-    """The files as the campaign gives them: none, one or several."""
+    """Entries of the campaign for files: none, one or several."""
     return value if isinstance(value, tuple) else () if value is None else (value,)
 
 
@@ -373,18 +373,18 @@ class JobConfig(Strict):
 
     @property
     def entries(self) -> tuple[Path | MeasuredFile, ...]:
-        """Every file as the campaign gives it: FRFs, repeats, coherence."""
+        """Entries of all files of the job: FRFs, repeats, coherence."""
         return tuple(entry for value in (self.frf, *self.repeats, self.coherence) for entry in entries_of(value))
 
     def format_of(self, file: Path, of_coherence: bool = False) -> TextFormat | None:
-        """Layout of one of its files: the job's, with what the file's own says instead; of a file of coherence its own alone."""
+        """Layout of a file: that of the job, overridden by the file's own; a coherence file takes only ``coherence`` from the job."""
         entries = entries_of(self.coherence) if of_coherence else self.entries
         own = next((entry.format for entry in entries if isinstance(entry, MeasuredFile) and entry.file == file), None)
         common = self.format
         if of_coherence and common is not None:
             common = TextFormat(coherence=common.coherence)
         elif common is not None and self.coherence is not None:
-            # It names a variable of the coherence's own file.
+            # The key names a variable of the separate coherence file.
             common = common.model_copy(update={"coherence": None})
         if own is None or common is None:
             return own or common
@@ -392,12 +392,12 @@ class JobConfig(Strict):
 
     @property
     def first(self) -> Path:
-        """The file that a message on the whole measurement names."""
+        """First file of the measurement, which messages on the whole measurement name."""
         return self.measurements[0][0]
 
     @property
     def all_files(self) -> tuple[Path, ...]:
-        """Every file that is read for it."""
+        """Paths of all files that are read for the job."""
         return (*self.measurements[0], *files_of(self.coherence), *(file for files in self.measurements[1:] for file in files))
 
     @model_validator(mode="after")
@@ -422,5 +422,5 @@ class JobConfig(Strict):
         return self
 
     def factor(self, response: str) -> float:
-        """On the measured FRF of a response."""
+        """Factor on the measured FRF of a response."""
         return self.scale.get(response, 1.0) if isinstance(self.scale, Mapping) else self.scale

@@ -1,4 +1,4 @@
-"""The commented campaign file and folders that a user fills in."""
+"""The command ``lrbc init``: writes a commented campaign file, folders and tables for the user to fill in."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from lrbc_cli.errors import ConfigError
 FILE = "campaign.yaml"
 FOLDERS = ("model", "frf")
 
-#: The schema beside the campaign file, and the line that tells editors of it.
+#: File of the JSON Schema beside the campaign file, and the line that refers editors to it.
 SCHEMA = "campaign.schema.json"
 SCHEMA_LINE = f"# yaml-language-server: $schema={SCHEMA}"
 
-#: Tables to fill in, with rows that only show how.
+#: Tables to fill in, with commented rows as examples.
 TABLES = {
     "model/dofs.csv": (
         "dof,node,component,x,y,z",
@@ -29,24 +29,24 @@ TABLES = {
 
 
 def write_skeleton(folder: Path, text: str | None = None) -> list[Path]:
-    """Write a commented campaign file with its schema beside it; without a text of its own also folders and tables to fill in.
+    """Write a campaign file with its schema beside it; if no `text` is given, the template with folders and tables to fill in.
 
     Parameters
     ----------
     folder
-        Where; made if need be.
+        Target folder; created if it does not exist.
     text
-        Of the campaign file; None: the template.
+        Text of the campaign file; None: the template.
 
     Returns
     -------
     list of Path
-        What was made.
+        Files and folders that were created.
 
     Raises
     ------
     ConfigError
-        Where a campaign file stands already (it is left as it is), or the folder cannot be written.
+        If there is a campaign file already (it is not changed), or the folder cannot be written.
     """
     folder = Path(folder)
     template = f"{SCHEMA_LINE}\n" + files("lrbc_cli.config").joinpath("template.yaml").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Models of what is measured and identified: matrices, excitation, responses, parameter groups."""
+"""Models of the sections ``model``, ``excitation``, ``responses`` and ``parameters``: what is measured and identified."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ SELECT_FORMS: Forms = (
     (("bushings",), ("component",)),
 )
 
-#: What a key holds that was not given, where that is not None.
+#: Values of keys that are not given, if not None.
 FORM_DEFAULTS = {"row": 0}
 
 
@@ -59,7 +59,7 @@ def _form_text(forms: Forms) -> str:
 
 
 def _forms_schema(forms: Forms) -> ConfigDict:
-    """Let the JSON schema say the same as `_check_form`."""
+    """JSON Schema that allows the same forms as `_check_form`."""
     keys = sorted({key for required, optional in forms for key in (*required, *optional)})
     branches = [
         {
@@ -73,7 +73,7 @@ def _forms_schema(forms: Forms) -> ConfigDict:
 
 
 def _check_form(value: Strict, forms: Forms) -> None:
-    """Raise unless the keys that are given make up exactly one of the forms."""
+    """Raise an error unless the given keys are exactly those of one form."""
     keys = {key for required, optional in forms for key in (*required, *optional)}
     given = {key for key in keys if getattr(value, key) != FORM_DEFAULTS.get(key)}
     for required, optional in forms:
@@ -171,7 +171,7 @@ class PointConfig(Strict):
 
     @property
     def form(self) -> Literal["near", "node", "dof", "vector", "matrix"]:
-        """The key that says which form was used."""
+        """Key that identifies the form used."""
         for key in ("near", "node", "dof", "vector"):
             if getattr(self, key) is not None:
                 return key
@@ -333,7 +333,7 @@ class GroupDampingConfig(Strict):
     )
 
     def coefficients(self, model: Damping | None) -> tuple[float, float]:
-        """Beta [s] and loss factor, those of the model where they are not given here."""
+        """Beta [s] and loss factor; those of the structure in the model if not given here."""
         structure = model.structure if isinstance(model, ProportionalDamping) else FieldDamping()
         return (
             structure.beta if self.beta is None else self.beta,
@@ -353,7 +353,7 @@ TiedDamping = Annotated[
 
 Bounds = Annotated[Annotated[Range, Tag("form:range")] | Annotated[Auto, Tag("form:auto")], told_apart(str, "auto", "range")]
 
-#: Nothing is as stiff; what is above it is a stiffness, not its logarithm.
+#: Largest plausible log10 stiffness; a larger number is probably the stiffness itself.
 LARGEST_LOG10 = 20.0
 
 Weight = Annotated[float, Field(ge=0)]
@@ -407,7 +407,7 @@ class GroupConfig(Strict):
 
     @property
     def start(self) -> float | None:
-        """Start value (log10); None where the FRFs tell it."""
+        """Start value (log10); None if it is determined from the FRFs."""
         return self.initial if self.initial != "auto" else None if self.select.bushings is None else 0.0
 
     @model_validator(mode="after")

@@ -1,4 +1,4 @@
-"""The watched folder of measurements: its settings and files."""
+"""Model of the section ``watch``: a folder of measurements in which each file is a job, and its files."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from pydantic import AfterValidator, Field, Tag
 
 from lrbc_cli.config.fields import FilePath, Name, Strict, check_unique, problem, told_apart
 
-#: Endings of files that analysers write.
+#: Endings of measurement files that analysers write.
 MEASURED = {
     *(".uff", ".unv", ".bunv", ".ufb", ".uf58", ".csv", ".txt", ".asc", ".ascii", ".dat", ".frf", ".h5", ".hdf5", ".mat"),
     *(".tdms", ".lvm", ".xls", ".xlsx", ".npz", ".npy"),
 }
 
-#: Hidden files, and those by which editors and office programs mark a file as open.
+#: Beginnings of the names of hidden files and of lock files of editors and office programs.
 HIDDEN = (".", "~$")
 
 
@@ -50,12 +50,12 @@ class WatchConfig(Strict):
 
     @property
     def patterns(self) -> tuple[str, ...]:
-        """As a list."""
+        """The patterns of file names as a tuple."""
         return (self.pattern,) if isinstance(self.pattern, str) else self.pattern
 
     @property
     def in_reach(self) -> bool:
-        """Whether the folder can be looked into."""
+        """Whether the folder can be read."""
         try:
             next(self.folder.iterdir(), None)
         except OSError:
@@ -63,7 +63,7 @@ class WatchConfig(Strict):
         return True
 
     def files(self) -> Iterator[Path]:
-        """Files of the folder that match, by name; those that are hidden, temporary or out of reach are none."""
+        """Files of the folder that match a pattern, sorted by name, without hidden and temporary ones; none if it cannot be read."""
         try:
             found = sorted(path for path in self.folder.iterdir() if not path.name.startswith((".", "~")))
         except OSError:
@@ -74,14 +74,14 @@ class WatchConfig(Strict):
         return any(fnmatch(path.name.lower(), pattern.lower()) for pattern in self.patterns)
 
     def passed_over(self, named: Collection[Path], output: Path) -> Iterator[str]:
-        """What to do about files in the folder and below that look like measurements and are nobody's, in words.
+        """Messages on files in the folder and below that look like measurements but belong to no job.
 
         Parameters
         ----------
         named : collection of Path
-            Files that the campaign names itself.
+            Files named in the campaign file.
         output : Path
-            Folder of the results, which holds no measurements.
+            Folder of the results, which is not searched.
         """
         mine = {*named, *self.files()}
         try:
@@ -111,7 +111,7 @@ class WatchConfig(Strict):
 
 
 def _below(folder: Path, output: Path) -> Iterator[Path]:
-    """Files of a folder and the folders in it, by name; not those that are hidden, nor the results."""
+    """Files of a folder and its sub-folders, sorted by name, without hidden ones and results."""
     for at, folders, names in os.walk(folder):
         if Path(at) == output:
             folders.clear()
