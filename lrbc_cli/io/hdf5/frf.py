@@ -1,8 +1,8 @@
-"""FRFs in HDF5, in this package's own layout.
+"""FRFs in HDF5: reads and writes this package's own layout, and reads files of other origin by the names of their data sets.
 
-The file's root carries ``encoding-type`` = ``lrbc-frf`` and ``encoding-version``. It holds ``frequency_hz`` (F,),
-``frf`` (F, n_out, n_in) complex in SI, optionally ``coherence`` of the same shape (NaN where there is none), and for the
-outputs ``name``, ``quantity`` (empty where unknown), ``unit``, ``response_node`` (-1 where unknown), ``response_direction``, all
+In the own layout, the root of the file carries ``encoding-type`` = ``lrbc-frf`` and ``encoding-version``. It holds ``frequency_hz`` (F,),
+``frf`` (F, n_out, n_in) complex in SI, optionally ``coherence`` of the same shape (NaN if unknown), and for the
+outputs ``name``, ``quantity`` (empty if unknown), ``unit``, ``response_node`` (-1 if unknown), ``response_direction``, all
 (n_out,), and for the inputs ``reference_node`` and ``reference_direction``, (n_in,) or (n_out, n_in).
 """
 
@@ -27,25 +27,25 @@ from lrbc_cli.model.frf import QUANTITIES, FrfRecord, FrfSet
 
 ENCODING = "lrbc-frf"
 VERSION = "0.1.0"
-#: Of a file of unknown origin: objects and groups in groups, at most.
+#: Limits for a file of unknown origin: number of objects, and levels of nested groups.
 _MOST_OBJECTS, _DEEPEST = 20_000, 5
 _UNITS = {"pressure": "Pa/N", "displacement": "m/N", "velocity": "m/s/N", "acceleration": "m/s^2/N", "": ""}
 
 
 def read_frf_hdf5(path: Path, layout: TextLayout) -> FrfSet:
-    """Read a file of ``write_frf_hdf5``, or one of any origin by the names of its data sets, see ``named``.
+    """Read the FRFs of a file of ``write_frf_hdf5``, or of one of other origin by the names of its data sets, see ``io.named``.
 
     Parameters
     ----------
     path
         The file.
     layout
-        Of our own files only ``unit`` and ``quantity`` count.
+        For files of the own layout only ``unit`` and ``quantity`` apply.
 
     Raises
     ------
     DataError
-        If the version is not known, no FRF is understood, sizes differ, or a value is not finite.
+        If the version is not known, no FRF is recognised, sizes differ, or a value is not finite.
     """
     return read_safely(_read, path, layout)
 
@@ -112,7 +112,7 @@ def _read(path: Path, layout: TextLayout) -> FrfSet:
 
 
 def named_hdf5(path: Path) -> Named:
-    """Numbers and texts of an HDF5 file of any origin, MATLAB v7.3 among them, by name.
+    """Arrays and texts of an HDF5 file of any origin, such as MATLAB v7.3, by name.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def _named(file: h5py.File, path: Path) -> Named:
 
     def put(node: Any, name: str, depth: int) -> None:
         if len(arrays) + len(texts) >= _MOST_OBJECTS:
-            # A unit or a coherence beyond the limit would be missed.
+            # Reading only a part could miss a unit or a coherence.
             raise DataError(
                 "the file contains more data sets than are read",
                 file=path,
@@ -154,7 +154,7 @@ def _named(file: h5py.File, path: Path) -> Named:
             if depth < _DEEPEST and "MATLAB_sparse" not in node.attrs:
                 walk(node, f"{name}.", depth + 1)
         elif h5py.check_ref_dtype(node.dtype) and text_attribute(node, "MATLAB_class") != "cell":
-            # A field of an array of structures, which MATLAB 7.3 keeps field by field.
+            # A field of an array of structures, which MATLAB 7.3 stores field by field.
             owner, _, field = name.rpartition(".")
             for at, one in enumerate(np.asarray(load(node, path)).ravel().tolist()):
                 put(file[one], f"{owner}({at + 1}).{field}", depth)
@@ -164,7 +164,7 @@ def _named(file: h5py.File, path: Path) -> Named:
 
     def walk(group: h5py.Group, above: str, depth: int) -> None:
         for key in group:
-            # What MATLAB keeps for itself begins with a hash.
+            # Internal objects of MATLAB begin with a hash.
             if not key.startswith("#"):
                 put(lookup(group, key, path), f"{above}{key}", depth)
 
@@ -174,7 +174,7 @@ def _named(file: h5py.File, path: Path) -> Named:
 
 
 def _put(node: Any, name: str, path: Path, arrays: dict[str, NDArray[Any]], texts: dict[str, tuple[str, ...]]) -> None:
-    """Read one data set as numbers or texts; arrays of MATLAB lie transposed."""
+    """Read one data set as numbers or texts; arrays of MATLAB are stored transposed."""
     kind = text_attribute(node, "MATLAB_class")
     values = np.asarray(load(node, path))
     if kind == "char":
@@ -193,7 +193,7 @@ def _put(node: Any, name: str, path: Path, arrays: dict[str, NDArray[Any]], text
 
 
 def write_frf_hdf5(path: Path, frf: FrfSet) -> None:
-    """Write FRFs in SI, one output a record.
+    """Write FRFs in SI, one output for each record.
 
     Raises
     ------

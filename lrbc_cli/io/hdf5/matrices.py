@@ -1,4 +1,4 @@
-"""Sparse and dense matrices in HDF5: CSR/CSC groups, and MATLAB 7.3 files."""
+"""Reads sparse and dense matrices from HDF5: CSR/CSC groups, two-dimensional data sets, and MATLAB 7.3 files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _VERSIONS = ("0.1.0",)
 
 @dataclass(frozen=True)
 class ArrayNames:
-    """What the arrays of a compressed matrix are called, and whether rows (``csr``) or columns (``csc``) are compressed."""
+    """Names of the arrays of a compressed matrix, and whether rows (``csr``) or columns (``csc``) are compressed."""
 
     data: str
     indices: str
@@ -30,30 +30,30 @@ class ArrayNames:
 def read_hdf5_matrix(path: Path, group: str | None = None, arrays: ArrayNames | None = None) -> MatrixFile:
     """Read one matrix of an HDF5 or MATLAB 7.3 file.
 
-    Understood are groups ``data, indices, indptr`` with the attributes ``encoding-type`` (``csr_matrix`` or
-    ``csc_matrix``) and ``shape``, or with the older ``h5sparse_format`` and ``h5sparse_shape``; MATLAB's sparse
-    groups ``data, ir, jc`` with the attribute ``MATLAB_sparse``; and two-dimensional datasets, those of MATLAB
-    transposed, as it stores columns first. Data sets of whole numbers are indices, never matrices.
+    It may be a group ``data, indices, indptr`` with the attributes ``encoding-type`` (``csr_matrix`` or
+    ``csc_matrix``) and ``shape``, or with the older ``h5sparse_format`` and ``h5sparse_shape``; a sparse group
+    ``data, ir, jc`` of MATLAB with the attribute ``MATLAB_sparse``; or a two-dimensional dataset, which is transposed
+    for MATLAB, since it stores columns first. Datasets of whole numbers are indices, never matrices.
 
     Parameters
     ----------
     path
         The file.
     group
-        Name of the group or dataset; may be left out where the file holds exactly one matrix. ``a.b`` is ``a/b`` too.
+        Name of the group or dataset; may be None if the file holds exactly one matrix. ``a.b`` also stands for ``a/b``.
     arrays
-        Names of the arrays in a group without such attributes; they may count from 1.
+        Names of the arrays in a group without such attributes; their indices may count from 1.
 
     Raises
     ------
     DataError
-        If the file is damaged, the matrix is not there or it is not well formed.
+        If the file is damaged, or the matrix is missing or not well formed.
     """
     return read_safely(_read, path, group, arrays)
 
 
 def hdf5_matrix_names(path: Path) -> list[str]:
-    """Groups and data sets of a file that are matrices.
+    """Names of the groups and datasets of a file that are matrices.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def _is_matlab(file: h5py.File, path: Path) -> bool:
 
 
 def _layout(node: Any) -> str | None:
-    """Kind of matrix that an object holds, or None."""
+    """Kind of matrix stored in an object; None if it is no matrix."""
     if isinstance(node, h5py.Dataset):
         return "dense" if len(node.shape or ()) == 2 and (node.dtype.kind in "fc" or node.dtype.names == ("real", "imag")) else None
     if "MATLAB_sparse" in node.attrs and "jc" in node:
@@ -110,7 +110,7 @@ def _candidates(file: h5py.File) -> list[str]:
 
     def visit(name: str, node: Any) -> None:
         if name.startswith("#"):
-            return  # MATLAB's own bookkeeping
+            return  # internal object of MATLAB
         if any(name.startswith(f"{parent}/") for parent in names):
             return
         if _layout(node):
@@ -121,7 +121,7 @@ def _candidates(file: h5py.File) -> list[str]:
 
 
 def _mapping(node: Any) -> str | None:
-    """How to name the arrays of a group, where three of them look like those of a compressed matrix."""
+    """Setting that names the arrays of a group, if three of them look like those of a compressed matrix; else None."""
     if not isinstance(node, h5py.Group):
         return None
     arrays = {name: item for name, item in node.items() if isinstance(item, h5py.Dataset) and len(item.shape or ()) == 1}
@@ -133,7 +133,7 @@ def _mapping(node: Any) -> str | None:
 
 
 def _read_arrays(node: Any, name: str, path: Path, arrays: ArrayNames, notes: list[str]) -> Any:
-    """A square matrix from arrays of any name, counted from 0 or 1."""
+    """Square matrix from compressed arrays of any names, with indices from 0 or 1."""
     missing = [key for key in (arrays.data, arrays.indices, arrays.indptr) if not isinstance(node, h5py.Group) or key not in node]
     if missing:
         inside = listing(list(node)) if isinstance(node, h5py.Group) else "a dataset"
@@ -172,7 +172,7 @@ def _read_node(node: Any, name: str, path: Path, matlab: bool, notes: list[str])
         shape = (int(np.asarray(node.attrs["MATLAB_sparse"]).ravel()[0]), int(np.size(indptr)) - 1)
         return from_compressed("csc", data, rows, indptr, shape, path=path, place=name, file_size=size)
     version = text_attribute(node, "encoding-version")
-    # Who writes the arrays by hand names no version: they are checked all the same.
+    # Arrays written by hand state no version; they are checked like all others.
     if version is not None and version not in _VERSIONS:
         raise DataError(
             "the encoding version is not known", file=path, place=name, expected=" or ".join(_VERSIONS), found=version or "none"

@@ -1,7 +1,7 @@
-"""The package's own store: nested dictionaries of arrays and plain values in HDF5, never a pickle.
+"""Store of the cache (reduced models): nested dictionaries of arrays and plain values in HDF5, without pickles.
 
-Every group and dataset carries ``encoding-type`` and ``encoding-version``; a reader refuses what it does not know. A checksum stands behind
-the content and is compared before HDF5 sees the file, as the library hangs on some damaged ones; texts have a fixed length.
+Every group and dataset carries ``encoding-type`` and ``encoding-version``; unknown ones are refused. A checksum follows the content and is
+compared before the HDF5 library opens the file, since the library hangs on some damaged files. Texts have a fixed length.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _PLAIN = (str, int, float, bool, type(None))
 
 
 def write_store(path: Path, tree: dict[str, Any]) -> None:
-    """Write a tree; the file is replaced as a whole, after it was read back and compared in structure.
+    """Write a tree to a file, which is replaced as a whole after it was read back and its structure compared.
 
     Parameters
     ----------
@@ -52,11 +52,11 @@ def write_store(path: Path, tree: dict[str, Any]) -> None:
     Raises
     ------
     TypeError, ValueError
-        If the tree holds something else, or a key is empty or holds ``/``.
+        If the tree holds something else, or a key is empty or contains ``/``.
     DataError
-        If what was written cannot be read back.
+        If the written file cannot be read back.
     OSError
-        If the file cannot be written, a full disk included; nothing is left then.
+        If the file cannot be written, for instance on a full disk; no partial file is left.
     """
     if not isinstance(tree, dict):
         raise TypeError(f"a store contains a dictionary, not {type(tree).__name__}")
@@ -72,19 +72,19 @@ def write_store(path: Path, tree: dict[str, Any]) -> None:
 
 
 def read_store(path: Path, keys: Collection[str] | None = None) -> dict[str, Any]:
-    """Read a tree that ``write_store`` wrote; lists come back as lists, sparse matrices as ``csc_array``.
+    """Read a tree written by ``write_store``; lists are returned as lists, sparse matrices as ``csc_array``.
 
     Parameters
     ----------
     path
         The file.
     keys
-        Which entries of the tree, as far as they are there; all where None.
+        Entries of the tree to read, if they exist; None: all.
 
     Raises
     ------
     DataError
-        If the file is damaged or was changed, is no such store, or of an unknown version.
+        If the file is damaged or was changed, is no such store, or has an unknown version.
     """
     require_file(path)
     fits = seal_fits(path)
@@ -147,7 +147,7 @@ def _write(parent: h5py.Group, key: str, value: Any) -> None:
         value = value.item() if isinstance(value, np.generic) else value
         if not _is_plain(value):
             raise TypeError(f"a store cannot contain {type(value).__name__} ({key!r})")
-        # ASCII, as json writes it.
+        # json.dumps writes ASCII only.
         node = parent.create_dataset(key, data=np.bytes_(json.dumps(value)), track_times=False)
         _mark(node, "json")
 
@@ -219,7 +219,7 @@ def _read_sparse(node: Any, path: Path, place: str) -> Any:
 
 
 def _verify(node: Any, value: Any, path: Path) -> None:
-    """Compare structure, shapes and types of what was written with the tree."""
+    """Compare structure, shapes and types in the written file with the tree."""
     if isinstance(value, dict):
         if set(node) != set(value):
             raise DataError("the store could not be written", file=path, place=node.name, expected=sorted(value), found=sorted(node))

@@ -1,4 +1,4 @@
-"""Opening HDF5 files of unknown origin with care, and building new ones."""
+"""Opens HDF5 files of unknown origin safely (links, sizes, damage), and builds new files with a checksum."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ T = TypeVar("T")
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
-#: Stands behind the content of our own files, before its SHA-256. Other programs do not see it, and the library cuts it off when it opens
-#: the file for writing: whoever changes a file makes it one of theirs.
+#: Marker after the content of our own files, followed by its SHA-256. Other programs ignore it, and the library removes it when a file is
+#: opened for writing: a changed file then counts as a foreign one.
 SEAL = b"\nlrbc-sha256:"
 _SEAL_BYTES = len(SEAL) + 64 + 1
 
-#: Links that lead to links: as many as file systems follow.
+#: Most links that lead to further links: as many as file systems follow.
 MOST_LINKS = 40
 
-#: SHA-256 of files that are read at once, see ``came_through``.
+#: SHA-256 of files that are read in this process, see ``came_through``.
 _KNOWN: set[str] = set()
 
 
 def is_hdf5(path: Path) -> bool:
-    """Whether the HDF5 signature stands at one of the places where it may (0, 512, 1024, 2048, ...)."""
+    """Whether a file has the HDF5 signature at one of the allowed offsets (0, 512, 1024, 2048, ...)."""
     size = path.stat().st_size
     with path.open("rb") as stream:
         offset = 0
@@ -49,9 +49,9 @@ def is_hdf5(path: Path) -> bool:
 
 @contextmanager
 def open_hdf5(path: Path) -> Iterator[h5py.File]:
-    """HDF5 file open for reading; whatever goes wrong with it inside the block becomes a DataError.
+    """HDF5 file open for reading; any error inside the block becomes a DataError.
 
-    A damaged file may never come back: see ``read_safely``.
+    The library may hang on a damaged file: see ``read_safely``.
     """
     require_file(path)
     with damaged(path, "HDF5 file"), h5py.File(path, "r") as file:
@@ -61,15 +61,15 @@ def open_hdf5(path: Path) -> Iterator[h5py.File]:
 def hdf5_image(fill: Callable[[h5py.File], None]) -> bytes:
     """Content of a new HDF5 file, built in memory.
 
-    The HDF5 library does not survive a disk that is full: it may end the process. Bytes are written by the caller,
-    where a full disk is a plain OSError.
+    The HDF5 library may end the process if the disk is full. The caller writes the bytes instead, for which a full disk
+    is a plain OSError.
 
     Parameters
     ----------
     fill
         Called with the open file.
     """
-    # The library tells files without a disk apart by their names.
+    # The library distinguishes files in memory by their names.
     with h5py.File(f"{uuid.uuid4().hex}.h5", "w", driver="core", backing_store=False, block_size=1 << 20) as file:
         fill(file)
         file.flush()
@@ -78,7 +78,7 @@ def hdf5_image(fill: Callable[[h5py.File], None]) -> bytes:
 
 
 def fixed_texts(texts: Any) -> NDArray[np.bytes_]:
-    """Array or list of texts as UTF-8 of one length: those of variable length lie on a heap, where damaged bits hang the library."""
+    """Texts as UTF-8 of a common fixed length: damaged texts of variable length can hang the library."""
     array = np.asarray(texts)
     raw = [str(text).encode("utf-8") for text in array.ravel().tolist()]
     dtype = h5py.string_dtype("utf-8", max([1, *map(len, raw)]))
@@ -86,14 +86,14 @@ def fixed_texts(texts: Any) -> NDArray[np.bytes_]:
 
 
 def sealed(image: bytes) -> bytes:
-    """Content of a file with its checksum behind it."""
+    """Content of a file followed by its checksum."""
     return image + SEAL + hashlib.sha256(image).hexdigest().encode("ascii") + b"\n"
 
 
 def seal_fits(path: Path) -> bool | None:
-    """Whether a file is as it was written by this package; None for files without a checksum.
+    """Whether a file fits its checksum, as this package wrote it; None for files without a checksum.
 
-    It finds accidents: whoever changes a file on purpose can write the checksum anew.
+    This finds accidental damage only; deliberate changes can include a new checksum.
     """
     size = path.stat().st_size - _SEAL_BYTES
     if size < 0:
@@ -112,18 +112,18 @@ def seal_fits(path: Path) -> bool | None:
 
 
 def came_through(digests: Iterable[str]) -> None:
-    """Vouch for files that the library has read whole before, in this version of it: it will not hang on the same bytes.
+    """Register files that the same version of the library has read completely before, so that it will not hang on them.
 
     Parameters
     ----------
     digests : iterable of str
-        SHA-256 of their content.
+        SHA-256 of the contents.
     """
     _KNOWN.update(digests)
 
 
 def read_safely(reader: Callable[..., T], path: Path, *arguments: object) -> T:
-    """Give ``reader(path, *arguments)``: at once where the checksum of our own files fits, or it is known, else in another process.
+    """Return ``reader(path, *arguments)``: evaluated in this process if the file fits its checksum or is registered, else in another.
 
     Parameters
     ----------
@@ -132,12 +132,12 @@ def read_safely(reader: Callable[..., T], path: Path, *arguments: object) -> T:
     path
         The file.
     arguments
-        What can be pickled, as the result.
+        Further arguments; they and the result must be picklable.
 
     Raises
     ------
     DataError
-        What the reader raises; and where the file does not fit its checksum, or the HDF5 library hangs or crashes on it.
+        If the reader raises it, the file does not fit its checksum, or the HDF5 library hangs or crashes on it.
     """
     require_file(path)
     fits = seal_fits(path)
@@ -159,12 +159,12 @@ def changed(path: Path) -> DataError:
 
 
 def lookup(file: h5py.Group, name: str, path: Path) -> Any:
-    """Object of that name, inside this file; soft links are followed step by step.
+    """Object with a name inside this file; soft links are followed step by step.
 
     Raises
     ------
     KeyError
-        If there is none.
+        If there is no such object.
     DataError
         If a link on the way leads into another file, or links lead in a circle.
     """
@@ -196,12 +196,12 @@ def lookup(file: h5py.Group, name: str, path: Path) -> Any:
 
 
 def load(dataset: Any, path: Path) -> Any:
-    """Read a dataset whole, after checking its claimed size against the bytes that are there.
+    """Read a whole dataset, after comparing its stated size with the bytes of the file.
 
     Raises
     ------
     DataError
-        If it is no dataset, lies outside this file, or claims more than it can hold.
+        If it is no dataset, lies outside this file, or states more data than the file can hold.
     """
     place = str(getattr(dataset, "name", "") or "").lstrip("/")
     if not isinstance(dataset, h5py.Dataset):
@@ -220,7 +220,7 @@ def load(dataset: Any, path: Path) -> Any:
 
 
 def text_attribute(node: Any, name: str) -> str | None:
-    """Attribute as text; None where it is missing or no text."""
+    """Attribute as text; None if it is missing or not a text."""
     value = node.attrs.get(name)
     if isinstance(value, bytes | np.bytes_):
         return value.decode("utf-8", "replace")
@@ -228,7 +228,7 @@ def text_attribute(node: Any, name: str) -> str | None:
 
 
 def shape_attribute(node: Any, *names: str) -> tuple[int, int] | None:
-    """First of these attributes as (rows, columns); None where none is there."""
+    """First existing one of these attributes as (rows, columns); None if there is none."""
     for name in names:
         value = node.attrs.get(name)
         if value is not None:

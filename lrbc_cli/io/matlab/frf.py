@@ -1,4 +1,4 @@
-"""FRFs in MATLAB files (level 5): variables and fields of structures, see ``named``."""
+"""Reads FRFs from MATLAB files (level 5): from variables and fields of structures, see ``io.named``."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def read_frf_mat(path: Path, layout: TextLayout) -> FrfSet:
 
 
 def named_mat(path: Path) -> Named:
-    """Dense numbers and texts of a MATLAB file, by name.
+    """Dense arrays and texts of a MATLAB file, by name.
 
     Raises
     ------

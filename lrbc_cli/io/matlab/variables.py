@@ -1,8 +1,7 @@
-"""Matrices in MATLAB files up to version 7 (level 5).
+"""Parses MATLAB files up to version 7 (level 5): numeric and sparse arrays, and texts.
 
-Numeric and sparse arrays are read, those in fields of structures as ``name.field``; texts, cells and objects are passed over. The
-elements are parsed here: the reader of scipy (1.17) ends the whole process on some damaged files. The layout is that of "MAT-File
-Format", MathWorks.
+Arrays in fields of structures are named ``name.field``. The format is that of "MAT-File Format", MathWorks; it is parsed here, because the
+reader of scipy (1.17) ends the whole process on some damaged files.
 """
 
 from __future__ import annotations
@@ -30,16 +29,16 @@ _KINDS = {1: "cell", 2: "struct", 3: "object", 4: "char", 5: "sparse", 6: "doubl
     8 + 2 * index + unsigned: f"{'u' * unsigned}int{8 << index}" for index in range(4) for unsigned in (0, 1)
 }
 _NUMERIC = {"double", "single", *(kind for kind in _KINDS.values() if "int" in kind)}
-# Array flags, dimensions and name come before the values of a variable.
+# Bytes unpacked for array flags, dimensions and name, which precede the values of a variable.
 _PREFIX_BYTES = 4096
 
-#: Bytes that the texts of one variable may take.
+#: Most bytes of the texts of one variable.
 _MOST_TEXT = 2**20
 
-#: Structures in one array, at most.
+#: Most structures in one array.
 _MOST_STRUCTURES = 1000
 
-#: Structures in structures, at most.
+#: Most levels of nested structures.
 _DEEPEST = 4
 
 
@@ -62,7 +61,7 @@ def is_mat5(start: bytes) -> bool:
 
 
 def list_variables(path: Path, elements: bool = False) -> list[tuple[str, tuple[int, ...], str]]:
-    """Name, shape and class of every variable, without reading the values; ``elements``: of arrays of structures too, ``name(1).field``.
+    """Name, shape and class of every variable, without its values; with `elements` also ``name(1).field`` in arrays of structures.
 
     Raises
     ------
@@ -78,12 +77,12 @@ def load_variables(path: Path, names: list[str], elements: bool = False) -> dict
     Raises
     ------
     DataError
-        If the file is damaged or claims more than it holds.
+        If the file is damaged or states more data than it can hold.
     """
     found = {}
     wanted = [variable for variable in _variables(path, elements) if variable.name in names]
     packed = [variable for variable in wanted if variable.compressed]
-    # Together: a file may hold one bomb many times.
+    # Checked in sum, since many variables may each stay below the limit.
     total = sum(variable.unpacked for variable in packed)
     check_allocation(total, sum(len(variable.element) for variable in packed), path, ", ".join(v.name for v in packed), compressed=True)
     for variable in wanted:
@@ -93,7 +92,7 @@ def load_variables(path: Path, names: list[str], elements: bool = False) -> dict
 
 
 def load_texts(path: Path) -> dict[str, tuple[str, ...]]:
-    """Texts of every variable that holds some: rows of characters, or cells of texts.
+    """Texts of every variable with any: rows of characters, or cells of texts.
 
     Raises
     ------
@@ -111,7 +110,7 @@ def load_texts(path: Path) -> dict[str, tuple[str, ...]]:
 
 
 def _cells(variable: _Variable) -> tuple[str, ...]:
-    """Texts of a cell array; nothing where a cell holds something else."""
+    """Texts of a cell array; empty if a cell holds anything else."""
     data, order, position = _plain(variable), variable.order, variable.values_at
     texts: list[str] = []
     for _ in range(math.prod(variable.shape)):
@@ -141,7 +140,7 @@ def _rows_of_text(variable: _Variable) -> tuple[str, ...]:
 
 
 def _plain(variable: _Variable) -> bytes:
-    """The element of a variable, unpacked."""
+    """Unpacked element of a variable."""
     return _unpack(variable.element, 8 + variable.unpacked)[8:] if variable.compressed else variable.element
 
 
@@ -153,15 +152,15 @@ def read_mat5_matrix(path: Path, group: str | None = None) -> MatrixFile:
     path
         The file.
     group
-        Name of the variable; may be left out where the file holds exactly one matrix.
+        Name of the variable; may be None if the file holds exactly one matrix.
 
     Raises
     ------
     DataError
-        If the file is damaged, the variable is not there or it is not a matrix.
+        If the file is damaged, or the variable is missing or not a matrix.
     """
     variables = list_variables(path)
-    # Whole numbers are indices and maps.
+    # Arrays of whole numbers are indices and maps, not matrices.
     names = [name for name, shape, kind in variables if kind in ("sparse", "double", "single") and len(shape) == 2]
     notes: list[str] = []
     if not group:
@@ -191,7 +190,7 @@ def _variables(path: Path, elements: bool = False) -> list[_Variable]:
 
 
 def _fields(variable: _Variable, path: Path, elements: bool, depth: int = 1) -> Iterator[_Variable]:
-    """What the fields of a structure hold, or with ``elements`` those of each structure of an array."""
+    """Variables in the fields of a structure; with `elements` also those of each structure of an array."""
     count = math.prod(variable.shape) if variable.kind == "struct" else 0
     if depth > _DEEPEST or not (count == 1 or (elements and 1 < count <= _MOST_STRUCTURES)):
         return
@@ -219,7 +218,7 @@ def _fields(variable: _Variable, path: Path, elements: bool, depth: int = 1) -> 
 
 
 def _elements(content: bytes, order: str, path: Path) -> Iterator[tuple[bytes, bool]]:
-    """Variables of the file: the element of each, or where it is compressed, the packed bytes."""
+    """Yield each variable of the file: its element, or its packed bytes, and whether they are compressed."""
     position = _HEADER_BYTES
     while position + 8 <= len(content):
         kind, size = struct.unpack_from(order + "II", content, position)
@@ -236,7 +235,7 @@ def _elements(content: bytes, order: str, path: Path) -> Iterator[tuple[bytes, b
 
 
 def _describe(element: bytes, compressed: bool, order: str, called: str = "") -> _Variable | None:
-    """Name, shape and class from the first bytes of a variable; None for one without a name, which fields are ``called`` by."""
+    """Name, shape and class from the first bytes of a variable; `called` names a field, which has no name itself. None without a name."""
     start = zlib.decompressobj().decompress(element, _PREFIX_BYTES) if compressed else element[:_PREFIX_BYTES]
     unpacked = len(element)
     if compressed:
@@ -272,7 +271,7 @@ def _describe(element: bytes, compressed: bool, order: str, called: str = "") ->
 
 
 def _unpack(packed: bytes, size: int) -> bytes:
-    """Unpack as much as is stated and no more, but for what reaches the checksum."""
+    """Unpack the stated number of bytes and no more than it takes to reach the checksum."""
     stream = zlib.decompressobj()
     data = stream.decompress(packed, size)
     stream.decompress(stream.unconsumed_tail, _PREFIX_BYTES)
@@ -282,7 +281,7 @@ def _unpack(packed: bytes, size: int) -> bytes:
 
 
 def _read_element(data: bytes, position: int, order: str) -> tuple[NDArray[Any], int]:
-    """One numeric element and the offset of the next; small ones hold their values in the tag."""
+    """One numeric element and the offset of the next one; small elements hold their values in the tag."""
     kind, size = struct.unpack_from(order + "II", data, position)
     start, step = position + 8, 8 + size + -size % 8
     if kind >> 16:
@@ -306,7 +305,7 @@ def _values(variable: _Variable, path: Path) -> Any:
     if variable.kind == "sparse":
         rows, pointers = next_array(), next_array()
         entries = int(pointers[-1]) if pointers.size else 0
-        # MATLAB keeps room for further entries behind the last one.
+        # MATLAB may reserve room after the last entry.
         values = _complex(next_array(), next_array() if variable.is_complex else None)[:entries]
         shape = (variable.shape[0], variable.shape[1])
         size = path.stat().st_size

@@ -1,4 +1,4 @@
-"""Evenly spaced frequency axes that a file gives with six digits."""
+"""Restores evenly spaced frequency axes of universal files, which give first value and increment with six digits only."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _LARGEST_DENOMINATOR = 32
 
 
 def even_axis(count: int, minimum: str, increment: str) -> tuple[NDArray[np.float64], str | None]:
-    """Axis from its first value and increment as they are printed, with a note where digits were restored.
+    """Axis (count,) from its first value and increment as printed, and a note if digits were restored.
 
     An increment printed as 1.95313E-01 stands for 0.1953125; taken literally it would shift line 1000 by 5e-4.
-    Where a simple fraction, or a usual sampling rate over a power of two, rounds to what is printed, it is meant.
+    If a simple fraction, or a usual sampling rate over a power of two, rounds to the printed number, it is taken instead.
     """
     step = restore(increment)
     start = float(minimum)
@@ -32,17 +32,17 @@ def even_axis(count: int, minimum: str, increment: str) -> tuple[NDArray[np.floa
         return np.asarray(start + step * np.arange(count), dtype=np.float64), note
 
 
-#: No axis is that large, and powers of two soon end.
+#: Numbers above this are left as printed: no axis is that large.
 _BEYOND = 1e100
 
 
 def restore(printed: str) -> float:
-    """Value that a number printed with few digits evidently stands for."""
+    """Exact value that a number printed with few digits most likely stands for."""
     value = float(printed)
     half = _half_unit(printed)
     digits = printed.split("E")[0]
     if not 0 < value < _BEYOND or not 1e-9 * value < half < 1e-4 * value or digits.endswith("00"):
-        return value  # all digits are there, too few are, or the decimal number itself is round
+        return value  # all digits are given, too few are, or the decimal number itself is round
     for power in range(_LARGEST_POWER + 1):
         binary = round(value * 2**power) / 2**power
         if abs(binary - value) <= half:
@@ -56,9 +56,9 @@ def restore(printed: str) -> float:
 
 
 def _half_unit(printed: str) -> float:
-    """Half a unit of the last digit that is printed."""
+    """Half a unit of the last printed digit."""
     exponent = Decimal(printed).as_tuple().exponent
-    # A hair more than half, as a tie may have been rounded either way.
+    # Slightly more than half, since a tie may have been rounded either way.
     return 0.5000001 * float(f"1e{exponent}") if isinstance(exponent, int) else 0.0
 
 

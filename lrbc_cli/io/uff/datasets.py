@@ -1,12 +1,12 @@
-"""Universal files as a sequence of datasets; dataset 58 and 58b (functions) and 164 (units) in full.
+"""Parses universal files: splits them into datasets, and reads datasets 58 and 58b (functions) and 164 (units) in full.
 
 The layout follows the descriptions of datasets 58, 58b and 164 by the Structural Dynamics Research Laboratory,
-University of Cincinnati. Real files differ from it, so the reader takes fields by column and, where that fails, by
-words; trusts the byte count of a binary dataset, and where that leads nowhere the number of values; and takes
+University of Cincinnati. Real files differ from it, so the reader takes fields by column and, if that fails, by
+words; it trusts the byte count of a binary dataset and, if no dataset ends there, the number of values; and it accepts
 line ends of any kind.
 
-Why not pyuff (2.5): of a file that is truncated in a record it drops that record in silence, where this reader names record, line and both
-counts; units (dataset 164), digits of the axis and pairs of FRF and coherence would have to be added to it all the same.
+Why not pyuff (2.5): it silently drops a truncated record, while this reader names record, line and both counts; units (dataset 164),
+digits of the axis and pairs of FRF and coherence would have to be added to it all the same.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _DELIMITER = re.compile(rb"^[ \t]*-1[ \t]*\r?(?:\n|\Z)", re.MULTILINE)
 _IDENTIFIER = re.compile(r"\s*(\d{1,6})([bB])?(?![\w.])(.*)")
 _NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d{1,3}|[-+]\d{3})?")
 _HEADER_LINES = 11
-# Of a whole number in a header: what 64 bits hold.
+# Most digits of a whole number in a header, so that it fits into 64 bits.
 _DIGITS = 18
 
 
@@ -47,7 +47,7 @@ class UffAxis:
 
 @dataclass(frozen=True)
 class UffUnits:
-    """Dataset 164: file value divided by the factor gives SI (see ``uff``)."""
+    """Dataset 164: a value of the file divided by the factor is in SI (see ``uff/read.py``)."""
 
     code: int
     description: str
@@ -57,14 +57,14 @@ class UffUnits:
 
 @dataclass(frozen=True, kw_only=True)
 class UffFunction:
-    """One dataset 58 or 58b, as it stands in the file.
+    """One dataset 58 or 58b with the values of the file, not converted.
 
     Attributes
     ----------
     record : int
         Number among the functions of the file, from 1.
     place : str
-        Where it starts, for messages.
+        Where it starts in the file, for messages.
     function_type : int
         4 is a frequency response function, 6 a coherence.
     abscissa : (F,) float array
@@ -91,7 +91,7 @@ class UffFunction:
     point_lines: NDArray[np.int64] | None = None
 
     def point_place(self, index: int) -> str:
-        """Name a point for a message."""
+        """Place of a point for messages."""
         line = "" if self.point_lines is None else f" (line {self.point_lines[index]})"
         return f"record {self.record}, point {index + 1}{line}"
 
@@ -114,7 +114,7 @@ def is_uff(start: bytes) -> bool:
 
 
 def read_datasets(path: Path) -> tuple[list[UffFunction], list[UffUnits | None], list[str]]:
-    """Read all functions of a universal file, the units that hold for each, and notes.
+    """Read all functions of a universal file, the units that apply to each (None if not stated), and notes.
 
     Raises
     ------
@@ -138,12 +138,12 @@ def read_datasets(path: Path) -> tuple[list[UffFunction], list[UffUnits | None],
 
 
 def dataset_numbers(path: Path) -> list[int]:
-    """Numbers of the datasets of a universal file that ``read_datasets`` reads, each once."""
+    """Numbers of the datasets in a universal file, each once."""
     return sorted({dataset.number for dataset, _ in _split(path.read_bytes(), path, [], [])})
 
 
 def _split(content: bytes, path: Path, notes: list[str], functions: list[UffFunction]) -> Iterator[tuple[_Dataset, int]]:
-    """Yield each dataset with the end of its body; binary functions are read on the way, as only they know their end."""
+    """Yield each dataset with the end of its body; binary functions are read here, since only their header tells their end."""
     position, binary_seen, count = 0, False, 0
     opening = _DELIMITER.search(content)
     if opening is None:
@@ -225,7 +225,7 @@ def _function(dataset: _Dataset, body: bytes, path: Path, record: int) -> UffFun
     data = body[start:]
     tokens = data.split()
     if len(tokens) != form.count * per_point and not _NUMBER.sub(b"", data).strip():
-        # Fixed columns may leave no blank between numbers, nor room for the letter of an exponent.
+        # In fixed columns, blanks between numbers and the letter of an exponent may be missing.
         tokens = [re.sub(rb"(?<=[\d.])([-+]\d{3})$", rb"E\1", token) for token in _NUMBER.findall(data)]
     if len(tokens) != form.count * per_point:
         if len(tokens) < form.count * per_point and unfinished(path.read_bytes()):
@@ -245,7 +245,7 @@ def _function(dataset: _Dataset, body: bytes, path: Path, record: int) -> UffFun
         lines_of_points = np.searchsorted(starts, per_point * np.arange(form.count), side="right") + dataset.line + _HEADER_LINES
     tokens = [token.replace(b"D", b"E").replace(b"d", b"e") for token in tokens]
     try:
-        # An array of texts gives each as much room as the longest takes.
+        # NumPy gives every text the room of the longest one, so one long text could exhaust the memory.
         if max(map(len, tokens), default=0) > LONGEST_NUMBER:
             raise ValueError
         numbers = np.array(tokens, dtype=np.bytes_).astype(np.float64)
@@ -288,7 +288,7 @@ def _binary_function(dataset: _Dataset, content: bytes, path: Path, record: int)
     form = data_form(lines[6], path, place)
     width = 8 if form.double else 4
     value_bytes = width * (2 if form.is_complex else 1)
-    # The abscissa is single by the format's text, double in what several programs write.
+    # The format prescribes single precision for the abscissa; several programs write double.
     abscissa_widths = (0,) if form.even else ((8, 4) if form.double else (4,))
     sizes = {form.count * (value_bytes + extra): extra for extra in reversed(abscissa_widths)}
     notes: tuple[str, ...] = ()
@@ -320,7 +320,7 @@ def _binary_function(dataset: _Dataset, content: bytes, path: Path, record: int)
 
 
 def _closing(content: bytes, end: int) -> int | None:
-    """Offset after the closing ``-1`` if only blanks stand between ``end`` and it; the end of the file closes too."""
+    """Offset after the closing ``-1`` if only blanks precede it after `end`, or at the end of the file; else None."""
     if not 0 <= end <= len(content):
         return None
     match = re.compile(rb"[\s\0]{0,8}-1[ \t]*(?:\r?\n|\Z)").match(content, end)
@@ -398,7 +398,7 @@ def _identification(line: str, path: Path, place: str) -> dict[str, Any]:
 
 
 def _free_identification(words: list[str]) -> tuple[list[int], list[str]] | None:
-    """Numbers and names of a record 6 that does not keep to its columns; names may hold blanks, and the reference may be missing."""
+    """Numbers and names of a record 6 that ignores the prescribed columns; names may contain blanks, the reference may be missing."""
     rest = words[4:]
 
     def is_point(at: int) -> bool:
@@ -408,7 +408,7 @@ def _free_identification(words: list[str]) -> tuple[list[int], list[str]] | None
 
     if len(rest) < 2 or not words[0].isdecimal() or not all(_is_whole(word) for word in words[:4]):
         return None
-    # A name comes first if there can be one; four numbers are two points without names.
+    # The first word is a name if it can be one; four numbers are two points without names.
     nameless = len(rest) == 4 and is_point(0) and is_point(2)
     for at in (0,) if nameless else (*range(1, len(rest) - 1), 0):
         if not is_point(at):

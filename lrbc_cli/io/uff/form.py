@@ -1,4 +1,4 @@
-"""Record 7 of a function in a universal file: how its data are laid out."""
+"""Parses record 7 of a function in a universal file: number of points, precision and abscissa of its data."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class DataForm:
         Whether the abscissa is given by minimum and increment.
     is_complex, double : bool
     minimum, increment : str
-        As written, with E as the letter of the exponent.
+        As printed, with E as the letter of the exponent.
     """
 
     count: int
@@ -41,7 +41,7 @@ def data_form(line: str, path: Path, place: str) -> DataForm:
     Raises
     ------
     DataError
-        If a field cannot be right; it is named.
+        If a field is impossible; it is named.
     """
     for words in (line.split(), _by_column(line)):
         try:
@@ -65,7 +65,7 @@ def _by_column(line: str) -> list[str]:
 
 
 def _wrong_field(line: str) -> tuple[str, str, str]:
-    """Name of the first field that cannot be right, what it must be, and what it is."""
+    """Name, allowed values and found value of the first impossible field."""
     words = line.split() if len(line.split()) >= len(_COLUMNS) else _by_column(line)
     kind, count, spacing = (_number(word, int) for word in words[:3])
     minimum, increment = (_number(word.upper().replace("D", "E"), float) for word in words[3:5])

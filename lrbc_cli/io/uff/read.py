@@ -1,14 +1,14 @@
-"""FRFs of universal files (dataset 58 and 58b), converted to SI.
+"""Reads FRFs and coherences of universal files (dataset 58 and 58b) and converts them to SI.
 
-Units. Dataset 164 gives factors for length and force; a value of the file *divided* by the factor is in SI. So say
-the text of the format (Structural Dynamics Research Laboratory, University of Cincinnati, dataset 164) and its
-example, which is unambiguous: ``Foot (pound f)`` with the factors 3.28084 (feet in a metre) and 0.224809 (pounds in
-a newton). The Julia library UFFFiles (``convert_to_si!``) divides as well, and that SALOME multiplied was reported to it
-as a bug; millimetres carry 1e3. A function is
+Units. Dataset 164 gives factors for length and force; a value of the file *divided* by the factor is in SI. This is
+what the text of the format says (Structural Dynamics Research Laboratory, University of Cincinnati, dataset 164), and its
+unambiguous example: ``Foot (pound f)`` with the factors 3.28084 (feet in a metre) and 0.224809 (pounds in
+a newton). The Julia library UFFFiles (``convert_to_si!``) divides as well, and the multiplication in SALOME was reported to it
+as a bug; millimetres have the factor 1e3. A function is
 converted with the exponents of length and force that belong to its data type (dataset 58, Addendum A: acceleration,
 velocity, displacement 1 and 0, pressure -2 and 1, force 0 and 1, moment 1 and 1); the exponents in the
-file count only for the data type *general* and for scalar directions. Where a unit label is there and understood, it
-is read too: it is needed for ``g``, which factors of length and force cannot express, and it must agree with 164.
+file count only for the data type *general* and for scalar directions. A unit label that is understood is used
+too: it is needed for ``g``, which factors of length and force cannot express, and it must agree with 164.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def read_uff(path: Path, layout: TextLayout) -> FrfSet:
     path
         A universal file.
     layout
-        Only its ``unit`` and ``quantity`` count; they take precedence over the file.
+        Only its ``unit`` and ``quantity`` apply; they take precedence over the file.
 
     Raises
     ------
@@ -106,14 +106,14 @@ def read_uff(path: Path, layout: TextLayout) -> FrfSet:
             notes.leave_out(FUNCTION_TYPES.get(function.function_type, f"function type {function.function_type}"), function.record)
     if not records:
         raise _no_frf(path, functions, notes)
-    # The fifth ID line is a name.
+    # The fifth ID line may be a name, see `_name`.
     said = dict.fromkeys(line.strip() for function in functions for line in function.id_lines[:4])
     titles = tuple(line for line in said if line not in ("", "NONE"))
     return FrfSet(str(path), tuple(_attach(records, coherences, notes)), notes.lines(), titles=titles)
 
 
 def _unnamed_frf(function: UffFunction, notes: Notes) -> bool:
-    """Whether a function without a type is an FRF by its axes."""
+    """Whether a function without a type is an FRF, judged by its axes."""
     by_axes = function.numerator.kind in _QUANTITY_OF and function.denominator.kind == _FORCE and function.abscissa_axis.kind == _FREQUENCY
     found = function.function_type == 0 and by_axes and function.values.dtype.kind == "c"
     if found:
@@ -122,7 +122,7 @@ def _unnamed_frf(function: UffFunction, notes: Notes) -> bool:
 
 
 def _no_frf(path: Path, functions: list[UffFunction], notes: Notes) -> DataError:
-    """Error for a file without FRFs: what it holds instead, by number, and what to export."""
+    """Error for a file without FRFs, with the functions that it holds instead and what to export."""
     expected = "dataset 58 with function type 4 and complex values"
     if not functions:
         there = ", ".join(f"{number}{f' ({_DATASETS[number]})' if number in _DATASETS else ''}" for number in dataset_numbers(path))
@@ -191,7 +191,7 @@ def _frf(function: UffFunction, unit: UffUnits | None, layout: TextLayout, path:
 
 
 def _name(function: UffFunction) -> str:
-    """Entity name; names beyond its ten characters stand on ID line 5 of files that this package writes."""
+    """Name of the response; in files of this package, names above ten characters are on ID line 5."""
     line, name = function.id_lines[4], function.response_name
     if name and line.startswith("name: ") and line[6:].startswith(name):
         return line[6:].strip()
@@ -269,7 +269,7 @@ def _conversion(function: UffFunction, units: UffUnits | None, layout: TextLayou
 
 
 def _label_unit(function: UffFunction) -> Unit | None:
-    """Read the unit over force from the labels; None where they do not tell."""
+    """Unit over force by the labels of the axes; None if they do not state it."""
     above = parse_unit(function.numerator.unit)
     if above is None:
         return None
@@ -330,7 +330,7 @@ def _coherence(function: UffFunction, path: Path, notes: Notes) -> Coherence:
 
 
 def _attach(records: list[FrfRecord], coherences: list[Coherence], notes: Notes) -> list[FrfRecord]:
-    """Give each FRF the coherence of the same DOFs; names decide where several have them."""
+    """FRFs with the coherence of the same DOFs; if several have these DOFs, the name decides."""
     result = []
     used: set[int] = set()
     for record in records:
@@ -339,7 +339,7 @@ def _attach(records: list[FrfRecord], coherences: list[Coherence], notes: Notes)
         if len(fitting) > 1 or not dof[0]:
             fitting = [c for c in fitting if c.name == record.name]
         if len(fitting) > 1:
-            # Repeated measurements of one DOF: function and coherence stand in the same order.
+            # Repeated measurements of one DOF: FRFs and coherences have the same order.
             twins = [
                 r
                 for r in records

@@ -1,4 +1,4 @@
-"""FRFs as a universal file: units (164) and functions (58) in ASCII, double precision."""
+"""Writes FRFs as a universal file: units (dataset 164) and functions (58) in ASCII, double precision."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ log = logging.getLogger(__name__)
 
 
 def write_uff(path: Path, frf: FrfSet) -> None:
-    """Write FRFs, each followed by its coherence where it has one.
+    """Write FRFs, each followed by its coherence if it has one.
 
     An evenly spaced axis is written by its first value and increment; any other axis with six digits, as the
-    format prescribes. Names beyond ten characters stand on ID line 5 in full.
+    format prescribes. Names above ten characters are written in full on ID line 5.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def write_uff(path: Path, frf: FrfSet) -> None:
     Raises
     ------
     DataError
-        If two lines of a record cannot be told apart with six digits.
+        If two lines of a record are equal when written with six digits.
     """
     blocks = [_block(164, [f"{1:10d}{'SI: Meter (newton)':<20}{2:10d}", f"{_d(1.0)}{_d(1.0)}{_d(1.0)}", _d(273.15)])]
     for number, record in enumerate(frf.records, start=1):
@@ -91,7 +91,7 @@ def _axis(kind: int, label: str, unit: str) -> str:
 
 
 def _spacing(path: Path, record: FrfRecord) -> tuple[bool, str, str]:
-    """Whether an even axis gives back the lines, and its first value and increment."""
+    """Whether an even axis reproduces the lines, and its first value and increment as printed."""
     frequency = record.frequency_hz
     if frequency.size > 1:
         minimum, increment = f"{frequency[0]:.5E}", f"{(frequency[-1] - frequency[0]) / (frequency.size - 1):.5E}"
