@@ -1,1 +1,1 @@
-"""Compares measurements with the model before anything is identified, for ``lrbc check``."""
+"""Compares measurements with the model before anything is identified, for ``lrbc check``; begin with ``first_look``."""

@@ -1,6 +1,6 @@
-"""Signs and factors that all jobs have: told once, of all responses that share them, though no job shows each of them clearly.
+"""Combines findings of all jobs: signs and factors that all share are reported once, even if no single job shows each of them clearly.
 
-Bolts and errors of the model hide in one job what shows in another. What is wrong with a hammer, a sensor or a unit is the same in all.
+Wrong hammers, sensors or units are the same in all jobs, but bolts and errors of the model may hide them in some.
 """
 
 from __future__ import annotations
@@ -26,22 +26,23 @@ from lrbc_cli.updating.comparison.scale import (
 )
 from lrbc_cli.updating.robust import scatter
 
-#: What is told of a job, each text under what tells whether another job has it, too.
+#: Warnings about a job, each under a key (kind, responses) that is equal for the same finding in another job.
 Told = dict[tuple[object, ...], str]
 
-#: What ``offset_texts`` tells.
+#: Kinds of warnings by ``offset_texts``.
 _OF_OFFSETS = ("units", "reversed", "late", "early", "conjugate")
 
 
 @dataclass(frozen=True)
 class OfJob:
-    """What is found of one job.
+    """Findings of one job.
 
     Attributes
     ----------
     told : dict
+        Warnings by kind and responses.
     offsets : tuple of Offset
-        Factors and phases of its responses; empty where something else has to be mended first.
+        Factors and phases of its responses; empty if another fault must be corrected first.
     """
 
     told: Told
@@ -49,15 +50,15 @@ class OfJob:
 
 
 def told_of_all(inputs: Inputs, found: Mapping[str, OfJob], reference: str) -> dict[str, Told]:
-    """What is told of each job, where signs and factors that all share stand under the same key in all.
+    """Warnings of each job, in which signs and factors that all jobs share have the same key.
 
     Parameters
     ----------
     inputs : Inputs
     found : mapping
-        By job.
+        Findings by job.
     reference : str
-        What it does not show is not the same in all jobs.
+        Reference job; factors that it does not show are not shared by all.
     """
     told = {name: of.told for name, of in found.items()}
     several = {name: of.offsets for name, of in found.items() if of.offsets}
@@ -87,12 +88,12 @@ def told_of_all(inputs: Inputs, found: Mapping[str, OfJob], reference: str) -> d
 
 
 def _agree(own: Offset, shared: Offset | None) -> bool:
-    """Whether the factor of a job is the one that all have, within the intervals of both; of two powers of the frequency one is none."""
+    """Whether the factor of a job is the shared one within their intervals, or differs from it by a power of frequency (so is wrong)."""
     return shared is not None and (own.power != shared.power or abs(own.db - shared.db) <= max(MOST_REACH, own.half + shared.half))
 
 
 def _factors(jobs: Sequence[Sequence[Offset]], own: Sequence[Offset]) -> tuple[Offset, ...]:
-    """Of each response the factor that most jobs have, by its median; none where the reference job does not show one."""
+    """Shared factor of each response (median over the jobs); empty if the reference job shows no factor."""
     named = [o.power for offsets in jobs for o in offsets if o.named]
     if not named or not any(o.named for o in own):
         return ()
@@ -104,11 +105,11 @@ def _factors(jobs: Sequence[Sequence[Offset]], own: Sequence[Offset]) -> tuple[O
         if 2 * len(same) <= len(every):
             continue
         db = np.array([o.db for o in same])
-        # Between jobs bolts and lines change, and with them how the errors of the model move a factor.
+        # Bolts and lines differ between jobs, so errors of the model scatter the factor.
         half = float(STUDENT * MEDIAN_SPREAD * scatter(db) / np.sqrt(db.size)) if db.size > 3 else min(o.half for o in same)
         middle, before, after = (float(np.median(of)) for of in (db, [o.before for o in same], [o.after for o in same]))
         clear = any(o.named for o in same) and (usual != 0 or abs(middle) >= max(LEAST_OFFSET, half)) and after <= LEFT * before
-        # Of one job alone it is no factor of all.
+        # Most jobs must agree.
         clear = clear and 2 * sum(abs(o.db - middle) <= max(MOST_REACH, o.half) for o in same) > len(every)
         nearest = min(same, key=lambda o: abs(o.db - middle))
         half = max(half, LEAST_REACH)
@@ -117,9 +118,9 @@ def _factors(jobs: Sequence[Sequence[Offset]], own: Sequence[Offset]) -> tuple[O
 
 
 def _cosines(jobs: Sequence[Sequence[Offset]]) -> dict[int, float]:
-    """How alike measured and computed phases are as they stand: mean cosine of each response, by its median over the jobs.
+    """Mean cosine of the angle between measured and computed phases, as stated, by response: median over the jobs.
 
-    By the largest where phases of some job clearly are alike: what is reversed in others is not so in all.
+    The largest value is taken instead if the phases of some job clearly agree: the sign is then not reversed in all jobs.
     """
     found: dict[int, list[float]] = {}
     for offsets in jobs:
@@ -131,7 +132,7 @@ def _cosines(jobs: Sequence[Sequence[Offset]]) -> dict[int, float]:
 
 @dataclass(frozen=True)
 class _Reversed:
-    """Excitations and single responses whose sign is the other one in all jobs, and all responses that this concerns."""
+    """Excitations and single responses whose sign is reversed in all jobs, and all responses affected."""
 
     excitations: tuple[int, ...] = ()
     single: tuple[int, ...] = ()
@@ -139,7 +140,7 @@ class _Reversed:
 
 
 def _reversed(inputs: Inputs, cosines: Mapping[int, float]) -> _Reversed:
-    """Whose sign is the other one, by the mean cosines: of a hammer all its responses, of a sensor all that it measures."""
+    """Reversed excitations and responses by the mean cosines: a hammer affects all its responses, a sensor all that it measures."""
     excitations, hit = [], set[int]()
     for e in range(len(inputs.campaign.excitation)):
         own = [r for r in cosines if inputs.responses[r].input == e]
@@ -152,7 +153,7 @@ def _reversed(inputs: Inputs, cosines: Mapping[int, float]) -> _Reversed:
 
 
 def _sign_texts(inputs: Inputs, found: _Reversed, count: int) -> Told:
-    """What to say of them, of so many responses that were compared."""
+    """Warnings about reversed signs; ``count`` responses were compared."""
     texts: Told = {}
     names = list(inputs.campaign.excitation)
     said = "measured phases are 180 degrees from the model's"
@@ -175,7 +176,7 @@ def _sign_texts(inputs: Inputs, found: _Reversed, count: int) -> Told:
 
 
 def pooled(found: Mapping[str, Told], reference: str | None) -> dict[str, Told]:
-    """What is wrong in the reference job, in all jobs: others, in which bolts are loose, show part of it, or what looks like part of it."""
+    """Warnings of each job, with findings that are part of a fault of the reference job under its key; loose bolts may hide the rest."""
     own = found.get(reference or "", {})
     reversed_there = next((kind for kind in own if kind[0] == "reversed"), ())
     units_there = any(kind[0] == "units" for kind in own)
@@ -186,22 +187,22 @@ def pooled(found: Mapping[str, Told], reference: str | None) -> dict[str, Told]:
         shared[name] = {}
         for kind, text in told.items():
             if kind[0] == "exchanged":
-                # Of a sensor that is elsewhere, or has another direction, any other fits better in some state of the bolts.
+                # If a sensor has the wrong place or direction, some other sensor fits better in some state of the bolts.
                 if name != reference and stated_wrong.intersection(i for cycle in kind[1:] if isinstance(cycle, tuple) for i in cycle):
                     continue
-                # Of cables that are exchanged in other jobs a job with loose bolts may show one hammer point only.
+                # A job with loose bolts may show exchanged cables for one hammer point only.
                 kind = next((other for other in exchanges if set(kind[1:]) < set(other[1:])), kind)
                 exchanges.append(kind)
             if kind[0] == "reversed" and set(kind) <= set(reversed_there):
                 kind = reversed_there
-            # Velocities for accelerations: phases alone say that their levels are right, which nobody knows of a job with loose bolts.
+            # With wrong units in the reference job (velocity for acceleration), phases off by 90 degrees are the same fault.
             if not (units_there and kind[0] == "sideways"):
                 shared[name][kind] = text
     return shared
 
 
 def each_once(found: Mapping[str, Told]) -> list[str]:
-    """Each finding once, with the jobs that share it."""
+    """Each finding once, naming all jobs that share it."""
     jobs: dict[str, list[str]] = {}
     first: dict[str, str] = {}
     for name, told in found.items():

@@ -1,4 +1,4 @@
-"""Measurements whose lines are not those of the reference job, and why they may not be."""
+"""Finds measurements whose frequency lines differ from those of the reference job, or from the model by a factor, and likely causes."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from lrbc_cli.campaign.looking.rescaled import scaled_text
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.updating.statistics.lines import MIN_BAND
 
-#: Rates of 44.1 to 51.2 kHz are taken for one another.
+#: Largest ratio of sampling rates that are confused (44.1 to 51.2 kHz), rounded up.
 RATES = 1.25
 
 
 def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) -> list[str]:
-    """Warnings of measurements that lack the correction by the reference job, being on other lines.
+    """Warnings about measurements that cannot be corrected by the reference job because their lines differ.
 
     Parameters
     ----------
     reference : str or None
-        Its name.
+        Name of the reference job.
     measurements : mapping
         By job.
     """
@@ -53,25 +53,25 @@ def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) 
 
 
 def _cut(own: Measurement, other: Measurement) -> bool:
-    """Whether a measurement ends early and has the lines of another up to there: that its file is incomplete is told already."""
+    """Whether a measurement has the first lines of another and ends early; other warnings report such an incomplete file."""
     size = own.frequency_hz.size
     return size < MIN_BAND * other.frequency_hz.size and np.allclose(own.frequency_hz, other.frequency_hz[:size], rtol=1e-6)
 
 
 def _lacking(own: Measurement, other: Measurement) -> str:
-    """Which lines of another measurement, on one side of which and on the other there are lines, are missing, in a clause."""
+    """Clause about one gap of missing lines within a measurement, relative to another; empty if the difference is not such a gap."""
     axis, lines = own.frequency_hz, other.frequency_hz
     at = np.clip(np.searchsorted(axis, lines), 1, axis.size - 1)
     there = np.minimum(np.abs(axis[at] - lines), np.abs(axis[at - 1] - lines)) <= 1e-5 * lines
     gone = np.flatnonzero(~there & (lines > axis[0]) & (lines < axis[-1]))
-    # Of another resolution lines are missing all along.
+    # With another resolution, lines are missing throughout.
     if not gone.size or gone[-1] - gone[0] + 1 != gone.size or there.sum() != axis.size:
         return ""
     return f"Its lines from {lines[gone[0]]:g} to {lines[gone[-1]]:g} Hz ({gone.size}) are missing. "
 
 
 def numbered(own: Measurement, other: Measurement) -> str:
-    """From which number on the frequencies count as many lines as another measurement has, in words; empty where they are frequencies."""
+    """First line number (0 or 1, in words) if the frequencies of a measurement are line numbers; else empty."""
     axes = [each.frequency_hz for each in (own, other)]
     if axes[0].size + sum(own.left_out) != axes[1].size + sum(other.left_out) or not np.all(np.diff(axes[0]) == 1.0):
         return ""
@@ -80,13 +80,13 @@ def numbered(own: Measurement, other: Measurement) -> str:
 
 
 def clocked(own: Measurement, other: Measurement, *, most: float = RATES, least: float = 1e-3) -> float | None:
-    """Ratio of the frequencies to those of as many evenly spaced lines of another measurement; None where there is no such ratio.
+    """Constant ratio of the frequencies to those of another measurement with as many evenly spaced lines; None if there is none.
 
     Parameters
     ----------
     own, other : Measurement
     most, least : float
-        It lies between this and its inverse, and differs by so much from one.
+        The ratio must lie between ``1 / most`` and ``most``, and differ by more than ``least`` from 1.
     """
     axes = [each.frequency_hz for each in (own, other)]
     counts = [axis.size + sum(each.left_out) for axis, each in zip(axes, (own, other), strict=True)]
@@ -100,13 +100,13 @@ def clocked(own: Measurement, other: Measurement, *, most: float = RATES, least:
 
 
 def shifted(own: Measurement, other: Measurement, *, most: float = 2.0) -> str:
-    """By how much the first of as many evenly spaced lines lies beside that of another measurement, in words; empty where they differ more.
+    """Shift of the frequencies relative to another measurement with as many evenly spaced lines, in words; empty if none or too large.
 
     Parameters
     ----------
     own, other : Measurement
     most : float
-        Lines. Who counts bins from 1, or leaves out the one at 0 Hz, is one line off, or half of one.
+        Largest shift in line spacings. Counting bins from 1, or leaving out 0 Hz, shifts by one line or by half of one.
     """
     axes = [each.frequency_hz for each in (own, other)]
     counts = [axis.size + sum(each.left_out) for axis, each in zip(axes, (own, other), strict=True)]
@@ -121,15 +121,16 @@ def shifted(own: Measurement, other: Measurement, *, most: float = 2.0) -> str:
 
 
 def stretched_text(measurement: Measurement, seen: Seen, *, most: float = 2.0, steps: int = 280) -> str | None:
-    """By which factor all frequencies of a measurement are off from the model's, and what to do; None where no factor explains it.
+    """Warning with the factor between measured and computed frequencies, if one explains the measurement; else None.
 
     Parameters
     ----------
     measurement : Measurement
-        Of the tight state, on all its lines, which the model does not explain as it is.
+        Of the tight state, on all its lines.
     seen : Seen
+        The same on the lines compared; the model does not explain it without a factor.
     most, steps : float, int
-        Factors from one over it to it, evenly spaced in their logarithm, so many to each side.
+        Factors from ``1 / most`` to ``most`` are tried, ``steps`` on each side of 1, evenly spaced in their logarithm.
     """
     own, here, frequency_hz = levels(measurement.values), levels(seen.model), seen.measurement.frequency_hz
 
@@ -147,7 +148,7 @@ def stretched_text(measurement: Measurement, seen: Seen, *, most: float = 2.0, s
     )
     rate = "Check whether another sampling rate was entered or set (51.2 instead of 48 kHz is a factor of 1.067). If so, divide the "
     rate += f"frequencies by {best:.3g}; otherwise {wrong}"
-    # Rates that are taken for one another lie nearer than what materials differ by.
+    # Confused sampling rates have a smaller ratio than wrong materials.
     typed = 1.0 / RATES <= best <= RATES
     cause = f"{rate if typed else wrong[:1].upper() + wrong[1:]}; stiffness off by a factor of {best**2:.2g}, springs of bolts in addition"
     if not typed and (scaled := scaled_text(seen, best)):

@@ -1,4 +1,4 @@
-"""Sensors stated with two coordinates exchanged, the sign of one turned, or another direction, by all FRFs of each at once."""
+"""Finds sensors stated with two coordinates exchanged, a wrong sign of one, or a wrong direction, by all FRFs of each sensor together."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from lrbc_cli.reduction.problem.full import full_ports
 
 _AXES = "xyz"
 
-#: Share of the misfit that may be left where all FRFs of a sensor, two at least, come nearer: with right places none of these mistakes left
-#: less than all of it, while errors of the model alone leave 0.6 of that of a sensor that is elsewhere.
+#: Largest share of the misfit that may remain if all FRFs of a sensor (at least two) come nearer. With right places, none of these changes
+#: reduced the misfit; with a wrong place, errors of the model alone left 0.6 of it.
 MOSTLY = 0.75
 
-#: A sensor is looked at from so many times the median of all responses on.
+#: Misfit over the median of all responses above which a sensor is examined.
 FARTHER = 1.25
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Other:
-    """Another DOF of a sensor: its responses, the DOF that may be meant, how the stated one becomes it; and whether it is at the node."""
+    """Possible DOF of a sensor: its responses, the DOF, its relation to the stated one in words; ``turned``: at the same node."""
 
     responses: tuple[int, ...]
     dof: int
@@ -42,13 +42,13 @@ class _Other:
 
 
 def coordinates_texts(seen: Seen, *, unlike: bool) -> tuple[dict[tuple[int, ...], str], Floats]:
-    """What to say of sensors that come nearer with coordinates exchanged, by the responses of each, and the misfits then, (R,) [dB].
+    """Warnings about sensors that fit better with other coordinates or directions, by their responses, and misfits (R,) with these [dB].
 
     Parameters
     ----------
     seen : Seen
     unlike : bool
-        Whether most responses are far from the model: then all sensors may be elsewhere.
+        Whether most responses are far from the model: then the places of all sensors may be wrong.
     """
     inputs, dofs = seen.inputs, seen.inputs.dofs
     left = apart(seen.measured, seen.model)
@@ -64,7 +64,7 @@ def coordinates_texts(seen: Seen, *, unlike: bool) -> tuple[dict[tuple[int, ...]
         each = sorted(zip(others, _misfits(few, others, largest), strict=True), key=lambda pair: float(pair[1].mean()))
         for other, after in each:
             own = list(other.responses)
-            # Where the model is far from most responses, it has to come near at the other place.
+            # If the model is far from most responses, it must be near at the other place.
             limit = MOST_LEFT if unlike and not other.turned else max(MOST_LEFT, typical)
             most = min(limit, (MOSTLY if len(own) > 1 and not other.turned else CLEARLY) * float(before[own].mean()))
             if other.responses in told or after.mean() > most or np.any(after >= before[own]):
@@ -75,7 +75,7 @@ def coordinates_texts(seen: Seen, *, unlike: bool) -> tuple[dict[tuple[int, ...]
 
 
 def mirrored_text(seen: Seen) -> str:
-    """What to say where all sensors together come near with one coordinate counted from the other side; empty where they do not."""
+    """Warning if all sensors together fit with one coordinate counted from the other side; else empty."""
     inputs, dofs = seen.inputs, seen.inputs.dofs
     if dofs is None or reduction_cost(inputs)[0].line * LINES > MOST_WORK:
         return ""
@@ -99,7 +99,7 @@ def mirrored_text(seen: Seen) -> str:
 
 
 def _mirrored(inputs: Inputs, dofs: DofTable, axis: int) -> list[_Other]:
-    """All point sensors where one coordinate is counted from the other side of what they measure; none where they stay where they are."""
+    """Mirrored places of all point sensors along one axis; empty if there are too few, or most stay where they are."""
     found = []
     for own, responses in _points(inputs).items():
         alike = dofs.xyz[dofs.component == dofs.component[own]]
@@ -111,13 +111,13 @@ def _mirrored(inputs: Inputs, dofs: DofTable, axis: int) -> list[_Other]:
             return []
         how = f"{_AXES[axis]} counted from the other side"
         found.append(_Other(responses=tuple(responses), dof=to[0], how=how))
-    # Sensors on the middle stay; with most of them there, nothing is told apart.
+    # Sensors on the mirror plane stay; if most do, the test is meaningless.
     moved = sum(other.dof != own for own, other in zip(_points(inputs), found, strict=True))
     return found if len(found) > 2 and 2 * moved > len(found) else []
 
 
 def _points(inputs: Inputs) -> dict[int, list[int]]:
-    """The responses of each sensor that measures one DOF: of a distributed or a weighted one there is no place."""
+    """Responses of each sensor that measures a single DOF, by DOF; distributed or interpolated sensors have no single place."""
     L, sensors = inputs.model.L.tocsr(), dict[int, list[int]]()
     for i in range(L.shape[0]):
         row = L[[i]].tocoo()
@@ -127,7 +127,7 @@ def _points(inputs: Inputs) -> dict[int, list[int]]:
 
 
 def _misfits(seen: Seen, others: Sequence[_Other], largest: float) -> list[Floats]:
-    """By place, how far levels of its responses are from the model there, see ``apart_there`` [dB]."""
+    """Level misfits of the responses of each place, with the FRFs of the model there, see ``apart_there`` [dB]."""
     if not others:
         return []
     responses = np.array([i for other in others for i in other.responses])
@@ -157,7 +157,7 @@ def _text(inputs: Inputs, dofs: DofTable, other: _Other, before: float, after: f
 
 
 def _others(inputs: Inputs, dofs: DofTable) -> Iterator[_Other]:
-    """Places at which the mesh has a node with the stated coordinates exchanged or turned, and the other directions at the stated node."""
+    """Nodes of the mesh at the stated coordinates with two exchanged or one sign reversed, and other directions at the stated node."""
     for own, responses in _points(inputs).items():
         if inputs.model.is_acoustic[own]:
             continue

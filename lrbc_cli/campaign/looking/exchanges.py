@@ -1,6 +1,6 @@
-"""Jobs with each other's files: by what the files say of themselves, and by removed bolts that contain each other.
+"""Finds jobs whose files are exchanged, by titles in the files and by the stated removed bolts.
 
-The more is removed, the further a measurement lies from that of the tight state.
+The more bolts are removed, the more a measurement differs from that of the tight state.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from lrbc_cli.campaign.identification.compared.likeness import apart
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.reading.inputs import Inputs
 
-#: By how much distances contradict the order before anything is said [dB], and the share of it that one exchange may leave. Choices: where
-#: nearly all bolts are removed distances differ by tenths.
+#: Least contradiction of distances and order that is reported [dB], and the share of it that one exchange may leave. Choices: if nearly
+#: all bolts are removed, distances differ by tenths of a decibel.
 CLEAR, LEFT = 2.0, 0.1
 
 
 def exchanged_files(inputs: Inputs, measurements: Mapping[str, Measurement]) -> str | None:
-    """Which two jobs have each other's files, it seems; None where the order of the distances from the reference job says nothing.
+    """Warning that names two jobs whose files are probably exchanged, by their distances from the reference job; else None.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def exchanged_files(inputs: Inputs, measurements: Mapping[str, Measurement]) -> 
 
 
 def mistitled(inputs: Inputs, measurements: Mapping[str, Measurement]) -> list[str]:
-    """Jobs whose file is titled as that of another job, whose own is not: a title that nobody changes stands in both.
+    """Warnings about jobs whose file has the title of another job, unless the file of that job has the same title.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def mistitled(inputs: Inputs, measurements: Mapping[str, Measurement]) -> list[s
     called = {name.lower(): name for name in measurements}
 
     def named(title: str) -> set[str]:
-        # Word by word, also of a sentence's end and of a file's name: with hundreds of jobs a search for each name would take minutes.
+        # Words are looked up, also without a final dot or an extension: with hundreds of jobs, a search for each name would take minutes.
         words = re.findall(r"[\w.-]+", title.lower())
         return {called[part] for word in words for part in (word, word.rpartition(".")[0]) if part in called}
 
@@ -85,13 +85,13 @@ def mistitled(inputs: Inputs, measurements: Mapping[str, Measurement]) -> list[s
 
 
 def _nested(removed: Mapping[str, frozenset[str]]) -> list[str]:
-    """The jobs from few to many removed bolts; none where one does not contain the one before it."""
+    """Jobs from few to many removed bolts; empty if the removed bolts of one do not contain those of the one before."""
     chain = sorted(removed, key=lambda name: len(removed[name]))
     return chain if all(removed[a] < removed[b] for a, b in pairwise(chain)) else []
 
 
 def _exchange(far: Sequence[float]) -> tuple[int, int] | None:
-    """Which two distances have to be exchanged so that all ascend, where they clearly do not and one exchange mends it."""
+    """Indices of the two distances [dB] whose exchange makes all ascend, if they clearly do not and only one exchange does; else None."""
 
     def wrong(values: Sequence[float]) -> float:
         return sum(max(a - b, 0.0) for a, b in combinations(values, 2))
@@ -104,5 +104,5 @@ def _exchange(far: Sequence[float]) -> tuple[int, int] | None:
     best = min(ways, key=lambda pair: ways[pair], default=None)
     if best is None or before <= CLEAR or ways[best] > LEFT * before:
         return None
-    # Another exchange that mends as much: nothing tells which it is.
+    # If several exchanges restore the order, the right one is unknown.
     return best if sum(left <= LEFT * before for left in ways.values()) == 1 else None

@@ -1,4 +1,7 @@
-"""Measurements beside the model before anything is identified: units, signs, sensors in each other's place."""
+"""First comparison of measurements with the model for ``lrbc check``: finds wrong units, signs, places and files before any identification.
+
+``first_look`` calls the tests of this package in order for each job; a clear fault ends the tests of a job, since it would affect the rest.
+"""
 
 from __future__ import annotations
 
@@ -45,36 +48,36 @@ from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.reduction.build import reduce_model
 from lrbc_cli.updating.comparison.scale import Offset
 
-#: Down to here no loosened bolts have to be found that explain a measurement [dB].
+#: Misfit up to which no fit of loosened bolts is needed to explain a measurement [dB].
 NEAR = 2.0
 
-#: Predicted operations up to which a reduced model is built for this where none is in the cache: ten seconds or less, and counted, not
-#: timed, so that what `check` finds does not depend on what else the machine does. 20 000 DOFs of a plate with a cavity take 5e11.
+#: Predicted operations up to which a reduced model is built here if none is in the cache: at most ten seconds. Counted, not timed, so that
+#: the findings do not depend on the load of the machine. 20 000 DOFs of a plate with a cavity take 5e11.
 MOST_WORK = 6e11
 
 #: Tolerance of that model.
 COARSE = 3e-2
 
-#: Findings that are about how numbers are read, about single responses, or about which is which.
+#: Kinds of findings about the interpretation of numbers, single responses, or exchanged records.
 _OF_NUMBERS = ("read", "units", "level", "alone", "stretched", "foreign", "exchanged", "hammers")
 
-#: So many of the nearest states are compared with all sensors in each other's place.
+#: Number of nearest states for which exchanged sensors are looked for.
 NEAREST = 4
 
 
 @dataclass(frozen=True)
 class FirstLook:
-    """What measurements beside the model show.
+    """Findings of the comparison of measurements with the model.
 
     Attributes
     ----------
     warnings : tuple of str
     note : str
-        Why nothing was compared, or with which calibration; empty where it was with the model as given.
+        Why nothing was compared, or with which rough calibration; empty if with the model as given.
     rescaled : bool
-        Whether the measurements name a matrix that is off by a factor: surer than what the mesh lets guess.
+        Whether the measurements show which matrix is wrong by a factor; more certain than a guess from the mesh.
     doubted : frozenset of str
-        Jobs whose numbers or single responses are not those of the reference job: what they are beside it says nothing else.
+        Jobs with faults of numbers or responses that the reference job does not have; other comparisons with it are meaningless.
     """
 
     warnings: tuple[str, ...] = ()
@@ -86,17 +89,17 @@ class FirstLook:
 def first_look(
     inputs: Inputs, folder: Path, measurements: Mapping[str, Measurement], progress: Callable[[str], None] = lambda _: None
 ) -> FirstLook:
-    """Warnings of what is the same at all lines between measurement and model, and a note where they were not compared.
+    """Warnings about systematic differences between measurements and model, or a note why they were not compared.
 
     Parameters
     ----------
     inputs : Inputs
     folder : Path
-        Of the cache; nothing is written to it.
+        Folder of the cache of reduced models; nothing is written to it.
     measurements : mapping
-        By job, the reference job wherever it stands.
+        By job, in any order.
     progress : callable
-        Takes a line of text at each step.
+        Receives one line of text per step.
     """
     try:
         if misread(inputs.campaign, inputs.model, inputs.groups, inputs.dofs):
@@ -110,16 +113,16 @@ def first_look(
         low, high = inputs.campaign.reduction.band
         whole = [name for name, found in measurements.items() if np.ptp(found.frequency_hz) > LEAST_BAND * (high - low)]
         order = sorted(whole, key=lambda name: name != reference)
-        # A matrix without what is subtracted from it is none to compare with.
+        # A matrix that does not contain the baseline subtracted from it gives no FRFs to compare with.
         if lacking := _lacking(inputs, source):
             return FirstLook(tuple(lacking))
         found: dict[str, OfJob] = {}
         for name in order:
-            # With another damping than it has, the model is none to compare with; with other places of hammer or sensors, no FRF.
+            # With wrong damping of the model, or wrong places of hammer or sensors, further jobs cannot be compared.
             own = found[reference].told.keys() - {("lowered",)} if reference in found else set()
             if {("damping",), ("hammers",), ("hammer",), ("mirrored",), ("idle",)} & own:
                 break
-            # What is wrong with the reference job, too, does not show beside it.
+            # A faulty reference job is not used as the tight state.
             tight = measurements.get(reference or "") if not own and name != reference else None
             progress(f"comparing {name} with the model, job {len(found) + 1} of {len(order)}")
             of_order = {job: measurements[job] for job in order}
@@ -140,7 +143,7 @@ def first_look(
 
 
 def _source(inputs: Inputs, folder: Path, progress: Callable[[str], None]) -> Looking | None:
-    """The reduced model of the cache, else a coarse one that is built here where that is cheap; None where it is not."""
+    """Reduced model from the cache, else a coarse one built here if that is cheap; else None."""
     decision = cache.look_up(folder, cache.key_parts(inputs))
     if not decision.hit and reduction_cost(inputs)[0].work > MOST_WORK:
         return None
@@ -154,7 +157,7 @@ def _source(inputs: Inputs, folder: Path, progress: Callable[[str], None]) -> Lo
 
 
 def _lacking(inputs: Inputs, source: Looking) -> list[str]:
-    """What `lrbc reduce` will refuse: baselines that the stiffness does not hold."""
+    """Error that `lrbc reduce` will raise if the stiffness matrix does not contain the baselines; else empty."""
     try:
         if source.stage is not None:
             require_baselines(inputs, source.stage.reduction.model)
@@ -164,10 +167,7 @@ def _lacking(inputs: Inputs, source: Looking) -> list[str]:
 
 
 def _looked_at(source: Looking, measurements: Mapping[str, Measurement], name: str, tight: Measurement | None = None) -> OfJob:
-    """What is found of one of the jobs.
-
-    Beside the model, and the reference job if given.
-    """
+    """Findings of one job, by comparison with the model and, if given, with the measurement ``tight`` of the reference job."""
     seen = Seen.of(source, name, measurements[name], tight)
     inputs, held = seen.inputs, seen.held
     seen = seen.beside(held)
@@ -179,8 +179,6 @@ def _looked_at(source: Looking, measurements: Mapping[str, Measurement], name: s
         most = 0.0 if before < LEAST_DIFFERENCE else CLEARLY * before if reading is None else reading.after
         if most and (text := overdamped_text(seen, most)):
             return OfJob({("damping",): text})
-        if before > LEAST_DIFFERENCE and reading is None and (text := idle_text(seen)):
-            return OfJob({("idle",): text})
     if reading is not None:
         return OfJob({("read",): reading.text})
     assumed = name in taken_as_tight(inputs)
@@ -191,9 +189,9 @@ def _looked_at(source: Looking, measurements: Mapping[str, Measurement], name: s
         return OfJob({("hammers",): hammers})
     if fitted is not None and (strike := strike_text(seen, fitted)):
         return OfJob({("strike",): strike})
-    # Where all bolts are taken as tight, none is to blame.
+    # Where all bolts are assumed tight, no bolt explains a difference.
     reach = (0.0, 0.0) if seen.reference or assumed else reach_of_one(seen)
-    # Real and imaginary parts in each other's place run backwards, too.
+    # Exchanged real and imaginary parts also look like complex conjugates.
     how = sideways(seen.measured, seen.states)
     backwards = not how and run_backwards(measurements[name].frequency_hz, measurements[name].values)
     near = [*nearest_states(seen), *(state for state in (held, fitted) if state is not None)]
@@ -213,9 +211,9 @@ def _looked_at(source: Looking, measurements: Mapping[str, Measurement], name: s
 
 
 def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: str, first: OfJob) -> tuple[Looking, OfJob]:
-    """The model after a rough calibration, and what is found beside it of the reference job, where that was not clear without.
+    """Model after a rough calibration from job ``name``, and the findings with it; both unchanged if a calibration would not help.
 
-    A reference job that loose bolts explain is none to calibrate from.
+    Nothing is calibrated from a job that loose bolts explain.
     """
     calibration, kinds = source.inputs.campaign.calibration, {kind for kind, *_ in first.told}
     if calibration is None or calibration.job != name or kinds - {"unlike", "alone", "coordinates"}:
@@ -232,10 +230,10 @@ def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: 
 
 
 def _channels(seen: Seen, near: list[Complexes], movable: Floats | float, *, backwards: bool) -> tuple[Told, tuple[Offset, ...]]:
-    """Channels in each other's place, and factors and phases of the others; the latter beside the nearest states.
+    """Exchanged channels, and factors and phases of the others relative to the nearest states.
 
-    A factor that is no larger than what one loosened bolt does to the level, ``movable``, (R,) or of all [dB], may be a loosened bolt. Of
-    FRFs that run backwards the phases say nothing else.
+    A factor is reported only if it exceeds the change of level by one loosened bolt, ``movable`` ((R,) or one value for all) [dB]. If the
+    FRFs are complex conjugates (``backwards``), other findings from phases are dropped.
     """
     inputs = seen.inputs
     exchanges = exchanged(inputs, seen.measured, nearest_states(seen, NEAREST))
@@ -249,7 +247,7 @@ def _channels(seen: Seen, near: list[Complexes], movable: Floats | float, *, bac
         for o in offsets
         if o.response not in involved
     )
-    # A power of the frequency, a delay and the other convention turn phases, too.
+    # A power of the frequency, a delay and complex conjugation also rotate phases.
     if not any(o.power or o.delay or o.conjugate or o.reversed for o in offsets):
         opposite = turned(seen.measured, seen.states)
         offsets = tuple(replace(o, reversed=o.response in opposite) for o in offsets)
@@ -258,16 +256,16 @@ def _channels(seen: Seen, near: list[Complexes], movable: Floats | float, *, bac
 
 
 def _fit(seen: Seen) -> Complexes | None:
-    """(F, R) what would be measured in the state of the bolts that comes nearest; None where no bolt has values, or without tight state."""
+    """(F, R) FRFs expected in the state of the bolts that fits best; None without tight state, or if no bolt has values."""
     with seen.source.threads():
         theta = fitted_theta(seen)
     return None if theta is None else expected_frf(seen, theta)
 
 
 def _fit_exchanged(seen: Seen, exchanged: Complexes, *, further: float = 1.1) -> Complexes | None:
-    """The same for records in each other's place; None where they are so much further from the tight state than as they stand.
+    """As ``_fit``, for exchanged records (F, R); None if these are ``further`` times as far from the tight state as the stated ones.
 
-    A fit takes half a second, and right records lie 1.3 to 5 times nearer than exchanged ones unless most bolts are loose.
+    This saves a fit of half a second: right records are 1.3 to 5 times nearer than exchanged ones, unless most bolts are loose.
     """
     assert seen.tight is not None
     moved, tight = np.flatnonzero((exchanged != seen.measured).any(axis=0)), seen.tight
@@ -276,9 +274,9 @@ def _fit_exchanged(seen: Seen, exchanged: Complexes, *, further: float = 1.1) ->
 
 
 def _beside_tight(seen: Seen, tight: Complexes, reach: tuple[Floats | float, Floats | float]) -> Told:
-    """Responses that alone lie far from the reference job, (F, R) each, or have left their level there, by more than one bolt can do.
+    """Single responses far from the reference job (``tight``, (F, R)) in shape or level, by more than one bolt can cause.
 
-    ``reach`` is what that is, see ``reach_of_one``; distances count from twice that on, for a model errs.
+    ``reach`` is that limit, see ``reach_of_one``; distances must be twice as large, because the model has errors.
     """
     reference = str(seen.inputs.campaign.update.reference)
     away, every = off_level(seen.inputs, seen.measured, tight, reference, seen.job, reach[0]), apart(seen.measured, tight)
@@ -288,7 +286,7 @@ def _beside_tight(seen: Seen, tight: Complexes, reach: tuple[Floats | float, Flo
 
 
 def _foreign(seen: Seen, tight: Complexes) -> Told:
-    """What to say of a measurement that no state comes near, a fitted one among them, where the tight one comes near its own, the first."""
+    """Warning if no state of the model, the fitted one included, is near a measurement, although the tight state is explained."""
     least = seen.left
     if least <= max(UNLIKE, float(np.median(apart(tight, seen.model))) / CLEARLY):
         return {}
@@ -301,18 +299,18 @@ def _foreign(seen: Seen, tight: Complexes) -> Told:
 
 
 def _placed(seen: Seen, told: Told) -> Told:
-    """What is told of a job, and places of the hammer or a sensor, or nodes that are held, where they explain what nothing else does."""
+    """Findings ``told`` of a job, replaced or completed by wrong places of hammer or sensors, or fixed nodes, if these explain it."""
     away = apart(seen.measured, seen.states)
     every = np.median(away, axis=1)
-    # Of sensors that all are mirrored some seem exchanged, and the others are far off, too.
+    # If all sensors are mirrored, some seem exchanged, and the others are far off, too.
     involved = {i for kind in told if kind[0] == "exchanged" for cycle in kind[1:] if isinstance(cycle, tuple) for i in cycle}
     others = np.setdiff1d(np.arange(away.shape[1]), list(involved))
     beyond = not told or ("unlike",) in told or (involved and (not others.size or float(np.median(away[0, others])) > LEAST_DIFFERENCE))
     if seen.reference and beyond and float(every[0]) > LEAST_DIFFERENCE and (mirrored := mirrored_text(seen)):
         return {("mirrored",): mirrored}
-    # Bolts may be in another state than those that are looked at: the model is as near as that where it is right.
-    # A reference job that is neither near nor far is looked at, too: nothing is loose there that could be the reason.
-    # Of a calibrated model one hammer point may be wrong beside others that are right.
+    # The bolts may be in a state that was not tried, so misfits up to ``UNLIKE`` are accepted.
+    # In the reference job no bolt is loose, so a smaller misfit is examined already.
+    # With a calibrated model a single hammer point may be wrong.
     struck = seen.inputs.input_of
     far = max(float(np.median(away[0, struck == at])) for at in np.unique(struck)) if seen.reference and seen.source.start else every.min()
     if ("unlike",) in told or (not told and float(far) > (LEAST_DIFFERENCE if seen.reference else UNLIKE)):
@@ -326,7 +324,7 @@ def _placed(seen: Seen, told: Told) -> Told:
         return told
     told = _stated(seen, told)
     elsewhere = {key: sensor_text(seen, int(str(key[1]))) for key in told if key[0] == "alone"}
-    # Where the others are fitted, a response that hardly moves stands out by what the model lacks there.
+    # After a calibration, a response with small motion stands out by errors of the model alone.
     weak = {
         key
         for key, where in elsewhere.items()
@@ -336,7 +334,7 @@ def _placed(seen: Seen, told: Told) -> Told:
 
 
 def _stated(seen: Seen, told: Told) -> Told:
-    """What is told of the reference job, and sensors with coordinates exchanged, whose FRFs are not told otherwise then."""
+    """Findings of the reference job with those of wrong coordinates, which replace other findings of the same sensors."""
     if not {kind for kind, *_ in told} <= {"unlike", "alone"}:
         return told
     found, left = coordinates_texts(seen, unlike=("unlike",) in told)
@@ -350,9 +348,9 @@ def _stated(seen: Seen, told: Told) -> Told:
 
 
 def _unlike(seen: Seen, measurements: Mapping[str, Measurement]) -> Told:
-    """What is said of a tight state that is not explained, though no factor and no sensor in another's place is to blame.
+    """Warnings if the tight state is not explained although neither factors nor exchanged sensors were found.
 
-    Measurements of all jobs: others may be nearer to the tight model.
+    ``measurements`` of all jobs: another one may be nearer to the tight model.
     """
     inputs, every = seen.inputs, apart(seen.measured, seen.model)
     own = every[inputs.used]
@@ -362,6 +360,8 @@ def _unlike(seen: Seen, measurements: Mapping[str, Measurement]) -> Told:
         text = rescaled_text(seen, typical)
         if text is not None:
             return {("rescaled",): text}
+        if idle := idle_text(seen):
+            return {("idle",): idle}
     if float(np.median(own)) > UNLIKE:
         far = f"level misfits of {min(own):.1f} to {max(own):.1f} dB at the start values (mean level of each response removed)"
         if tighter := tighter_text(seen, measurements):
@@ -378,7 +378,7 @@ def _unlike(seen: Seen, measurements: Mapping[str, Measurement]) -> Told:
 
 
 def _alone(inputs: Inputs, every: Floats, of: str, job: str | None = None) -> Told:
-    """Responses that lie far from where they should, alone; (R,) distances [dB], of a job beside the reference job if one is named."""
+    """Warnings about single responses with a large distance ``every`` (R,) [dB] from ``of``; relative to the reference job if ``job``."""
     told: Told = {}
     for i in outlying(every):
         response = inputs.responses[i].name

@@ -1,4 +1,4 @@
-"""A rough calibration and a first, coarse fit of loosened bolts, beside which mistakes in a measurement show before any identification."""
+"""Rough calibration and coarse fit of loosened bolts for ``lrbc check``, so that mistakes in measurements show before identification."""
 
 from __future__ import annotations
 
@@ -24,20 +24,25 @@ from lrbc_cli.updating.search.search import search
 from lrbc_cli.updating.statistics.residuals import ResidualOptions
 from lrbc_cli.updating.unknowns.shapes import bolt_shapes, neighbouring_columns
 
-#: Standard deviation of a level that may be anything, since levels are compared but for a constant [dB].
+#: Standard deviation of the gain of a response, large because levels are compared up to a constant [dB].
 ANY_LEVEL_DB = 20.0
 
 
 def fitted_theta(seen: Seen, *, lines: int = 100, iterations: int = 6, kept: int = 2) -> Floats | None:
-    """State of the bolts that comes nearest to a measurement; None where no bolt has values, or no tight state is known.
+    """Theta of the state of the bolts that fits a measurement best; None without a tight state, or if no bolt has values.
 
-    Levels of responses do not count, and large differences count by their size: a sensor in another's place does not draw the bolts to it.
+    Mean levels of responses do not count, and large differences count by their magnitude instead of their square, so that an exchanged
+    sensor does not bias the bolts.
 
     Parameters
     ----------
     seen : Seen
-    lines, iterations, kept : int
-        That are fitted, about; of each descent; and how many states of the table are descended from.
+    lines : int
+        Approximate number of lines fitted.
+    iterations : int
+        Iterations of each descent.
+    kept : int
+        Number of states of the table from which descents start.
 
     Returns
     -------
@@ -69,32 +74,32 @@ def fitted_theta(seen: Seen, *, lines: int = 100, iterations: int = 6, kept: int
 
 
 def expected_frf(seen: Seen, theta: Floats) -> Complexes:
-    """(F, R) what would be measured in a state: the measured tight state, (F, R), and what the model changes from its start values."""
+    """(F, R) FRFs expected in state theta: the measured tight state times the change that the model predicts from its start values."""
     assert seen.tight is not None
     model = seen.source.model(seen.s, seen.parameters)
     return np.asarray(model.frf(theta) / _factor(seen.inputs, model.frf(seen.parameters.initial), seen.tight))
 
 
 def _factor(inputs: Inputs, model: Complexes, tight: Complexes) -> Complexes:
-    """(F, R) model over measurement in the tight state; one where that was not measured."""
+    """(F, R) model over measurement in the tight state, limited in magnitude; 1 where that was not measured."""
     found = correction(model, tight, inputs.statistics.errors.most_correction_db)
     return np.where(measured_values(found), found, 1.0)
 
 
 def strike_text(seen: Seen, expected: Complexes, *, least: int = 3, apart_db: float = 1.0) -> str:
-    """Which hammer point's FRFs all lie above or below those of the others, and what to write; empty where none do.
+    """Warning if the levels of all FRFs of one hammer point are above or below those of all others; else empty.
 
-    Errors of the model move levels of single responses: they do not part those of one hammer point from all others.
+    Errors of the model change levels of single responses, but do not separate those of one hammer point from all others.
 
     Parameters
     ----------
     seen : Seen
     expected : (F, R) complex array
-        In the state of the bolts that comes nearest.
+        FRFs in the state of the bolts that fits best.
     least : int
-        Responses of that point, and of the others.
+        Least number of responses of that point, and of the others.
     apart_db : float
-        By which the nearest two of the one and the others are apart at least [dB].
+        Least gap between the levels of that point and of the others [dB].
     """
     inputs, measured, job = seen.inputs, seen.measured, seen.job
     if float(np.median(apart(measured, expected))) > MOST_LEFT:
@@ -129,30 +134,30 @@ def misfit_of(source: Looking, name: str, measurement: Measurement) -> float:
 
 
 def _rough_theta(problem: FactorProblem, *, lines: int = 150, iterations: int = 20) -> Floats:
-    """Theta after one descent on some of the lines; single responses that are wrong count by their size only."""
+    """Theta after one descent on some of the lines, with a soft loss, so that single wrong responses count less."""
     at = spaced(problem.selected.size, lines)
     few = replace(problem, selected=problem.selected[at], sigma=None if problem.sigma is None else problem.sigma[at])
     return descents(few, few.start, far=True, limit=iterations, soft=True)[0].theta
 
 
 def roughly_calibrated(source: Looking, measurement: Measurement, *, uneven: float = 1.5) -> Looking | None:
-    """The model with the factors and boundary values of a rough calibration.
+    """Model with the factors and boundary values of a rough calibration.
 
     Parameters
     ----------
     source : Looking
-        Of the model as exported.
+        FRFs of the model as exported.
     measurement : Measurement
         Of the calibration job.
     uneven : float
-        Where the FRFs of one excitation fit so many times as well as those of another, or those of one are not fitted, each is
-        calibrated from alone, and the one that is fitted best counts: the point of another may be wrong.
+        If the misfits of two excitations differ by this factor, or one is not fitted, the model is calibrated from each alone, and the
+        best fit counts: the place of another excitation may be wrong.
 
     Returns
     -------
     Looking or None
-        None where the campaign does not calibrate or is calibrated already, where the model fits without, and where no factors bring it
-        near the measurement: then they would only hide what is wrong.
+        None if the campaign does not calibrate or is calibrated already, if the model fits without, or if no factors bring it near the
+        measurement, since they would then hide the fault.
     """
     inputs, settings = source.inputs, source.inputs.campaign.calibration
     if settings is None or (inputs.calibration is not None and inputs.calibration.used) or source.stage is None:
@@ -179,21 +184,21 @@ def roughly_calibrated(source: Looking, measurement: Measurement, *, uneven: flo
 
 
 def _of_excitation(inputs: Inputs, problem: FactorProblem, at: int) -> FactorProblem:
-    """The problem with the responses of one excitation."""
+    """The calibration problem with the responses of one excitation only."""
     own = np.flatnonzero(inputs.input_of[problem.responses] == at)
     sigma = None if problem.sigma is None else problem.sigma[:, own]
     return replace(problem, measured=problem.measured[:, own], responses=problem.responses[own], sigma=sigma)
 
 
 def by_excitation(source: Looking, name: str, measurement: Measurement) -> dict[int, float]:
-    """As ``misfit_of``, over the responses of each excitation."""
+    """As ``misfit_of``, separately for the responses of each excitation [dB]."""
     seen = Seen.of(source, name, measurement)
     far, input_of = apart(seen.measured, seen.model), source.inputs.input_of
     return {int(at): float(np.median(far[input_of == at])) for at in np.unique(input_of)}
 
 
 def _calibrated_by(source: Looking, problem: FactorProblem, theta: Floats) -> Looking:
-    """The model with the factors and boundary values theta."""
+    """The model with the factors and boundary values that theta holds."""
     assert source.stage is not None
     inputs, parameters = source.inputs, problem.parameters
     factors = {name: float(np.exp(value)) for name, value in zip(problem.names, theta[parameters.size :], strict=False)}

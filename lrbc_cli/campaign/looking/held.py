@@ -1,4 +1,4 @@
-"""What holds the structure in addition to the terms: boundary conditions and ties that were left in the matrices."""
+"""Finds boundary conditions and ties that were left in the matrices and hold the structure in addition to the terms."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
 from lrbc_cli.reduction.problem.full import full_ports
 
-#: Forces below this share of a row's entries are rounding.
+#: Forces below this share of the sum of a row's magnitudes are rounding.
 _ROUNDING = 1e-6
 
-#: Nodes whose rotations are looked at.
+#: Largest number of nodes whose rotations are examined.
 _MOST_NODES = 1000
 
 
 def idle_text(seen: Seen, *, least: float = 0.1) -> str:
-    """Which groups of springs have no effect, as where the parts are tied or the nodes fixed in the matrices; empty where all have some.
+    """Warning about groups of springs without effect, because parts are tied or nodes fixed in the matrices; else empty.
 
     Parameters
     ----------
     seen : Seen
     least : float
-        Change of the computed levels with all springs of a group free, below which it has none [dB]. 2.9 dB and more on the samples and on
-        virtual rigs, 0.01 dB where the parts were tied.
+        Least change of the computed levels if all springs of a group are free [dB]. It was at least 2.9 dB on the samples and on virtual
+        rigs, and 0.01 dB where the parts were tied.
     """
     parameters, idle = seen.parameters, list[str]()
     frf = seen.source.model(seen.s, parameters).frf
@@ -53,13 +53,13 @@ def idle_text(seen: Seen, *, least: float = 0.1) -> str:
 
 
 def held_text(seen: Seen, before: float) -> str | None:
-    """Which nodes are held where the model without that explains the tight state, and what to do; None where it does not.
+    """Warning that names nodes held to the ground, if the model without these supports explains the tight state; else None.
 
     Parameters
     ----------
     seen : Seen
     before : float
-        How far levels are apart as it is, constants taken out, in the median over the responses [dB].
+        Level misfit with the supports, constants removed, median over the responses [dB].
     """
     inputs, dofs, model = seen.inputs, seen.inputs.dofs, seen.inputs.model
     if dofs is None or model.is_acoustic.any() or reduction_cost(inputs)[0].line * LINES > MOST_WORK:
@@ -68,7 +68,7 @@ def held_text(seen: Seen, before: float) -> str | None:
     if not rows.size:
         return None
     few = seen.few(LINES)
-    # A damping that follows the stiffness holds the nodes, too; of one that follows the mass next to nothing is lost with it.
+    # Stiffness-proportional damping also holds the nodes. Removing mass-proportional damping with it changes next to nothing.
     free = {name: (A - sp.diags_array(_forces(A, dofs, rows), format="csc")).tocsc() for name, A in (("K", model.K), ("C", model.C))}
     with suppress(LrbcError):
         ports = full_ports(replace(model, **free, extras={}), inputs.input_of, few.s, inputs.campaign.reduction.band)
@@ -86,7 +86,7 @@ def held_text(seen: Seen, before: float) -> str | None:
 
 
 def supports_text(seen: Seen) -> str:
-    """That the model holds nodes beside the terms, as a cause of what is unlike; empty where it holds none, or that cannot be told."""
+    """Clause that the model is held at nodes in addition to the terms, a possible cause of a misfit; empty if not, or if unknown."""
     inputs = seen.inputs
     dofs, model = inputs.dofs, inputs.model
     if dofs is None or model.is_acoustic.any():
@@ -107,7 +107,7 @@ def supports_text(seen: Seen) -> str:
 
 
 def _held(K: sp.csc_array, dofs: DofTable, terms: Integers) -> Integers:
-    """Rows of no term at which a rigid translation, or a rotation about the own node, meets forces."""
+    """Rows outside the terms at which a rigid translation, or a rigid rotation about the row's node, causes a force."""
     size = np.abs(K) @ np.ones(dofs.size)
     translations = np.setdiff1d(np.flatnonzero(np.isin(dofs.component, COMPONENTS[:3])), terms)
     held = translations[_forces(K, dofs, translations).real[translations] > _ROUNDING * size[translations]]
@@ -119,7 +119,7 @@ def _held(K: sp.csc_array, dofs: DofTable, terms: Integers) -> Integers:
 
 
 def _forces(A: sp.csc_array, dofs: DofTable, rows: Integers) -> Floats | Complexes:
-    """(n,) forces that meet a rigid translation along the component of each row, or a rotation about its node; zero at other rows."""
+    """(n,) force at each of ``rows`` under a rigid translation along its component, or a rotation about its node; zero elsewhere."""
     found = np.zeros(dofs.size, dtype=A.dtype)
     for label in COMPONENTS[:3]:
         own = rows[dofs.component[rows] == label]

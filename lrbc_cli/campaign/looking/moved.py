@@ -1,4 +1,4 @@
-"""Whether a hammer or a sensor at another place than the stated one explains a measurement, by full solves at a few lines."""
+"""Tests whether a hammer or a sensor was at another place than stated, by full solves at a few lines."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from lrbc_cli.model.dofs import COMPONENTS, DofTable
 from lrbc_cli.reduction.problem.full import full_ports
 from lrbc_cli.reduction.reduced.ports import PortFrf
 
-#: Lines that are compared, places of a sensor that are tried, and places of the hammer times responses.
+#: Numbers of lines compared, of places tried for a sensor, and of places tried for the hammer times responses.
 LINES, MOST_PLACES, MOST_HITS = 24, 1000, 6000
 
-#: So much more than of the FRFs of other hammer points may be left of those of one that is put right.
+#: Largest misfit of a corrected hammer point relative to that of the other hammer points.
 _AS_MUCH = 1.5
 
 
 def hammer_text(seen: Seen, stated: Floats) -> str | None:
-    """Where the hammer hit, it seems, and what to do; None where no other place explains the measurement.
+    """Warning with the probable place of the hammer; None if no other place explains the measurement.
 
-    By the transposed model: one solve a sensor tells what forces at all places where the hammer may have been do there.
+    Uses the transposed model: one solve per sensor gives the effect of forces at all possible places.
 
     Parameters
     ----------
     seen : Seen
     stated : (S, R) float array
-        How far levels are from those of each state as stated [dB]: what other hammer points leave may be left.
+        Level misfits of each state with the stated places [dB]; as much as for other hammer points may remain.
     """
     if seen.inputs.dofs is None or _work(seen.inputs, LINES) > MOST_WORK:
         return None
@@ -52,10 +52,10 @@ def hammer_text(seen: Seen, stated: Floats) -> str | None:
 
 
 def _hammer_text(seen: Seen, at: int, most_left: float) -> str | None:
-    """The same of one excitation, by the responses that belong to it, in the nearest state of the model; so much may be left."""
+    """As ``hammer_text`` for excitation ``at``, by its responses and the nearest state of the model; ``most_left`` [dB] may remain."""
     inputs, dofs, load = seen.inputs, seen.inputs.dofs, seen.inputs.model.B[:, [at]].tocoo()
     responses = np.flatnonzero((inputs.input_of == at) & np.isfinite(levels(seen.measured)).all(axis=0))
-    # Constants taken out, one response may look like anything, and a distributed load has no place.
+    # A single response without its constant is too little evidence, and a distributed load has no place.
     if dofs is None or load.nnz != 1 or responses.size < 2:
         return None
     own, level = int(load.row[0]), levels(seen.measured[:, responses])[:, None, :]
@@ -64,16 +64,16 @@ def _hammer_text(seen: Seen, at: int, most_left: float) -> str | None:
     with suppress(LrbcError):
         ports = _reciprocal_ports(seen, places, responses)
         some = ports.select(np.arange(seen.s.size), np.arange(responses.size))
-        # A place has one row of ports, whichever sensor the force stands at.
+        # The rows of H0p depend on the place only, not on the sensor.
         held, base = ports.H0p[:, :: responses.size], ports.H00.reshape(seen.s.size, places.size, responses.size)
         for state in values_of(seen.parameters)[0]:
             values = base + held @ some.drive(seen.parameters.dynamic(state, seen.s))[1]
-            # Of what is known throughout this is `spread`, in a tenth of the time.
+            # Same as `spread` without missing values, in a tenth of the time.
             difference = level - levels(values)
             off = np.abs(difference - np.median(difference, axis=0)).mean(axis=0)
             left = np.fmin(left, np.median(off, axis=1))
     before, best = float(left[places == own][0]), int(np.argmin(left))
-    # Of three directions at its own node one fits by chance less often than of a thousand places.
+    # One of three directions at its own node fits by chance less often than one of a thousand places.
     limit = likeness.MOST_LEFT if dofs.node[places[best]] == dofs.node[own] else most_left
     if before <= LEAST_DIFFERENCE or left[best] > min(limit, CLEARLY * before):
         return None
@@ -87,14 +87,14 @@ def _hammer_text(seen: Seen, at: int, most_left: float) -> str | None:
 
 
 def hammers_text(seen: Seen, fitted: Callable[[Complexes], Complexes | None] | None = None) -> str:
-    """Which two excitations with sensors in common are in each other's place, and what to write; empty where that explains nothing.
+    """Warning if two excitations with sensors in common are exchanged; else empty.
 
     Parameters
     ----------
     seen : Seen
     fitted : callable or None
-        What (F, R) measured FRFs are in the state of the bolts that comes nearest to them, where that is among the states already: with
-        loosened bolts no other is near to records that are exchanged.
+        From measured FRFs (F, R) to those of the best-fitting state of the bolts; given if ``seen`` contains such a state. With loosened
+        bolts, exchanged records are near to no other state.
     """
     inputs, measured, states = seen.inputs, seen.measured, seen.states
     for one in range(len(inputs.excitations)):
@@ -112,14 +112,14 @@ def hammers_text(seen: Seen, fitted: Callable[[Complexes], Complexes | None] | N
                 again = fitted(turned)
                 changed = np.inf if again is None else float(np.median(apart(turned[:, own], again[:, own])))
             rest = np.setdiff1d(np.arange(measured.shape[1]), own)
-            # What the model lacks in the FRFs of other hammer points it lacks in these, too.
+            # Errors of the model are as large here as in the FRFs of other hammer points.
             lacking = float(np.median(apart(measured[:, rest], states[:, :, rest]), axis=1).min()) if rest.size else 0.0
             if stated > LEAST_DIFFERENCE and changed < min(max(MOST_LEFT, _AS_MUCH * lacking), CLEARLY * stated):
                 first, second = inputs.excitations[two], inputs.excitations[one]
                 exchange = f"exchange the places of excitation.{first} and excitation.{second}"
                 records = ", ".join(f"{inputs.responses[i].name}: {inputs.responses[k].name}" for i, k in sorted(pairs))
                 only = f"write jobs.{seen.job}.records: {{{records}}}"
-                # Of one job alone the order of the blows was another, of the reference job rather the campaign file is wrong.
+                # In one job the order of the blows was probably different, in the reference job rather the campaign file is wrong.
                 fix = f"{exchange}, or {only}" if seen.reference else f"{only}, or, if all jobs are affected, {exchange}"
                 fix = f"{fix[:1].upper()}{fix[1:]}"
                 return f"{first} and {second} are probably exchanged: the FRFs of each fit the model's FRFs of the other. {fix}"
@@ -127,15 +127,15 @@ def hammers_text(seen: Seen, fitted: Callable[[Complexes], Complexes | None] | N
 
 
 def unmoved_text(seen: Seen, *, same: float = 0.1, other: float = 0.5, least: int = 3) -> str:
-    """Which two excitations gave the same FRFs at all sensors they share, though the model's differ, and what to do; empty where none did.
+    """Warning if two excitations have the same FRFs at all sensors they share, although those of the model differ; else empty.
 
     Parameters
     ----------
     seen : Seen
     same, other : float
-        Differences over the size, in the median over the lines: up to which measured FRFs are the same, from which the model's are not.
+        Relative differences (median over the lines) up to which measured FRFs are the same, and from which the model's differ.
     least : int
-        Sensors in common.
+        Least number of sensors in common.
     """
     inputs = seen.inputs
     for one in range(len(inputs.excitations)):
@@ -156,24 +156,24 @@ def unmoved_text(seen: Seen, *, same: float = 0.1, other: float = 0.5, least: in
 
 
 def _shared(inputs: Inputs, at: int, to: int) -> list[tuple[int, int]]:
-    """Responses to one excitation, each with that of the same sensor to another one, in the order of the responses."""
+    """Pairs of responses of the same sensor to excitations ``at`` and ``to``, in the order of the responses."""
     places = by_place(inputs)
     turned = ((i, places.get((*place[:3], to))) for place, i in places.items() if place[3] == at)
     return [(i, k) for i, k in turned if k is not None]
 
 
 def _relative(values: Complexes, others: Complexes) -> Floats:
-    """(R,) differences over the size, in the median over the lines."""
+    """(R,) relative differences, median over the lines."""
     with np.errstate(divide="ignore", invalid="ignore"):
         found: Floats = np.median(np.abs(values - others) / np.abs(others), axis=0)
     return found
 
 
 def _reciprocal_ports(seen: Seen, places: Integers, responses: Integers) -> PortFrf:
-    """FRFs of what forces at the sensors do at places, responses running faster; solved once for all jobs on the same lines."""
+    """Interface FRFs of the transposed model from sensors to places (responses vary fastest); solved once for all jobs with these lines."""
     key = b"places" + responses.tobytes() + seen.s.tobytes()
     if key not in seen.source.known:
-        # Transposed: what forces at places do at the sensors, by one solve a sensor. Of a structure without a cavity it is the same.
+        # Transposed, so that one solve per sensor suffices; without a cavity the matrices are symmetric.
         model, count = seen.inputs.model, responses.size
         K, C, M = (A.T.tocsc() for A in (model.K, model.C, model.M))
         terms = replace(model.terms, left=model.terms.right, right=model.terms.left)
@@ -196,7 +196,7 @@ def _reciprocal_ports(seen: Seen, places: Integers, responses: Integers) -> Port
 
 
 def sensor_text(seen: Seen, response: int) -> str:
-    """At which place the model has what a sensor measured, in a clause; empty where it has it nowhere."""
+    """Clause with the place at which the model gives what a sensor measured; empty if there is none."""
     inputs, dofs, point = seen.inputs, seen.inputs.dofs, seen.inputs.model.L[[response]].tocoo()
     if dofs is None or inputs.model.is_acoustic[point.col].any() or point.nnz == 0 or _work(inputs, seen.s.size) > MOST_WORK:
         return ""
@@ -225,7 +225,7 @@ def _work(inputs: Inputs, lines: int) -> float:
 
 
 def _places(dofs: DofTable, own: int, most: int) -> Integers:
-    """DOFs that may be meant: translations at its own node, and others of its component; half of them the nearest, where there are more."""
+    """DOFs to be tried: translations at the stated node, and DOFs of its component; if too many, half of them the nearest."""
     translations = np.isin(dofs.component, COMPONENTS[:3])
     here = np.flatnonzero(translations & (dofs.node == dofs.node[own]))
     alike = np.flatnonzero(dofs.component == dofs.component[own])
@@ -239,7 +239,7 @@ def _places(dofs: DofTable, own: int, most: int) -> Integers:
 
 
 def _place_text(inputs: Inputs, dofs: DofTable, dof: int, own: int) -> tuple[str, str]:
-    """Where a DOF is, as the beginning of a clause, and what to write."""
+    """Place of a DOF as the beginning of a clause, and the corresponding keys."""
     unit = inputs.campaign.unit_system.length
     xyz = ", ".join(f"{value:.6g}" for value in dofs.xyz[dof] / unit)
     component = dofs.component[dof]

@@ -1,4 +1,4 @@
-"""Whether stiffness or mass that is larger or smaller by the factor of a unit, or less damping, makes measured FRFs those of the model."""
+"""Tests whether stiffness, mass or damping of the model are wrong by a factor, such as that of a unit, by full solves at a few lines."""
 
 from __future__ import annotations
 
@@ -20,36 +20,36 @@ from lrbc_cli.reduction.problem.full import full_ports
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.updating.peaks import peaks_of
 
-#: What may be left of the differences, constants taken out, and how far the constant itself may be off [dB].
+#: Largest level misfit that may remain, constants removed, and largest difference of the constants [dB].
 MOST_LEFT, MOST_OFF = 4.0, 4.0
 
-#: Slips of one or two digits.
+#: Powers of ten for typing errors of one or two digits.
 _FURTHER = (-2, -1, 1, 2)
 
-#: A factor of ten moves frequencies by 3.2, and with them the number of resonances in the band: of a plate as much, of a beam by 1.8.
-#: Where measurement and model show numbers nearer to each other than this, no such factor is looked for.
+#: Least ratio of the numbers of resonances in measurement and model for which a factor is looked for. A factor of ten on a matrix changes
+#: frequencies by 3.2, and the number of resonances in the band by as much for a plate, by 1.8 for a beam.
 MORE = 1.6
 
-#: A resonance stands out of the mean level by so much [dB].
+#: Least prominence of a resonance in the mean level [dB].
 PROMINENCE = 3.0
 
-#: Lines that are compared, and predicted operations up to which another factor is tried: half a minute.
+#: Number of lines compared, and predicted operations up to which further factors are tried: half a minute.
 LINES, MOST_WORK = 12, 2e12
 
 
 def rescaled_text(seen: Seen, before: float) -> str | None:
-    """Which matrix is off by which factor, and what to write; None where that explains nothing.
+    """Warning that names the matrix (stiffness or mass) that is wrong by the factor of a unit; None if no factor explains the misfit.
 
-    A factor on the stiffness moves all frequencies as its reciprocal on the mass does; the level of the FRFs tells which of the two it is.
+    A factor on the stiffness and its reciprocal on the mass shift frequencies alike; the level of the FRFs distinguishes them.
 
     Parameters
     ----------
     seen : Seen
     before : float
-        How far levels are apart as it is, constants taken out, in the median over the responses [dB].
+        Level misfit without a factor, constants removed, median over the responses [dB].
     """
     measured, computed = resonances(seen.measured), resonances(seen.model)
-    # One more or less at an end of the band is chance.
+    # A difference of one resonance at an end of the band is chance.
     if max(measured, computed) + 1 < MORE * min(measured, computed):
         return None
     found: list[tuple[float, str, float, float]] = []
@@ -58,7 +58,7 @@ def rescaled_text(seen: Seen, before: float) -> str | None:
     line, spent = reduction_cost(inputs)[0].line * few.s.size, 0.0
     factors = [10.0**power for power in (*sorted(POWERS, key=abs), *_FURTHER)]
     for factor in (*factors, *GRAVITIES, *(1.0 / gravity for gravity in GRAVITIES)):
-        # A stiffer model has fewer resonances. Near a factor that explains the measurement only those matter that lie next to it.
+        # A stiffer model has fewer resonances. After a factor that explains the measurement, only those within a decade are tried.
         if (factor > 1.0) != (computed > measured):
             continue
         if found and abs(np.log10(factor) - np.log10(min(found)[3])) > 1.0:
@@ -74,7 +74,7 @@ def rescaled_text(seen: Seen, before: float) -> str | None:
     if not found:
         return None
     left, matrix, size, factor = min(found)
-    # Errors of the model are larger than what 9.81 and 10 differ by, and nobody slips a digit where weights are taken for masses.
+    # The data cannot distinguish 9.81 from 10; for masses, a confusion with weights is more likely than a wrong digit.
     for gravity in (*GRAVITIES, *(1.0 / gravity for gravity in GRAVITIES)):
         near = [each for each in found if each[1] == "mass" and each[3] == gravity]
         if matrix == "mass" and near and abs(np.log10(factor / gravity)) < 0.01:
@@ -84,18 +84,18 @@ def rescaled_text(seen: Seen, before: float) -> str | None:
 
 
 def scaled_text(seen: Seen, ratio: float, *, most: int = 12) -> str | None:
-    """Which matrix makes all resonances lie at other frequencies, by which factor, and what to write; None where that is not clear.
+    """Warning that names the matrix and factor by which all resonances are shifted; None if shape and level of the FRFs do not decide.
 
-    With the mass the springs of the bolts count as much as the stiffness does; with the stiffness they stay as they are, and the factor is
-    found beside them. Shape and level of the FRFs tell which of the two it is.
+    A factor on the mass acts relative to stiffness and bolt springs alike, so it is the square of ``ratio``. One on the stiffness leaves
+    the bolt springs as they are, so it is found by minimisation.
 
     Parameters
     ----------
     seen : Seen
     ratio : float
-        Of measured and computed frequencies.
+        Measured over computed frequencies.
     most : int
-        Full solutions by which the factor of the stiffness is found.
+        Largest number of full solutions of that minimisation.
     """
     few, inputs = seen.few(LINES), seen.inputs
     if most * reduction_cost(inputs)[0].line * few.s.size > MOST_WORK:
@@ -108,7 +108,7 @@ def scaled_text(seen: Seen, ratio: float, *, most: int = 12) -> str | None:
     def stiffness(power: float) -> float:
         return misfit(next(_cases(few, 10.0**power)))[0]
 
-    # Soft springs leave the factor of the frequencies, stiff ones up to twice as much of it.
+    # With soft bolt springs the exponent is twice that of the frequency ratio, with stiff ones up to twice as much.
     middle, reach = 2.0 * np.log10(ratio), 2.0 * abs(np.log10(ratio)) + 0.05
     with suppress(LrbcError, StopIteration):
         power = float(minimize_scalar(stiffness, bounds=(middle - reach, middle + reach), method="bounded", options={"maxiter": most}).x)
@@ -122,19 +122,19 @@ def scaled_text(seen: Seen, ratio: float, *, most: int = 12) -> str | None:
 
 
 def overdamped_text(seen: Seen, most: float) -> str | None:
-    """By which factor the damping of the model is too large, and what to write; None where no factor of ten, or a power, leaves so little.
+    """Warning that names the power of ten by which the damping of the model is too large; None if none explains the measurement.
 
     Parameters
     ----------
     seen : Seen
     most : float
-        How far levels may be apart then, constants taken out, in the median over the responses [dB].
+        Largest level misfit that may remain, constants removed, median over the responses [dB].
     """
     if resonances(seen.measured) < MORE * resonances(seen.model):
         return None
     inputs = seen.inputs
     plain, settings = inputs.model, inputs.campaign.reduction
-    # Beside resonances damping changes little.
+    # Damping changes little away from resonances, so lines at peaks are added.
     peaks = _peaks(seen.measured)
     few = seen.on(np.union1d(spaced(seen.s.size, LINES), peaks[spaced(peaks.size, LINES)]))
     dynamic = few.dynamic
@@ -146,10 +146,10 @@ def overdamped_text(seen: Seen, most: float) -> str | None:
         with suppress(LrbcError):
             less = replace(plain, K=stiffness, C=plain.C * factor)
             ports = full_ports(less, inputs.input_of, few.s, settings.band, backend=settings.backend)
-            # Springs of bolts are damped as the structure.
+            # Springs of bolts have the damping of the structure.
             values = ports.evaluate(dynamic.real + 1j * factor * dynamic.imag)
             found.append((float(np.median(spread(levels(few.measured) - levels(values), 0))), factor))
-        # Once there is next to none, less of it changes nothing.
+        # Stop where a further reduction does not help.
         if len(found) > 1 and found[-1][0] >= found[-2][0]:
             break
     if not found or min(found)[0] > min(MOST_LEFT, most):
@@ -167,14 +167,14 @@ def _peaks(values: Complexes) -> Integers:
 
 
 def resonances(values: Complexes) -> int:
-    """How many stand out of the mean level of the responses; one where none does."""
+    """Number of resonances in the mean level of (F, R) FRFs, at least one."""
     return max(_peaks(values).size, 1)
 
 
 def softness_text(seen: Seen) -> str:
-    """That the model has many more or fewer resonances than were measured, in a clause; empty where the numbers are alike.
+    """Clause that the model is too stiff or too soft, if its number of resonances differs much from the measured one; else empty.
 
-    Where its lowest one does not lie on the same side, it is neither: heavy damping and noise hide resonances, or make some.
+    The lowest resonance must differ in the same sense, because heavy damping and noise can hide resonances or feign some.
     """
     peaks = [_peaks(values) for values in (seen.measured, seen.model)]
     measured, computed = (max(own.size, 1) for own in peaks)
@@ -188,10 +188,10 @@ def softness_text(seen: Seen) -> str:
 
 
 def _cases(seen: Seen, factor: float) -> Iterator[tuple[str, float, Complexes, float]]:
-    """Matrix, by how much it is too large, FRFs then, and level to take off.
+    """Matrix, factor by which it is too large, FRFs after correction (F, R), and level [dB] to be subtracted from the difference.
 
-    A mass divided by f is f (K + D + s C) in place of K + D + s C, and FRFs that are larger by f. Full solves: reduced models of what has
-    thousands of modes in the band are as large as the model.
+    Dividing the mass by f is the same as multiplying K + D + s C by f, with FRFs larger by f. Full solves are used because a model with
+    thousands of modes in the band cannot be reduced.
     """
     plain, settings, dynamic = seen.inputs.model, seen.inputs.campaign.reduction, seen.dynamic
 

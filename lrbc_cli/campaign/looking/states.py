@@ -1,4 +1,4 @@
-"""What a measurement is compared with: states of the model, with bolts loosened or not, and the measured tight one."""
+"""States with which ``lrbc check`` compares a measurement: the model, tight or with bolts loosened, and the measured tight state."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from lrbc_cli.updating.comparison.scale import LEAST_LINES, POWERS
 from lrbc_cli.updating.search.starts import LEVELS
 from lrbc_cli.updating.unknowns.shapes import joints_of
 
-#: Lines of a job that are looked at, and states of the model that it is compared with at most.
+#: Largest number of lines of a job, and of states of the model, that are compared.
 LINES, MOST_STATES = 200, 150
 
 
 @dataclass(kw_only=True)
 class Looking(FrfSource):
-    """FRFs that are not stored.
+    """FRFs of the model for ``lrbc check``, which are not stored in the cache.
 
     Attributes
     ----------
     start : mapping of str to float array
-        By parameter group, values of a rough calibration, in place of the start values; with ``GROUP.damping`` its damping exponent.
+        Values of a rough calibration that replace the start values, by group; damping exponents under ``GROUP.damping``.
     factors : mapping of str to float
-        Those of the rough calibration.
+        Factors of the rough calibration.
     note : str
-        With which calibration the measurements are compared, for the user.
+        Text for the user on the calibration used.
     """
 
     start: Mapping[str, Floats] = field(default_factory=dict, repr=False)
@@ -47,7 +47,7 @@ class Looking(FrfSource):
         return self.stage.reduction.model.ports(s)
 
     def parameters(self, s: Complexes) -> Parameterisation:
-        """The parameter groups on the lines s (rad/s)."""
+        """Parameter groups for the lines s [rad/s], with the start values of a rough calibration if there is one."""
         return Parameterisation(tuple(self._started(group) for group in parameterise(self.inputs, self, s)[0].groups))
 
     def _started(self, group: ParameterGroup) -> ParameterGroup:
@@ -59,22 +59,22 @@ class Looking(FrfSource):
 
 @dataclass(frozen=True, kw_only=True)
 class Seen:
-    """A job beside the model, on the lines that are looked at.
+    """A job and the states with which it is compared, on some of its lines.
 
     Attributes
     ----------
     source : Looking
-        FRFs of the model; keeps what was solved already.
+        FRFs of the model, with those computed before.
     job : str
     measurement : Measurement
         On these lines.
     parameters : Parameterisation
     states : (S, F, R) complex array
-        What it is compared with: the model at the start values first, then with loosened bolts, then what lies nearer.
+        FRFs of the model at the start values, then with loosened bolts, then measured or fitted states.
     loosened : list of int arrays
-        Which values are at their lower bounds in each of the first states.
+        Indices of the values at their lower bounds, for each state of the model.
     tight : (F, R) complex array or None
-        What the reference job measured, where the job is compared with it; NaN where it has no value.
+        Measured FRFs of the reference job, if the job is compared with it; NaN where there is no value.
     """
 
     source: Looking
@@ -87,7 +87,7 @@ class Seen:
 
     @classmethod
     def of(cls, source: Looking, job: str, whole: Measurement, reference: Measurement | None = None) -> Seen:
-        """A measurement on the lines that are looked at; beside that of the reference job where it has the same lines."""
+        """A measurement on at most ``LINES`` lines, with that of the reference job if its lines are the same."""
         lines = spaced(whole.frequency_hz.size, LINES)
         few = replace(whole, frequency_hz=whole.frequency_hz[lines], values=whole.values[lines])
         s = 2j * np.pi * few.frequency_hz
@@ -98,67 +98,67 @@ class Seen:
 
     @property
     def inputs(self) -> Inputs:
-        """Of the campaign."""
+        """Inputs of the campaign."""
         return self.source.inputs
 
     @property
     def s(self) -> Complexes:
-        """(F,) complex array."""
+        """(F,) i omega of the lines [rad/s]."""
         return 2j * np.pi * self.measurement.frequency_hz
 
     @property
     def measured(self) -> Complexes:
-        """(F, R) what was measured."""
+        """(F, R) measured FRFs."""
         return self.measurement.values
 
     @property
     def model(self) -> Complexes:
-        """(F, R) FRFs at the start values."""
+        """(F, R) FRFs of the model at the start values."""
         found: Complexes = self.states[0]
         return found
 
     @property
     def dynamic(self) -> Complexes:
-        """(F, m) of the terms at the start values."""
+        """(F, m) dynamic values of the terms at the start values."""
         return self.parameters.dynamic(self.parameters.initial, self.s)
 
     @property
     def reference(self) -> bool:
-        """Whether it is the reference job."""
+        """Whether this is the reference job."""
         return self.job == self.inputs.campaign.update.reference
 
     @property
     def held(self) -> Complexes | None:
-        """(F, R) tight state, nearer than the model by the model discrepancy; a response that was not measured there is the model's."""
+        """(F, R) measured tight state, free of model discrepancy; responses not measured there are the model's. None without it."""
         if self.tight is None:
             return None
         return np.where(measured_values(self.tight).sum(axis=0) >= 2 * LEAST_LINES, self.tight, self.model)
 
     def beside(self, state: Complexes | None) -> Seen:
-        """Compared with a further state, where there is one."""
+        """The same with a further state (F, R), unless that is None."""
         return self if state is None else replace(self, states=np.concatenate([self.states, state[None]]))
 
     def reading(self, values: Complexes) -> Seen:
-        """With other (F, R) values in place of those measured."""
+        """The same with other (F, R) values in place of those measured."""
         return replace(self, measurement=replace(self.measurement, values=values))
 
     def on(self, lines: Integers) -> Seen:
-        """On some of the lines."""
+        """The same on some of the lines."""
         own = replace(self.measurement, frequency_hz=self.measurement.frequency_hz[lines], values=self.measured[lines])
         return replace(self, measurement=own, states=self.states[:, lines], tight=None if self.tight is None else self.tight[lines])
 
     def few(self, most: int) -> Seen:
-        """On so many of the lines at most."""
+        """The same on at most ``most`` lines."""
         return self.on(spaced(self.s.size, most))
 
     @property
     def left(self) -> float:
-        """How far levels are from the nearest state, constants taken out, in the median over the responses [dB]."""
+        """Level misfit of the nearest state: median over the responses, mean level of each removed [dB]."""
         return float(np.median(apart(self.measured, self.states), axis=1).min())
 
 
 def states_of(source: Looking, parameters: Parameterisation, s: Complexes) -> tuple[Complexes, list[Integers]]:
-    """(S, F, R) FRFs at the start values, and with values of stiffnesses at their lower bounds, and which."""
+    """(S, F, R) FRFs of the states of ``values_of`` on the lines s, and the indices of the loosened values."""
     states, loosened = values_of(parameters)
     key = b"states" + s.tobytes()
     if key not in source.known:
@@ -168,9 +168,9 @@ def states_of(source: Looking, parameters: Parameterisation, s: Complexes) -> tu
 
 
 def reach_of_one(seen: Seen) -> tuple[Floats, Floats]:
-    """(R,) how far one loosened bolt alone moves the median level of a response, and its levels, that constant taken out [dB].
+    """(R,) largest change by a single loosened bolt of the median level of a response, and of its levels without that constant [dB].
 
-    What stands on one joint may be as good as cut off by it, as a blade by its root. Zeros where no bolt owns its values.
+    A part on a single joint may be practically cut off by it, as a blade at its root. Zeros if bolts own no values.
     """
     source, parameters, model = seen.source, seen.parameters, seen.model
     if (key := b"reach" + seen.s.tobytes()) in source.known:
@@ -192,7 +192,7 @@ def reach_of_one(seen: Seen) -> tuple[Floats, Floats]:
 
 
 def values_of(parameters: Parameterisation) -> tuple[list[Floats], list[Integers]]:
-    """The start values, and with values of stiffnesses at their lower bounds: one, neighbours, all; and which."""
+    """States theta, and indices of the loosened values: start values, then one value, neighbours, or all at their lower bounds."""
     start = parameters.initial
     states, loosened = [start], [np.zeros(0, dtype=np.int64)]
     for group, where, _ in parameters.placed:
@@ -209,7 +209,7 @@ def values_of(parameters: Parameterisation) -> tuple[list[Floats], list[Integers
 
 
 def nearest_states(seen: Seen, most: int = 1) -> list[Complexes]:
-    """The start values, and the states that come nearest but for a factor, times a power of the frequency or not; so many of each."""
+    """(F, R) FRFs at the start values, and of the ``most`` nearest states, up to a factor and for each power of the frequency."""
     omega = 20.0 * np.log10(2.0 * np.pi * seen.measurement.frequency_hz)[:, None]
     level = levels(seen.measured) - levels(seen.states)
     orders = [np.median(spread(level - b * omega, 1), axis=1).argsort() for b in (0, *POWERS)]

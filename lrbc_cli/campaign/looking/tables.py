@@ -1,4 +1,4 @@
-"""Whether springs of tables in another unit, or a model of another material beside them, make measured FRFs those of the model."""
+"""Tests whether stiffnesses in tables of springs are in another unit, or the model is of another material than assumed."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DI
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.places import POWERS
 
-#: Decades by which the springs are tried beside the model. Beyond what materials differ by, and in steps that leave little.
+#: Changes of all springs relative to the model [decades]: wider than the ratios of materials, in small steps.
 _SOFTER = np.linspace(-1.5, 1.5, 31)
 
-#: A factor of a unit leaves less than this share of what factors between the units leave, and nearly as little as any.
+#: A factor of a unit must leave less than this share of the misfit of factors between units, and at most this multiple of the least misfit.
 _NEARER, _ALIKE = 0.7, 1.5
 
-#: Least levels by which FRFs differ where the whole model is of another material, and how far springs may say another one [dB].
+#: Least difference of level if the whole model is of another material, and largest disagreement of level and springs on its factor [dB].
 _LEAST_LEVEL, _OFF_LEVEL = 4.0, 2.0
 
 
 def other_tables(seen: Seen) -> dict[tuple[object, ...], str]:
-    """What makes the tight state the model's: one table of springs, or all of them, times the factor of a unit; or another material."""
+    """Warning if a factor of a unit on one or all tables of springs, or another material, explains the tight state; else empty."""
     before = float(np.median(apart(seen.measured, seen.model)))
     if before <= LEAST_DIFFERENCE:
         return {}
-    # Between the units, too: what is far off, loose or as good as clamped comes as near there.
+    # Factors between units are tried, too: springs that are practically free or clamped fit equally well with them.
     powers = np.array([-2, -1, 1, 2, *POWERS])
     unit, ways = np.isin(powers, POWERS), []
     for where, signs, files, names in _tables(seen):
         left, _ = _moved(seen, where, powers[:, None] * signs)
-        # As good as free, or clamped, are all those beyond: the nearest factor that does is meant.
+        # Beyond the factor that frees or clamps, all fit equally well: take the smallest.
         close = np.flatnonzero(unit & (left <= _ALIKE * left.min()))
         best = int(close[np.argmin(np.abs(powers[close]))]) if close.size else int(left.argmin())
         if unit[best] and left[best] < min(MOST_LEFT, CLEARLY * before, _NEARER * left[~unit].min()):
             ways.append((float(left[best]), powers[best] * signs, where, files, names))
     if ways:
-        # One table first: what the others do besides may be chance.
+        # Prefer a single table: a further gain by others may be chance.
         nearest = min(left for left, *_ in ways)
         after, moved, where, files, names = next(way for way in ways if way[0] <= _ALIKE * nearest)
         times, stated = f"{10.0 ** moved[0]:g}", seen.inputs.campaign.unit_system.text
@@ -55,7 +55,7 @@ def other_tables(seen: Seen) -> dict[tuple[object, ...], str]:
 
 
 def _tables(seen: Seen) -> Iterator[tuple[Integers, Integers, str, list[str]]]:
-    """Parameters of each table of springs, and of all of them, which way a factor goes, and the names of files and groups."""
+    """Indices in theta of each table of springs, and of all, the sign of the power of ten for each, and names of files and groups."""
     every = []
     for group, where, _ in seen.parameters.placed:
         file = next(g.config.select.bushings for g in seen.inputs.groups if g.name == group.name)
@@ -70,12 +70,12 @@ def _tables(seen: Seen) -> Iterator[tuple[Integers, Integers, str, list[str]]]:
     if len(every) > 1:
         yield at, np.ones(at.size, dtype=np.int64), files, names
     if turning.any() and not turning.all():
-        # N/mm and N mm/rad: what is a thousand of the one is a thousandth of the other.
+        # N/mm and N mm/rad: translations and rotations are wrong by inverse factors.
         yield at, np.where(turning, -1, 1), files, names
 
 
 def _turning(seen: Seen) -> Bools:
-    """(size,) values of springs that resist rotations alone."""
+    """(size,) True for values of springs that act on rotations only."""
     inputs, parameters = seen.inputs, seen.parameters
     found = np.zeros(parameters.size, dtype=bool)
     if inputs.dofs is None:
@@ -88,7 +88,7 @@ def _turning(seen: Seen) -> Bools:
 
 
 def _moved(seen: Seen, where: Integers, powers: Floats) -> tuple[Floats, Floats]:
-    """How far levels are apart, constants taken out, and by which constant, with these parameters moved by rows of decades."""
+    """Level misfit without constants, and the constants [dB], for each row of ``powers``, the changes of theta at ``where`` [decades]."""
     initial = seen.parameters.initial
     values = np.tile(initial, (powers.shape[0], 1))
     values[:, where] += powers
@@ -97,7 +97,10 @@ def _moved(seen: Seen, where: Integers, powers: Floats) -> tuple[Floats, Floats]
 
 
 def _material(seen: Seen, before: float) -> dict[tuple[object, ...], str]:
-    """A model whose stiffness and mass are both off by a factor: beside it the springs are off by its inverse, and FRFs are, too."""
+    """Warning if stiffness and mass of the model are wrong by the same factor; else empty.
+
+    Then the springs and the level of the FRFs deviate relative to the model by the inverse of that factor.
+    """
     where = [np.arange(at.start, at.stop) for group, at, _ in seen.parameters.placed if group.kind == "stiffness"]
     if not where:
         return {}

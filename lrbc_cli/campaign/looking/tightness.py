@@ -1,4 +1,4 @@
-"""Jobs that are taken as tight, and look as if bolts were free."""
+"""Tests whether jobs that are assumed tight (reference job, baselines, calibration job) have loose bolts."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.inputs import Inputs
 
-#: From so much on, in the median over the responses used, the tight state is no model's with small errors [dB].
+#: Level misfit of the tight state (median over the responses used) above which more than small errors of the model are wrong [dB].
 UNLIKE = 6.0
 
-#: Of two tight jobs that differ by more than that, the one is tight whose distance from the tight model is below this share of the other's:
-#: two that are as tight as stated differ by less, and lie about as far from it.
+#: Of two jobs assumed tight that differ by more than ``UNLIKE``, one counts as tight if its distance from the tight model is below this
+#: share of the other's.
 NEARER = 0.65
 
 
 def taken_as_tight(inputs: Inputs) -> set[str]:
-    """Jobs other than the reference job in which all bolts are taken as tight."""
+    """Baselines and calibration job, in which all bolts are assumed tight."""
     campaign = inputs.campaign
     return {*campaign.update.baselines, *([campaign.calibration.job] if campaign.calibration is not None else [])}
 
 
 def tighter_text(seen: Seen, measurements: Mapping[str, Measurement]) -> str:
-    """Which other jobs are those of the model with all bolts tight, where the reference job is not, and what to do; empty where none is."""
+    """Warning that names jobs that fit the tight model far better than the reference job does; empty if there are none."""
     reference, every = seen.job, {name: Seen.of(seen.source, name, whole) for name, whole in measurements.items()}
     far = {name: float(np.median(apart(own.measured, own.model))) for name, own in every.items()}
 
@@ -50,19 +50,19 @@ def tighter_text(seen: Seen, measurements: Mapping[str, Measurement]) -> str:
 
 
 def not_tight(seen: Seen, held: Complexes) -> str:
-    """What to say of a job that is taken as tight and lies far from the reference job, by the keys that take it so; empty where it is near.
+    """Warning about a job that is assumed tight but differs much from the reference job; empty if it does not.
 
-    Tight states put together anew lie nearer to each other than models and measurements do, whatever it is that is another there.
+    Tight states that were assembled anew differ less from each other than a model from measurements.
 
     Parameters
     ----------
     seen : Seen
     held : (F, R) complex array
-        What the reference job measured, see ``Seen.held``.
+        Measured tight state, see ``Seen.held``.
     """
     reference, name = seen.inputs.campaign.update.reference, seen.job
     stated, found = (float(np.median(apart(values, seen.model))) for values in (held, seen.measured))
-    # What the model lacks in the reference job it lacks in another tight one, too.
+    # Remove the model discrepancy of the reference job, which is that of another tight job, too.
     there = held != 0
     own = seen.reading(seen.measured * np.where(there, seen.model / np.where(there, held, 1.0), np.nan))
     before = float(np.median(apart(own.measured, own.model)))
@@ -89,7 +89,10 @@ def not_tight(seen: Seen, held: Complexes) -> str:
 
 
 def looser(seen: Seen, typical: float) -> str:
-    """What the tight state looks like where some values are free, in a clause; empty where that is not clearly nearer."""
+    """Clause that names bolts or values with which free the model fits clearly better; empty if there are none.
+
+    ``typical`` is the level misfit of the tight state [dB].
+    """
     inputs, loosened = seen.inputs, seen.loosened
     distances = np.median(apart(seen.measured, seen.states[: len(loosened)]), axis=1)
     best = int(np.argmin(distances))
@@ -105,14 +108,14 @@ def looser(seen: Seen, typical: float) -> str:
 
 
 def lowered_text(before: Seen, after: Seen, *, least: float = 1.0) -> str:
-    """Which bolts a rough calibration lowers with all their springs; empty where it lowers none.
+    """Warning that names bolts of which a rough calibration lowers all springs; empty if there are none.
 
     Parameters
     ----------
     before, after : Seen
-        The reference job beside the model as exported, and beside the calibrated one.
+        The reference job with the model as exported, and with the roughly calibrated one.
     least : float
-        By how much each spring has to fall below the median of its group [decades].
+        Least fall of each spring relative to the median of its group [decades].
     """
     bolts, change = before.inputs.bolts, dict[int, float]()
     for group, where, _ in before.parameters.placed:

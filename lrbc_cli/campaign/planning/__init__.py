@@ -1,1 +1,1 @@
-"""What planned responses and hammer points can show of the bolts, for ``lrbc plan``."""
+"""Predicts for ``lrbc plan`` which bolts planned responses and hammer points can detect; begin with ``plan``."""

@@ -1,4 +1,4 @@
-"""The files of a plan."""
+"""Writes the files of a plan."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def write_plan(output: Path, record: PlanRecord) -> None:
     Raises
     ------
     ConfigError
-        Where the output folder cannot be written.
+        If the output folder cannot be written.
     """
     rows = []
     for bolt in record.bolts:

@@ -1,4 +1,4 @@
-"""Where a loose bolt takes stiffness away: from the terms that it owns, or in a patch along its edge, narrower than what identifies it."""
+"""Where a loose bolt loses stiffness in a rehearsal: in the terms that it owns, or in a patch along its edge, narrower than its hat."""
 
 from __future__ import annotations
 
@@ -14,18 +14,24 @@ from lrbc_cli.updating.unknowns.places import foot, pitch_of
 
 
 def patches(inputs: Inputs, reach: float | None) -> dict[str, dict[str, Floats]]:
-    """Share of each bolt in each parameter of the stiffness groups that it owns, or that lie near it along an edge.
+    """Share of each bolt in each value of the stiffness groups that it owns, or along whose edge it lies.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    reach : float or None
+        Half width of a patch along an edge [m]; None: half the pitch of the bolts.
 
     Returns
     -------
     dict
-        By bolt and group: (k,) weights, 1 for what it owns, else ``exp(-(r / reach)^4)``, r along the edge, summing to at most 1 over the
-        bolts.
+        By bolt and group: (k,) weights, 1 for values that it owns, else ``exp(-(r / reach)^4)`` with r along the edge [m], summing to at
+        most 1 over the bolts.
 
     Raises
     ------
     ConfigError
-        Where there are no bolts, or no stiffness groups that they own or lie along.
+        If there are no bolts, or no stiffness groups that they own or along which they lie.
     """
     campaign, bolts = inputs.campaign, inputs.bolts
     groups = [g for g in inputs.groups if g.config.kind == "stiffness"]
@@ -63,15 +69,15 @@ def patches(inputs: Inputs, reach: float | None) -> dict[str, dict[str, Floats]]
 
 @dataclass(frozen=True)
 class Structure:
-    """What is measured in thought: every value stands for itself, where an identification smooths along its edge.
+    """The structure that rehearsals measure: each value is independent, where an identification smooths along its edge.
 
     Attributes
     ----------
     parameters : Parameterisation
     theta : (size,) float array
-        log10 of the values.
+        log10 of the effective values in the tight state.
     loosened : (size, n) float array
-        What changes with each bolt.
+        Change of theta by one decade at each bolt; with values instead of bolts the identity.
     """
 
     parameters: Parameterisation
@@ -80,7 +86,7 @@ class Structure:
 
     @classmethod
     def of(cls, inputs: Inputs, parameters: Parameterisation, theta: Floats, by_bolt: bool) -> Structure:
-        """The structure that an identification would find in the state theta; by bolt, or value by value."""
+        """Structure with the effective values of the state theta; ``loosened`` by bolt, or value by value."""
         groups, there = [], theta.copy()
         for group, values, _ in parameters.placed:
             there[values] = np.log10(group.values(theta[values]))
@@ -97,8 +103,8 @@ class Structure:
         return cls(plain, there, loosened)
 
     def changed(self, bolt: int, change: float) -> tuple[Floats, float]:
-        """Theta with a bolt changed, as far as the bounds let it, and by how much."""
+        """(size,) theta with a bolt changed by ``change`` decades within the bounds, and the change reached [decades]."""
         shape = self.loosened[:, bolt]
         there = np.clip(self.theta + change * shape, *self.parameters.bounds.T)
-        # The bounds may stop some of the values: the mean of what is left, as the shape weighs them.
+        # Bounds may limit some values: the mean change, weighted by the shape.
         return there, float(shape @ (there - self.theta)) / max(float(shape @ shape), np.finfo(float).tiny)

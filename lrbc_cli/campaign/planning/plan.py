@@ -1,4 +1,7 @@
-"""What the planned microphones and hammer points can see, from the model alone: nothing has to be measured for it."""
+"""``lrbc plan``: predicts from the model which bolts the planned sensors and hammer points can detect; no measurement is needed.
+
+Rehearsals (``rehearsal``) give the verdicts, linearised figures (``updating/posterior/information``) the contribution of each response.
+"""
 
 from __future__ import annotations
 
@@ -44,25 +47,25 @@ from lrbc_cli.updating.statistics.noise import Noise
 from lrbc_cli.updating.unknowns.places import foot
 from lrbc_cli.updating.unknowns.shapes import Shapes, bolt_shapes, joints_of, node_shapes
 
-#: Lines of 1 Hz, but not fewer nor more than these over the band.
+#: Least and largest number of lines over the band; 1 Hz apart within these limits.
 LINES = (200, 2000)
 
 
 @dataclass(frozen=True)
 class PlanState:
-    """About which state is asked: ``initial``, ``clamped``, ``free``, or with the name of a job what was identified from it."""
+    """State about which is planned: ``initial``, ``clamped``, ``free``, or the result of a job."""
 
     kind: Literal["initial", "clamped", "free", "job"]
     job: str | None = None
 
     @classmethod
     def parse(cls, text: str) -> PlanState:
-        """As the command line writes it: ``job:NAME`` for a job.
+        """State from the text on the command line; ``job:NAME`` for a job.
 
         Raises
         ------
         ConfigError
-            Where there is no such state.
+            If there is no such state.
         """
         for kind in ("initial", "clamped", "free"):
             if text == kind:
@@ -74,19 +77,19 @@ class PlanState:
 
     @property
     def text(self) -> str:
-        """As the command line writes it."""
+        """The state as on the command line."""
         return self.kind if self.job is None else f"job:{self.job}"
 
     @property
     def words(self) -> str:
-        """For people."""
+        """The state in words."""
         known = {"initial": "the start values of the campaign", "clamped": "the upper bounds", "free": "the lower bounds"}
         return known[self.kind] if self.job is None else f"the result of job {self.job}"
 
 
 @dataclass(frozen=True)
 class About:
-    """The state about which is asked: theta, the noise of a line there and where that is from, and why nothing would be judged."""
+    """State about which is planned: theta, noise of a line and its source, and the reason if nothing would be judged."""
 
     state: PlanState
     theta: Floats
@@ -97,18 +100,20 @@ class About:
 
 @dataclass(frozen=True)
 class Request:
-    """What the command line asks for.
+    """Options of the command line.
 
     Attributes
     ----------
     state : str or None
-        ``initial``, ``clamped``, ``free`` or ``job:NAME``; None: the reference job's result where there is one, else the start values.
+        ``initial``, ``clamped``, ``free`` or ``job:NAME``; None: the reference job's result if there is one, else the start values.
     noise : float or None
         Standard deviation of a line [dB].
     by : str
         ``auto``, ``bolts`` or ``values``.
-    draws, seed : int or None, int
-        Rehearsals of each bolt and loss, as many as are worth the time where None, linearised figures only where 0; and of what is drawn.
+    draws : int or None
+        Rehearsals of each bolt and loss; None: by ``REHEARSALS``; 0: linearised figures only.
+    seed : int
+        Of the random numbers.
     """
 
     state: str | None = None
@@ -121,13 +126,13 @@ class Request:
 def make_plan(
     inputs: Inputs, folder: Path, request: Request, *, accept: bool = False, progress: Callable[[str], None] = lambda _: None
 ) -> PlanRecord:
-    """Say what the responses of a campaign can tell of its bolts.
+    """Plan of a campaign: detectability of its bolts, and contributions of its responses.
 
     Parameters
     ----------
     inputs : Inputs
     folder : Path
-        Of the cache.
+        Folder of the cache of reduced models.
     request : Request
     accept : bool
         Accept a reduced model that misses its tolerance.
@@ -136,12 +141,12 @@ def make_plan(
     Returns
     -------
     PlanRecord
-        The content of ``plan.json``.
+        Content of ``plan.json``.
 
     Raises
     ------
     ConfigError, DataError
-        Where the state or the lines cannot be had, or nothing can be loosened.
+        If the state or the lines do not exist, or nothing can be loosened.
     """
     begin = time.perf_counter()
     stage = obtain_reduction(inputs, folder, accept=accept, progress=progress)
@@ -187,7 +192,7 @@ def make_plan(
 
 @dataclass(frozen=True, kw_only=True)
 class _Question:
-    """What the responses can tell of the targets about a state."""
+    """The planned measurement about one state: lines, unknowns, targets, and their linearised or rehearsed detection."""
 
     source: FrfSource
     parameters: Parameterisation
@@ -198,24 +203,24 @@ class _Question:
 
     @cached_property
     def selected(self) -> Integers:
-        """Lines that an identification would use."""
+        """Indices of the lines that an identification would use."""
         inputs = self.source.inputs
         model = self.source.model(2j * np.pi * self.grid, self.parameters, responses=inputs.used)
         return _lines(inputs, self.grid, model.frf(self.about.theta))
 
     @cached_property
     def structure(self) -> Structure:
-        """About the state."""
+        """Structure to be measured, in this state."""
         return Structure.of(self.source.inputs, self.parameters, self.about.theta, self.shapes.by_bolt)
 
     @cached_property
     def nuisances(self) -> tuple[Nuisance, ...]:
-        """Of all responses."""
+        """Nuisance parameters, with gains of all responses."""
         inputs = self.source.inputs
         return nuisances_of(inputs, inputs.campaign.update.nuisances, np.arange(len(inputs.responses)))
 
     def experiment(self, change: float) -> Experiment:
-        """FRFs about the state and with each target changed by so many decades."""
+        """Linearised experiment with each target changed by ``change`` decades."""
         inputs, s = self.source.inputs, 2j * np.pi * self.grid
         model: Sensitive = self.source.model(s, self.parameters, self.selected)
         if self.nuisances:
@@ -238,7 +243,7 @@ class _Question:
         )
 
     def rehearsal(self, seed: int) -> Rehearsal:
-        """Measurements of the tight state, and with bolts loosened."""
+        """Rehearsals about this state."""
         return Rehearsal(self.source, self.structure, self.about.noise, self.shapes.joint, self.grid, seed)
 
     def _unknowns(self) -> Unknowns:
@@ -257,7 +262,7 @@ class _Question:
 
 
 def _settings(inputs: Inputs, about: About, joints: bool) -> dict[str, Any]:
-    """What of ``plan.json`` stands before anything is computed."""
+    """Settings and provenance of ``plan.json``."""
     update = inputs.campaign.update
     return {
         "campaign": inputs.campaign.name,
@@ -279,7 +284,7 @@ def _settings(inputs: Inputs, about: About, joints: bool) -> dict[str, Any]:
 
 
 def _grid(inputs: Inputs) -> Floats:
-    """Lines of the band, as they would be measured: 1 Hz apart, or those that the settings list."""
+    """Lines that would be measured [Hz]: over the band 1 Hz apart within the limits ``LINES``, or those that the settings list."""
     lines, band = inputs.campaign.update.lines, inputs.campaign.reduction.band
     if isinstance(lines, ListedLines):
         listed = np.unique(np.array(lines.frequencies, dtype=float))
@@ -301,7 +306,7 @@ def _grid(inputs: Inputs) -> Floats:
 
 
 def _lines(inputs: Inputs, grid: Floats, y: Complexes) -> Integers:
-    """Those of the grid that an identification would use; resonances are the model's own."""
+    """Indices of the lines of the grid that an identification would use, by the resonances of the model's FRFs y."""
     lines = inputs.campaign.update.lines
     if isinstance(lines, EveryLine):
         return np.arange(0, grid.size, lines.every)
@@ -311,7 +316,7 @@ def _lines(inputs: Inputs, grid: Floats, y: Complexes) -> Integers:
 
 
 def _about(inputs: Inputs, parameters: Parameterisation, request: Request) -> About:
-    """The state about which is asked; without a wish the reference job's result where there is one, else the start values."""
+    """State and noise about which is planned; by default the reference job's result if there is one, else the start values."""
     campaign, bounds = inputs.campaign, parameters.bounds
     reference = campaign.update.reference
     state = None if request.state is None else PlanState.parse(request.state)
@@ -335,11 +340,11 @@ def _about(inputs: Inputs, parameters: Parameterisation, request: Request) -> Ab
                 theta[values] = bounds[values, 1 if state.kind == "clamped" else 0]
     theta = np.clip(theta, bounds[:, 0], bounds[:, 1])
     if record is not None and reference is not None and source != reference:
-        # A job that is compared states what its changes leave, which is far less than the model discrepancy.
+        # The noise of a relative comparison is far less than the model discrepancy, so it is taken from the reference job.
         record, source = read_job(campaign.output, reference), reference
     noise, origin = Noise(SIGMA_DB, FACTOR), "assumed"
     if isinstance(record, JobRecord) and record.noise.sigma_db and record.noise.correlation_factor:
-        # The model discrepancy is what validation channels show of it, not what a fit leaves of it.
+        # A fit absorbs part of the model discrepancy; the validation channels show all of it.
         sigma = record.noise.sigma_db * record.noise.validation_ratio
         noise, origin = Noise(sigma, record.noise.correlation_factor), f"job {source}"
     if request.noise is not None and not (np.isfinite(request.noise) and request.noise > 0):
@@ -402,7 +407,7 @@ def _targets(inputs: Inputs, parameters: Parameterisation, shapes: Shapes, by: s
 
 
 def _linearised(inputs: Inputs, by: str, tightened: bool, draws: int | None, *, joints: bool) -> list[str]:
-    """What figures assume that no rehearsal stands behind."""
+    """Assumptions of linearised figures, in words."""
     update, values = inputs.campaign.update, inputs.statistics.values
     std = values.joint_std if joints else values.std
     if by == "values":

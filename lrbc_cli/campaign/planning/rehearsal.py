@@ -1,8 +1,7 @@
-"""What `lrbc update` would say of each bolt if it alone were loose: measurements are drawn, identified and judged by its own functions.
+"""Rehearsals: measurements with single loose bolts are simulated with random errors, then identified and judged as by `lrbc update`.
 
-A linearised figure promises what no identification keeps where resonances jump past each other, neighbours imitate each other or the prior
-of tight and loose bolts is no Gaussian. Here nothing is linearised but the errors that are drawn, and these are the errors that an
-identification allows for: see ``Rehearsal.loosened``.
+Linearised figures are too optimistic if resonances move past each other, neighbours have similar effects, or the mixture prior differs from
+a Gaussian. Here only the errors that are drawn are linearised; they are those that the error model assumes, see ``Rehearsal._identified``.
 """
 
 from __future__ import annotations
@@ -42,19 +41,19 @@ from lrbc_cli.updating.statistics.lines import resonance_lines
 from lrbc_cli.updating.statistics.noise import Noise
 from lrbc_cli.updating.statistics.shared import band_means
 
-#: Draws of each bolt and loss, as many as make so many rehearsals in all, but not fewer nor more than these.
+#: Number of rehearsals in all, and limits of the number for each bolt and loss.
 REHEARSALS, DRAWS = 150, (1, 5)
 
-#: Noise of a response where no coherence tells, over its root mean square along the band: that of the measuring chain of the virtual rigs.
+#: Noise over rms of a response along the band if the noise is unknown: that of the measuring chain of the virtual rigs.
 NOISE_SHARE = 0.004
 
-#: Largest share by which frequencies are taken to be off, beyond which no model is updated, and how exactly it is sought.
+#: Largest relative error of frequencies, beyond which no model is updated, and accuracy with which it is sought.
 MOST_DETUNED, LEAST_DETUNED = 0.05, 1e-5
 
-#: Rehearsals at a time: more threads than this fight for the interpreter.
+#: Number of rehearsals at a time: more threads would compete for the interpreter lock.
 MOST_WORKERS = 4
 
-#: Reference jobs that are rehearsed: what one of them missed is in all that is compared with it, so bolts and draws take them by turns.
+#: Number of rehearsed reference jobs; bolts and draws use them in turn, because errors of one affect all jobs compared with it.
 REFERENCES = 5
 
 #: Names of the two jobs of a rehearsal.
@@ -63,20 +62,20 @@ TIGHT_JOB, LOOSENED_JOB = "tight (rehearsed)", "loosened (rehearsed)"
 
 @dataclass(frozen=True)
 class Draw:
-    """What one rehearsal said.
+    """Outcome of one rehearsal.
 
     Attributes
     ----------
     verdict : str
-        Of the loosened bolt.
+        Verdict on the loosened bolt.
     change : float
-        Found there [decades]; NaN where nothing was found.
+        Its identified change [decades]; NaN if there is none.
     probability : float
-        Of being loose, as stated; NaN where the model did not explain the measurement.
+        Its stated probability of being loose; NaN if there is none.
     alarms : tuple of str
         Tight bolts that were called loose.
     judged : int
-        How many tight bolts were called tight or loose.
+        Number of tight bolts that were called tight or loose.
     """
 
     verdict: str
@@ -87,24 +86,24 @@ class Draw:
 
 
 def draws_for(cases: int, wanted: int | None) -> int:
-    """Draws of each of so many bolts and losses: as wanted, else by ``REHEARSALS``."""
+    """Number of rehearsals for each of ``cases`` pairs of bolt and loss: as wanted, else by ``REHEARSALS``."""
     return int(np.clip(REHEARSALS // max(cases, 1), *DRAWS)) if wanted is None else wanted
 
 
 def estimates(hits: Sequence[int], draws: Sequence[int]) -> tuple[Floats, Floats]:
-    """Probability of something that so many draws of each bolt had.
+    """Probability of an outcome for each of N bolts, and its 95 % interval.
 
     Parameters
     ----------
     hits, draws : sequences of int
-        Of each bolt.
+        Number of draws with that outcome, and of all draws, for each bolt.
 
     Returns
     -------
     (N,) float array
-        Their share, with the share among the other bolts as one further draw: of few draws alone, all and none would be certainties.
+        Share of the draws, with the share of the other bolts as one further draw, since few draws alone would often give 0 or 1.
     (N, 2) float array
-        95 % interval by the draws of this bolt alone (Jeffreys' prior).
+        95 % interval from the draws of this bolt alone (Jeffreys' prior).
     """
     k, n = np.array(hits, dtype=float), np.array(draws, dtype=float)
     others = (k.sum() - k + 0.5) / (n.sum() - n + 1.0)
@@ -114,7 +113,7 @@ def estimates(hits: Sequence[int], draws: Sequence[int]) -> tuple[Floats, Floats
 
 @dataclass(frozen=True)
 class TightState:
-    """A rehearsed reference job: campaign, by which share frequencies are off, measurement, state; scatter of baselines [decades]."""
+    """A rehearsed reference job: inputs, relative error of frequencies, measurement, identified state; scatter of baselines [decades]."""
 
     inputs: Inputs
     detuned: float
@@ -124,7 +123,7 @@ class TightState:
 
 
 def _reference_measurement(inputs: Inputs) -> Measurement | None:
-    """That of the reference job; None where there is none that can be read."""
+    """Measurement of the reference job; None if there is none that can be read."""
     name = inputs.campaign.update.reference
     job = None if name is None else inputs.campaign.jobs.get(name)
     if name is None or job is None:
@@ -136,20 +135,20 @@ def _reference_measurement(inputs: Inputs) -> Measurement | None:
 
 
 class Rehearsal:
-    """Measurements drawn about one state, and what an identification says of them.
+    """Simulated measurements about one state, and their identification.
 
     Parameters
     ----------
     source : FrfSource
-        Responses, settings and bolts of its inputs hold.
+        Model, with responses, settings and bolts of its inputs.
     structure : Structure
-        In the tight state.
+        Structure to be measured, in the tight state.
     noise : Noise
-        Model discrepancy in that state: its resonances lie beside the true ones, see ``detuned``.
+        Model discrepancy in that state, simulated by shifted frequencies, see ``_detuning``.
     joint : (n,) bool array
         Bolts that own their terms.
     grid : (F,) float array
-        Lines where no reference job was measured, which tells them, and how noisy they are [Hz].
+        Lines [Hz], if no reference job was measured that gives lines and noise.
     seed : int
     """
 
@@ -179,7 +178,7 @@ class Rehearsal:
         self.detuned = self._detuning()
 
     def _noise_floor(self) -> Floats:
-        """(F, R) standard deviation of the noise of the complex FRFs: what the coherence tells, else the same share of every response."""
+        """(F, R) standard deviation of the noise of complex FRFs: from coherence or repeats, else the share ``NOISE_SHARE``."""
         known = np.where(np.isfinite(self._tight), np.abs(self._tight), 0.0)
         assumed = NOISE_SHARE * np.sqrt(np.mean(known**2, axis=0))
         measured, name = self.measured, self.inputs.campaign.update.reference
@@ -188,12 +187,12 @@ class Rehearsal:
         told = np.where(measured.coherence > 0.0, measured.coherence, np.nan)
         averages = self.inputs.campaign.jobs[name].averages * measured.files
         sigma = coherence_sigma(told, averages, self.inputs.statistics.errors) if measured.sigma_db is None else measured.sigma_db
-        # Half of a complex deviation lies along the FRF.
+        # Half of the variance of a complex deviation is along the FRF.
         floor = np.sqrt(2.0) * sigma / DB * np.abs(measured.values)
         return np.asarray(np.where(np.isfinite(floor), floor, assumed))
 
     def _true(self, theta: Floats, detuned: float, drift: Floats | None = None) -> Complexes:
-        """(F, R) FRFs of a structure whose frequencies are the model's times ``1 + detuned``."""
+        """(F, R) FRFs of a structure whose frequencies are those of the model times ``1 + detuned``, with nuisance values ``drift``."""
         assert self.source.stage is not None
         s = self.s / (1.0 + detuned)
         if drift is None:
@@ -201,10 +200,10 @@ class Rehearsal:
         return self.source.drifting(s, self.parameters, self.nuisances).frf(np.concatenate([theta, drift]))
 
     def _detuning(self) -> float:
-        """Share by which the structure's frequencies differ from the model's so that the FRFs about resonances differ by the noise (rms).
+        """Relative error of frequencies for which the FRFs about resonances differ by the model discrepancy (rms).
 
-        Such an error moves with the resonances, so that no correction by the tight state takes it out of the others; one that stays at its
-        lines would be forgiven altogether, and rehearsals on models that are off by 0.5 to 2 % in stiffness say that it is not.
+        Such an error moves with the resonances, so the correction by the tight state does not remove it from other states. An error fixed
+        to its lines would be removed entirely, which rehearsals on models with wrong stiffness (0.5 to 2 %) contradict.
         """
         used = self.inputs.used
         lines = resonance_lines(self.frequency, self._tight[:, used], self.inputs.statistics.resonances)
@@ -218,7 +217,7 @@ class Rehearsal:
         return MOST_DETUNED if missing(MOST_DETUNED) <= 0.0 else float(brentq(missing, 0.0, MOST_DETUNED, xtol=LEAST_DETUNED))
 
     def _measure(self, y: Complexes, rng: np.random.Generator) -> Measurement:
-        """With the noise of the measuring chain, which the coherence tells."""
+        """Measurement of FRFs y (F, R) with the noise of the measuring chain, and the matching coherence."""
         draw = (rng.standard_normal(y.shape) + 1j * rng.standard_normal(y.shape)) / np.sqrt(2.0)
         values = y + self._floor * draw
         averages = JobConfig.model_fields["averages"].default
@@ -232,9 +231,9 @@ class Rehearsal:
         )
 
     def tight(self, draw: int) -> TightState:
-        """Measure and identify the tight state."""
+        """Simulate and identify the tight state, and baselines if their scatter is needed."""
         rng = np.random.default_rng([self.seed, draw])
-        # Higher and lower by turns.
+        # Frequencies are too high and too low in turn.
         detuned = self.detuned * (-1.0) ** draw
         measurement = self._measure(self._true(self.theta, detuned), rng)
         campaign = self.inputs.campaign
@@ -252,8 +251,8 @@ class Rehearsal:
         return replace(tight, scatter=scatter_of(judged))
 
     def loosened(self, bolt: int, loss: float, draw: int, tight: TightState) -> Draw:
-        """Loosen one bolt by so many decades, measure, identify and judge."""
-        # The same numbers at every loss.
+        """Loosen one bolt by ``loss`` decades, simulate its measurement, identify and judge it."""
+        # The seed does not depend on the loss, so that all losses have the same random numbers.
         evidence = self._identified(tight, {bolt: -loss}, [self.seed, draw, bolt + 1])
         if evidence is None:
             return Draw("undecided", float("nan"), float("nan"), (), 0)
@@ -268,10 +267,10 @@ class Rehearsal:
         )
 
     def _identified(self, tight: TightState, changes: Mapping[int, float], seed: Sequence[int]) -> Evidence | None:
-        """Measure and identify a state with these changes by bolt; None where the identification fails.
+        """Simulate and identify a state with these changes [decades] by bolt; None if the identification fails.
 
-        The other bolts scatter as tight ones do, what may drift is drawn from its prior, the frequencies are off as in the tight state, and
-        the change is another than the model predicts by errors as of ``ChangeError``, whose levels neighbouring lines share.
+        The other bolts scatter as tight ones do, nuisance parameters are drawn from their priors, and the frequencies are wrong as in the
+        tight state. The change differs from the predicted one by errors as in ``ChangeError``, with errors of levels correlated over lines.
         """
         inputs = with_job(tight.inputs, LOOSENED_JOB)
         rng = np.random.default_rng(seed)
@@ -286,7 +285,7 @@ class Rehearsal:
         mean = band_means(wrong, band)
         error = wrong * _along(rng, wrong.shape, inputs.statistics.errors.coarsening) + patterns @ rng.standard_normal(patterns.shape[2])
         error = error + mean * rng.standard_normal((band.max() + 1, wrong.shape[1]))[band]
-        # A change can be no more wrong than two states are.
+        # The error of a change is at most that of two states.
         most, std = np.sqrt(2.0) * self.noise.sigma, np.sqrt(wrong**2 + mean**2 + np.sum(np.abs(patterns) ** 2, axis=2))
         error = error * most / np.maximum(np.hypot(std, most), np.finfo(float).tiny)
         measured = {TIGHT_JOB: tight.measurement, LOOSENED_JOB: self._measure(y * np.exp(error / DB), rng)}
@@ -299,13 +298,13 @@ class Rehearsal:
 def rehearse(
     rehearsal: Rehearsal, wanted: Sequence[tuple[int, float]], draws: int, progress: Callable[[str], None] = lambda _: None
 ) -> dict[tuple[int, float], list[Draw]]:
-    """Rehearse every bolt and loss so many times.
+    """Rehearse every bolt and loss ``draws`` times.
 
     Parameters
     ----------
     rehearsal : Rehearsal
     wanted : sequence of (int, float)
-        Bolts and losses [decades].
+        Index of a bolt, and loss [decades].
     draws : int
     progress : callable
 
@@ -316,7 +315,7 @@ def rehearse(
     """
     found: dict[tuple[int, float], list[Draw]] = {case: [] for case in wanted}
     tasks = [(draw, *case) for draw in range(draws) for case in wanted]
-    # As ``run_jobs`` does. Every draw has numbers of its own, so that their order does not matter.
+    # Threads as in ``run_jobs``. Every draw has its own seed, so the order does not matter.
     pool = ThreadPoolExecutor(min(MOST_WORKERS, os.cpu_count() or 1))
     try:
         wanted_tight = sorted({(draw + bolt) % REFERENCES for draw, bolt, _ in tasks})
@@ -331,14 +330,14 @@ def rehearse(
 
 
 def assumptions(rehearsal: Rehearsal, draws: int, origin: str) -> list[str]:
-    """What the figures of a rehearsal assume, for those who read them.
+    """Assumptions of the figures of a rehearsal, in words.
 
     Parameters
     ----------
     rehearsal : Rehearsal
     draws : int
     origin : str
-        Where the noise is from.
+        Source of the noise.
     """
     measured, update = rehearsal.measured, rehearsal.inputs.campaign.update
     errors, prior = rehearsal.inputs.statistics.errors, rehearsal.inputs.statistics.bolts
@@ -372,7 +371,7 @@ def assumptions(rehearsal: Rehearsal, draws: int, origin: str) -> list[str]:
 
 
 def mixes(inputs: Inputs) -> bool:
-    """Whether `lrbc update` judges bolts by a mixture of tight and loose ones, given a reference job."""
+    """Whether `lrbc update` uses the mixture prior of tight and loose bolts, given a reference job."""
     return inputs.resolved(True).mixture
 
 
@@ -384,7 +383,7 @@ def threshold(inputs: Inputs, joints: bool) -> float:
 
 
 def _scatter(inputs: Inputs) -> TightScatter | None:
-    """That of the baselines that have a result, as ``lrbc update`` takes it; None where none of several has one: they are rehearsed too."""
+    """Scatter of the baselines with a result, as in ``lrbc update``; None if there are baselines without any result (to be rehearsed)."""
     found = []
     for name in inputs.campaign.update.baselines:
         try:
@@ -396,7 +395,7 @@ def _scatter(inputs: Inputs) -> TightScatter | None:
 
 
 def _along(rng: np.random.Generator, shape: tuple[int, ...], factor: float) -> Floats:
-    """Standard normal numbers, first-order autoregressive along the lines so that ``factor`` of them tell as much as one."""
+    """Standard normal numbers, first-order autoregressive along the lines, so that ``factor`` of them count as one independent number."""
     # The sum of all correlations (1 + r)/(1 - r) is the factor.
     r = (max(factor, 1.0) - 1.0) / (max(factor, 1.0) + 1.0)
     draw = rng.standard_normal(shape)

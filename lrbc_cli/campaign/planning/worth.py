@@ -1,4 +1,4 @@
-"""What a set of responses is worth: bolts, responses and excitations as in ``plan.json``."""
+"""Figures of ``plan.json``: how well each bolt is detected, and what each response and excitation contributes."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from lrbc_cli.campaign.planning.rehearsal import Draw, estimates
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.posterior.information import HIDDEN, LOSS, Experiment, Outlook, bits_of, distances, greedy, outlook, verdict
 
-#: Why nothing can be said of a bolt.
+#: Reasons why a bolt cannot be judged.
 _NOT_FELT = "no identified stiffness at this bolt: it owns no terms, and lies beyond the ends of every edge"
 _HELD = "the bounds of the values leave no room for a change"
 
 
 @dataclass(frozen=True)
 class Target:
-    """A bolt, or a value along an edge where there are no bolts; its group, arc length of its foot there and unknown (-1: none)."""
+    """A bolt, or a value along an edge if there are no bolts: position and arc length of its foot [m], column of T (-1: none)."""
 
     name: str
     position: Floats | None
@@ -31,7 +31,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Prospect:
-    """What is asked of the targets at one loss, and what its rehearsals said of each; empty where it was not rehearsed."""
+    """One loss of all targets [decades]: linearised experiment, and rehearsals of each target (empty if not rehearsed)."""
 
     decades: float
     experiment: Experiment
@@ -39,10 +39,10 @@ class Prospect:
 
 
 def judged(inputs: Inputs, prospects: Sequence[Prospect], targets: Sequence[Target], doubt: str = "") -> dict[str, Any]:
-    """Bolts, responses and excitations of ``plan.json``; with a doubt, why nothing would be judged, no bolt is detectable.
+    """Bolts, responses and excitations of ``plan.json``; with a ``doubt`` (why nothing would be judged) no bolt is detectable.
 
-    What an identification would say of a bolt is counted where it was rehearsed, else linearised. What responses are worth is linearised,
-    at the loss on which the words rest.
+    Probabilities of bolts are counted from rehearsals if there are any, else linearised. Contributions of responses are linearised, at the
+    loss ``LOSS`` on which the verdicts detectable, marginal and not detectable rest.
     """
     update, used = inputs.campaign.update, inputs.used
     main = next(one for one in prospects if one.decades == LOSS)
@@ -65,7 +65,7 @@ def judged(inputs: Inputs, prospects: Sequence[Prospect], targets: Sequence[Targ
         }
         for n, target in enumerate(targets)
     ]
-    # Bolts that no set of these responses can see would hide what a response does for the others.
+    # Bolts that all responses together cannot detect are left out of the worst case: they would hide what a response contributes.
     seen = best.correct >= HIDDEN
     counts = {word.replace(" ", "_"): words.count(word) for word in ("detectable", "marginal", "not detectable")}
     tree: dict[str, Any] = {"bolts": bolts, "by_loss": [_by_loss(one.decades, said[one.decades]) for one in prospects]}
@@ -81,7 +81,7 @@ def judged(inputs: Inputs, prospects: Sequence[Prospect], targets: Sequence[Targ
 
 
 def _losses(prospect: Prospect, linear: Outlook) -> list[dict[str, Any]]:
-    """Each bolt at one loss."""
+    """Entries of all bolts for one loss."""
     entries: list[dict[str, Any]] = [
         {
             "decades": prospect.decades,
@@ -104,12 +104,12 @@ def _losses(prospect: Prospect, linear: Outlook) -> list[dict[str, Any]]:
     return entries
 
 
-#: Probabilities, and the counts that they are estimated from.
+#: Probabilities, and the counts from which they are estimated.
 _COUNTS = {"right": "loose", "missed": "tight", "alarm": "alarms"}
 
 
 def _counted(draws: Sequence[Draw]) -> dict[str, Any]:
-    """What the rehearsals of one bolt said of it, and which tight bolts they called loose."""
+    """Counts of the verdicts in the rehearsals of one bolt, and of the tight bolts that were called loose."""
     alarms = [name for draw in draws for name in draw.alarms]
     return {
         "draws": len(draws),
@@ -144,7 +144,7 @@ def _worst(distance: Floats, among: Bools, targets: Sequence[Target]) -> dict[st
 
 
 def _responses(inputs: Inputs, found: Experiment, now: Outlook, seen: Bools, targets: Sequence[Target]) -> list[dict[str, Any]]:
-    """What each response adds to the planned ones, or what they lose without it; candidates and planned ones each by that."""
+    """Bits that each candidate adds to the planned responses, or that are lost without a planned one; candidates first, by gain."""
     used = inputs.used
     rows = []
     for r, response in enumerate(inputs.responses):
@@ -165,7 +165,7 @@ def _responses(inputs: Inputs, found: Experiment, now: Outlook, seen: Bools, tar
 
 
 def _excitations(inputs: Inputs, found: Experiment, now: Outlook, seen: Bools, targets: Sequence[Target]) -> list[dict[str, Any]]:
-    """What the planned responses of each excitation tell alone, and what is lost without them."""
+    """Bits of the planned responses of each excitation alone, and bits that are lost without them."""
     rows = []
     for load, name in enumerate(inputs.excitations):
         members = np.flatnonzero(inputs.input_of == load)

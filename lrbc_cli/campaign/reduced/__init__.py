@@ -1,1 +1,1 @@
-"""The reduced model of a campaign: its cache, its memory, its FRFs."""
+"""The reduced model of a campaign: obtaining it (``stage``), its cache, and the memory it needs."""

@@ -1,4 +1,4 @@
-"""The cache of reduced models: keyed by contents, written whole or not at all, and able to say why it misses."""
+"""Cache of reduced models and interface FRFs: keyed by the contents of all inputs, written atomically, with the reason of each miss."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ log = logging.getLogger(__name__)
 FORMAT = "lrbc-reduced-model"
 FORMAT_VERSION = 4
 
-#: What a store of a model says about itself.
+#: Entries that identify a stored model.
 _STAMP = ("format", "version", "key")
 
-#: What of a reduction is stored as it is, beside its model, its sizes, its certificate and its trace.
+#: Attributes of a reduction that are stored unchanged, in addition to model, sizes, certificate and trace.
 _SUMMARY = ("reached", "backend", "coupling", "full_size", "vectors", "unseen", "stopped", "seconds", "machine", "date")
 
 #: Names of the key's parts in messages.
@@ -52,7 +52,7 @@ PARTS = {
 
 
 def key_parts(inputs: Inputs) -> dict[str, str]:
-    """Digest of everything that decides about the reduced model, by what it is; never paths or time stamps."""
+    """Digest of each part on which the reduced model depends, by its name in ``PARTS``; never paths or time stamps."""
     m, r = inputs.model, inputs.campaign.reduction
     return {
         "operators": digest(m.K, m.C, m.M, m.is_acoustic),
@@ -71,16 +71,17 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class CacheDecision:
-    """Whether a reduced model is there, and why.
+    """Whether the cache contains a reduced model, and why.
 
     Attributes
     ----------
     key : str
     path : Path
+        File of the model, whether it exists or not.
     hit : bool
     reason : str
     missed : str
-        Of a model in the cache that does not reach its tolerance: what it reaches.
+        Error reached by a cached model that misses its tolerance, in words; else empty.
     """
 
     key: str
@@ -91,7 +92,7 @@ class CacheDecision:
 
 
 def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
-    """Decide, without building or reading a model."""
+    """Whether ``folder`` contains the model with these parts; reads its stamp only."""
     key = key_of(parts)
     path = folder / key / "model.h5"
     if path.is_file():
@@ -126,12 +127,12 @@ def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
 
 
 def _is_model(tree: dict[str, Any], key: str) -> bool:
-    """Whether a store says that it holds the model of this key: a file can come from another folder of the cache."""
+    """Whether the stamp of a file belongs to this key; a file may have been copied from another folder of the cache."""
     return {name: tree.get(name) for name in _STAMP} == {"format": FORMAT, "version": FORMAT_VERSION, "key": key}
 
 
 def _missed(path: Path) -> str:
-    """What the note beside a model tells of a tolerance that it does not reach."""
+    """Stored text about a model that misses its tolerance; empty if it does not, or if there is no such text."""
     try:
         stored = parse_json(read_json_text(path.with_name("key.json")))
     except (OSError, ValueError):
@@ -141,7 +142,7 @@ def _missed(path: Path) -> str:
 
 
 def store(decision: CacheDecision, parts: dict[str, str], reduction: Reduction) -> None:
-    """Write a reduced model with its certificate."""
+    """Write a reduced model with its certificate, and delete interface FRFs of the model that it replaces."""
     model = {name: getattr(reduction.model, name) for name in ReducedModel.__dataclass_fields__}
     model["extras"] = {name: dict(group) for name, group in reduction.model.extras.items()}
     tree = {
@@ -156,7 +157,7 @@ def store(decision: CacheDecision, parts: dict[str, str], reduction: Reduction) 
         "summary": {name: getattr(reduction, name) for name in _SUMMARY} | {"sizes": list(reduction.sizes)},
     }
     try:
-        # Port FRFs of the model that is replaced. Rows of its basis say whose they are, and another process may be reading them.
+        # Interface (port) FRFs of the replaced model. Rows of its basis stay: they carry a stamp, and another process may be reading them.
         for old in decision.path.parent.glob("ports-*.h5"):
             old.unlink(missing_ok=True)
         write_store(decision.path, tree)
@@ -167,7 +168,7 @@ def store(decision: CacheDecision, parts: dict[str, str], reduction: Reduction) 
 
 
 def missed_text(reduction: Reduction) -> str:
-    """What a model that does not reach its tolerance reaches, and why not more; empty where it does."""
+    """Text on a model that misses its tolerance: error reached, and what stopped the reduction; empty if it reaches it."""
     if reduction.reached:
         return ""
     reached = f"it does not reach its tolerance of {reduction.options.tolerance:.1e}: the measured error is {reduction.worst:.1e}"
@@ -175,11 +176,12 @@ def missed_text(reduction: Reduction) -> str:
 
 
 def require_writable(decision: CacheDecision) -> None:
-    """Refuse a cache that cannot be written before a model is built for it.
+    """Check before a reduction that the cache can be written.
 
     Raises
     ------
     ConfigError
+        If it cannot.
     """
     folder = decision.path.parent
     try:
@@ -197,12 +199,12 @@ def _unwritable(folder: Path, error: OSError) -> ConfigError:
 
 
 def load(decision: CacheDecision, inputs: Inputs) -> Reduction:
-    """Read a reduced model.
+    """Read a reduced model from the cache.
 
     Raises
     ------
     DataError
-        Where the file is damaged or holds another model; the caller builds anew.
+        If the file is damaged or contains another model; the caller then reduces again.
     """
     tree = read_store(decision.path)
     if not _is_model(tree, decision.key):
@@ -239,12 +241,12 @@ def load(decision: CacheDecision, inputs: Inputs) -> Reduction:
 
 
 def _require_shapes(model: ReducedModel, inputs: Inputs) -> None:
-    """Refuse a model whose arrays do not fit each other, or what is asked.
+    """Check that the arrays of a cached model fit each other and the inputs.
 
     Raises
     ------
     ValueError, TypeError
-        With the array's name.
+        If one does not; with its name.
     """
     full = inputs.model
     r, terms = model.size, full.terms.size
@@ -273,17 +275,17 @@ def _require_arrays(arrays: Mapping[str, Any], shapes: Mapping[str, tuple[int, .
 
 def _held_out(line: dict[str, Any]) -> HeldOut:
     errors = dict(line["errors"])
-    # HDF5 sorts names; a person reads from free to clamped.
+    # HDF5 sorts names; restore the order from free to clamped.
     return HeldOut(float(line["frequency_hz"]), {kind: float(errors.pop(kind)) for kind in ERROR_KINDS if kind in errors} | errors)
 
 
 def _rows_stamp(decision: CacheDecision, reduction: Reduction, dofs: Integers) -> dict[str, str]:
-    """What rows of a basis say about themselves: of which model, as it was built, and at which DOFs."""
+    """Stamp of stored rows of a basis: key and digest of the model, and digest of the DOFs."""
     return {"key": decision.key, "model": digest(reduction.model.K, reduction.model.B), "dofs": digest(dofs)}
 
 
 def store_rows(decision: CacheDecision, reduction: Reduction, dofs: Integers) -> None:
-    """Write the rows of a basis beside its model; without them there are no deflection shapes."""
+    """Write rows of the basis beside the model, for deflection shapes; a failure is only logged."""
     assert reduction.rows is not None
     try:
         write_store(
@@ -295,7 +297,7 @@ def store_rows(decision: CacheDecision, reduction: Reduction, dofs: Integers) ->
 
 
 def load_rows(decision: CacheDecision, reduction: Reduction, dofs: Integers) -> tuple[Floats | None, str]:
-    """Read the rows of a basis; None, and why, where they are missing, damaged or those of something else."""
+    """(k, r) rows of the basis at k DOFs, and an empty text; None, and the reason, if they are missing, damaged or of another model."""
     path = decision.path.with_name("rows.h5")
     if not path.is_file():
         return None, "the basis of the reduced model is not kept in the cache"
@@ -310,17 +312,17 @@ def load_rows(decision: CacheDecision, reduction: Reduction, dofs: Integers) -> 
 
 
 def ports_path(decision: CacheDecision, s: NDArray[np.complexfloating[Any, Any]], kind: str) -> Path:
-    """Where the port FRFs of these lines lie, beside the reduced model."""
+    """File of the interface (port) FRFs for the lines s (i omega), beside the reduced model."""
     return decision.path.parent / f"ports-{kind}-{digest(s)[:16]}.h5"
 
 
 def _ports_stamp(decision: CacheDecision, s: NDArray[np.complexfloating[Any, Any]], kind: str) -> dict[str, str]:
-    """What port FRFs say about themselves: of which model, on which lines, and how they were computed."""
+    """Stamp of stored interface FRFs: key of the model, digest of the lines, and kind of evaluation."""
     return {"key": decision.key, "lines": digest(s), "kind": kind}
 
 
 def store_ports(decision: CacheDecision, s: NDArray[np.complexfloating[Any, Any]], kind: str, ports: PortFrf) -> None:
-    """Write port FRFs; a full disk costs only the next run's time."""
+    """Write interface FRFs; a failure (such as a full disk) is only logged, and costs the next run time."""
     arrays = {name: getattr(ports, name) for name in PortFrf.__dataclass_fields__}
     try:
         write_store(ports_path(decision, s, kind), {"made_for": _ports_stamp(decision, s, kind), "ports": arrays})
@@ -329,7 +331,7 @@ def store_ports(decision: CacheDecision, s: NDArray[np.complexfloating[Any, Any]
 
 
 def load_ports(decision: CacheDecision, s: NDArray[np.complexfloating[Any, Any]], kind: str, inputs: Inputs) -> PortFrf | None:
-    """Read port FRFs on these lines; None where they are missing, damaged or those of something else."""
+    """Read interface FRFs for these lines; None if they are missing, damaged or of another model."""
     path = ports_path(decision, s, kind)
     if not path.is_file():
         return None

@@ -1,4 +1,4 @@
-"""Whether the memory of this machine suffices for a reduction, before it begins."""
+"""Checks before a reduction whether the memory of this machine suffices, and predicts its cost."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lrbc_cli.reduction.predict import Cost, memory_bound, predict
 
 GB = 1e9
 
-#: Where the kernel limits the memory of containers, and the files that hold the limit and what is used; version 2 and 1.
+#: Folders in which the kernel states memory limits of containers, and the files with limit and usage; cgroup versions 2 and 1.
 CGROUPS = (
     (Path("/sys/fs/cgroup"), "memory.max", "memory.current"),
     (Path("/sys/fs/cgroup/memory"), "memory.limit_in_bytes", "memory.usage_in_bytes"),
@@ -22,21 +22,21 @@ CGROUPS = (
 
 
 def available_bytes() -> float:
-    """Memory that this process can still have: what the system calls available, within the limit of its container."""
+    """Memory that this process can still allocate [bytes]: what the system calls available, within the limits of container and ulimit."""
     found = float(psutil.virtual_memory().available)
     for folder, limit, used in _cgroups():
         try:
             room = float((folder / limit).read_text(encoding="ascii")) - float((folder / used).read_text(encoding="ascii"))
         except (OSError, ValueError):  # no container, or "max"
             continue
-        # What the container has read of files counts as used, but makes room when it is wanted.
+        # The file cache of the container counts as used, but is released on demand.
         room += _number_in(folder / "memory.stat", "inactive_file ") or 0.0
         found = min(found, max(room, 0.0))
     return min(found, _address_space())
 
 
 def _cgroups() -> list[tuple[Path, str, str]]:
-    """Folders that limit the memory of this process, from its own to that of all, and the files there."""
+    """Cgroup folders that limit the memory of this process, and the files with limit and usage in them."""
     found = list(CGROUPS)
     try:
         lines = Path("/proc/self/cgroup").read_text(encoding="ascii", errors="replace").splitlines()
@@ -53,7 +53,7 @@ def _cgroups() -> list[tuple[Path, str, str]]:
 
 
 def _address_space() -> float:
-    """What ``ulimit -v`` leaves of the address space; infinite without such a limit."""
+    """Address space left by ``ulimit -v`` [bytes]; infinite without such a limit."""
     if sys.platform == "win32":
         return float("inf")
     import resource
@@ -65,25 +65,25 @@ def _address_space() -> float:
 
 
 def resident_bytes() -> float:
-    """Memory that this process holds now."""
+    """Resident memory of this process [bytes]."""
     return float(psutil.Process().memory_info().rss)
 
 
 def options_of(inputs: Inputs) -> ReductionOptions:
-    """What the campaign asks of its reduced model."""
+    """Options of the reduction as the campaign states them."""
     r = inputs.campaign.reduction
     return ReductionOptions(r.band, r.tolerance, r.held_out, max_size=r.max_size)
 
 
 def reduction_cost(inputs: Inputs) -> tuple[Cost, float]:
-    """Predicted cost of the reduction, and the peak of this process with it [bytes]."""
+    """Predicted cost of the reduction, and peak memory of this process with it [bytes]."""
     held = resident_bytes()
     cost = predict(inputs.model, options_of(inputs), backend=inputs.campaign.reduction.backend)
     return cost, held + cost.additional
 
 
 def limit_of(inputs: Inputs) -> tuple[float, str]:
-    """Peak that this process may reach [bytes], and who says so."""
+    """Largest allowed memory of this process [bytes], and the source of that limit."""
     stated = inputs.campaign.reduction.memory_limit
     if stated is not None:
         return stated * GB, "reduction.memory_limit"
@@ -91,12 +91,12 @@ def limit_of(inputs: Inputs) -> tuple[float, str]:
 
 
 def require_memory(inputs: Inputs) -> None:
-    """Refuse a reduction that the memory does not suffice for; analysed closely only where a simple bound is in doubt.
+    """Refuse a reduction for which the memory does not suffice; its cost is predicted only if a simple bound exceeds the limit.
 
     Raises
     ------
     NumericalError
-        With the prediction and what there is.
+        If it does not suffice; states the prediction and the limit.
     """
     limit, source = limit_of(inputs)
     if resident_bytes() + memory_bound(inputs.model) <= limit:

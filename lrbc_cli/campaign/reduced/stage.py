@@ -1,4 +1,7 @@
-"""The reduced model of a campaign: from the cache, or built and kept; and FRFs of the model from it."""
+"""Obtains the reduced model of a campaign (from the cache, or by a reduction), and gives FRFs of the model to all other steps.
+
+``FrfSource`` is the interface: FRFs as a function of theta by interface FRFs (ports), the reduced matrices, or the full model.
+"""
 
 from __future__ import annotations
 
@@ -33,26 +36,26 @@ from lrbc_cli.updating.misfit.frf import FrfModel, port_model, reduced_model
 
 log = logging.getLogger(__name__)
 
-#: A bound of the error at lines that were not solved is warned of from so many tolerances.
+#: Ratio of the error bound at unsolved lines to the tolerance from which a warning is given.
 FAR_ABOVE = 10.0
 
-#: Held-out lines whose errors lie below this share of the tolerance are good ones: what makes the bound large is that they are few. So many
-#: of them suffice mostly.
+#: If the errors at held-out lines are below this share of the tolerance, a large bound is due to their small number; this many mostly
+#: suffice.
 _LOW, _ENOUGH = 0.1, 12
 
 
 @dataclass(frozen=True)
 class ReductionStage:
-    """A reduced model and where it came from.
+    """A reduced model and its origin.
 
     Attributes
     ----------
     reduction : Reduction
     decision : CacheDecision
     seconds : float
-        This time: reading the cache, or building.
+        Time for reading it from the cache or for the reduction, in this call.
     rows : (k, r) float array or None
-        Of the basis, at ``drawn_dofs`` that are there.
+        Rows of the basis at those of ``drawn_dofs`` that exist.
     """
 
     reduction: Reduction
@@ -62,7 +65,7 @@ class ReductionStage:
 
 
 def with_rows(inputs: Inputs, stage: ReductionStage) -> tuple[ReductionStage, str]:
-    """The stage with the basis at the drawn nodes, from its cache; and why it has none where something is drawn."""
+    """The stage with the rows of the basis at the drawn nodes, from the cache; and the reason if they are needed but missing."""
     dofs = drawn_dofs(inputs)
     if not dofs.size:
         return stage, ""
@@ -79,20 +82,20 @@ def obtain_reduction(
     progress: Callable[[str], None] = lambda _: None,
     missed: Callable[[ReductionStage], object] = lambda _: None,
 ) -> ReductionStage:
-    """Find the reduced model in the cache, or build and keep it.
+    """Reduced model from the cache, or built and stored there.
 
     Parameters
     ----------
     inputs : Inputs
     folder : Path
-        Of the cache.
+        Folder of the cache.
     force : bool
-        Build anew.
+        Reduce again even if the cache contains the model.
     accept : bool
-        Accept a model that does not reach the tolerance.
+        Accept a model that misses the tolerance.
     progress : callable
     missed : callable
-        Gets a model that does not reach the tolerance and is not accepted, before that is raised.
+        Called with a model that misses the tolerance and is not accepted, before the error is raised.
 
     Returns
     -------
@@ -101,11 +104,11 @@ def obtain_reduction(
     Raises
     ------
     ConfigError
-        Where the cache cannot be written.
+        If the cache cannot be written.
     DataError
         See ``require_baselines``.
     NumericalError
-        Where there is not enough memory, and where the tolerance is not reached and not accepted; what was built is kept.
+        If there is not enough memory, or if the tolerance is missed and that is not accepted; the model is stored all the same.
     """
     start = time.perf_counter()
     parts = cache.key_parts(inputs)
@@ -132,21 +135,22 @@ def obtain_reduction(
 
 
 def require_baselines(inputs: Inputs, model: ReducedModel, *, share: float = 1e-3, rounding: float = 1e-11) -> None:
-    """What is subtracted as a baseline has to be in the matrix: without it no motion may have a negative stiffness.
+    """Check that the stiffness matrix contains the baselines: after their subtraction no motion may have negative stiffness.
 
     Parameters
     ----------
     inputs : Inputs
     model : ReducedModel
+        With the baselines subtracted.
     share : float
-        Of what a motion loses by the baselines, that may be missing in the matrix.
+        Share of the stiffness subtracted from a motion that may be missing in the matrix.
     rounding : float
-        Of the largest stiffness.
+        Negative stiffness attributed to rounding, relative to the largest stiffness.
 
     Raises
     ------
     DataError
-        Where a motion shows that it is not there.
+        If a motion has a negative stiffness beyond both.
     """
     n, baseline = model.structure, np.zeros(inputs.model.terms.size)
     for one in inputs.groups:
@@ -176,12 +180,12 @@ def require_baselines(inputs: Inputs, model: ReducedModel, *, share: float = 1e-
 
 
 def _share(value: float) -> str:
-    """A share as a reader takes it in."""
+    """A share in words."""
     return f"{100.0 * value:.3g} %" if 0.01 <= value < 10.0 else "less than 1 %" if value < 0.01 else f"{value:.3g} times"
 
 
 def _built_and_kept(inputs: Inputs, decision: cache.CacheDecision, parts: dict[str, str], progress: Callable[[str], None]) -> Reduction:
-    # Loaded here: most calls find the model in the cache.
+    # Imported here because most calls find the model in the cache.
     from lrbc_cli.reduction.build import reduce_model
 
     settings = inputs.campaign.reduction
@@ -211,15 +215,15 @@ def _built_and_kept(inputs: Inputs, decision: cache.CacheDecision, parts: dict[s
 
 
 def bound_hint(worst: float, tolerance: float, lines: int) -> str:
-    """What to do where the bound for the lines that were not solved is above the tolerance.
+    """Remedy if the error bound at unsolved lines is above the tolerance.
 
     Parameters
     ----------
     worst : float
-        Largest error at the lines that were solved.
+        Largest relative error at the lines that were solved.
     tolerance : float
     lines : int
-        How many these are.
+        Number of these lines.
     """
     if worst > _LOW * tolerance:
         return "lower reduction.tolerance or raise reduction.held_out"
@@ -244,13 +248,13 @@ def _missed(inputs: Inputs, stage: ReductionStage) -> NumericalError:
 
 
 def affine_model(inputs: Inputs, stage: ReductionStage) -> AffineModel:
-    """The reduced model as a function of global factors, about the model as it is used: factors of one are those of ``inputs.model``."""
+    """The reduced model as a function of global factors and hammer offsets; factors of 1 give ``inputs.model``."""
     omega = 2.0 * np.pi * float(np.sqrt(np.prod(inputs.campaign.reduction.band)))
     return AffineModel(stage.reduction.model, inputs.recipe, inputs.shifts).diagonalised(omega)
 
 
 def line_seconds(model: ReducedModel, band: tuple[float, float]) -> dict[str, float]:
-    """Seconds for one line of the reduced dynamic stiffness, and of the port formula with its derivatives (Table 4)."""
+    """Time for one line [s] of the reduced dynamic stiffness, and of the interface FRFs with derivatives (Table 4 of the paper)."""
     s = 2j * np.pi * np.linspace(*band, 32)
     D = model.reference_dynamic(s)
     ports = model.ports(s, workers=1)
@@ -268,7 +272,7 @@ def line_seconds(model: ReducedModel, band: tuple[float, float]) -> dict[str, fl
 
 @dataclass(kw_only=True)
 class FrfSource:
-    """FRFs of the model on any lines; tables of port FRFs are computed once per set of lines and kept beside the reduced model.
+    """FRFs of the model on any lines; interface FRFs are computed once per set of lines and stored beside the reduced model.
 
     Attributes
     ----------
@@ -276,9 +280,9 @@ class FrfSource:
     stage : ReductionStage or None
         None only for full-order evaluation.
     kind : str
-        ``port``, ``reduced`` or ``full``.
+        ``port`` (interface FRFs of the reduced model), ``reduced`` (its matrices) or ``full`` (interface FRFs of the full model).
     known : dict
-        What was found on sets of lines, for those who ask again.
+        Results on sets of lines, stored by other modules for reuse.
     """
 
     inputs: Inputs = field(repr=False)
@@ -291,24 +295,24 @@ class FrfSource:
     _lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """What another process needs to find the same."""
+        """Pickle inputs, stage and kind only; tables are computed again in the other process."""
         return partial(FrfSource, inputs=self.inputs, stage=self.stage, kind=self.kind), ()
 
     @contextmanager
     def threads(self) -> Iterator[None]:
-        """Whoever evaluates it often takes one thread; of the full model, whose factorisations have threads of their own, one at a time."""
+        """Context for many evaluations: single-threaded algebra; with the full model, whose solver has threads, one user at a time."""
         with single_threaded(), nullcontext() if self.stage is not None else in_turn():
             yield
 
     @property
     def parts(self) -> dict[str, str]:
-        """``cache.key_parts`` of its inputs, hashed once."""
+        """``cache.key_parts`` of the inputs, computed once."""
         if not self._parts:
             self._parts.update(cache.key_parts(self.inputs))
         return self._parts
 
     def table(self, s: Complexes) -> PortFrf:
-        """Port FRFs for all responses on the lines s."""
+        """Interface FRFs for all responses at the lines s (i omega)."""
         with self._lock:
             key = s.tobytes()
             if key not in self._tables:
@@ -316,7 +320,7 @@ class FrfSource:
             return self._tables[key]
 
     def _compute(self, s: Complexes) -> PortFrf:
-        # On another machine there is no such cache.
+        # A worker on another machine has no such cache.
         decision = self.stage.decision if self.stage and self.stage.decision.path.parent.is_dir() else None
         found = cache.load_ports(decision, s, self.kind, self.inputs) if decision else None
         if found is not None:
@@ -340,7 +344,7 @@ class FrfSource:
     def model(
         self, s: Complexes, parameters: Parameterisation, lines: Integers | None = None, responses: Integers | None = None
     ) -> FrfModel:
-        """FRFs as a function of theta on some of the lines, for some of the responses (all where None)."""
+        """FRFs as a function of theta, on some of the lines s and for some of the responses (None: all)."""
         rows = np.arange(len(self.inputs.responses)) if responses is None else responses
         at = np.arange(s.size) if lines is None else lines
         if self.kind == "reduced":
@@ -351,7 +355,7 @@ class FrfSource:
     def drifting(
         self, s: Complexes, parameters: Parameterisation, nuisances: Sequence[Nuisance], responses: Integers | None = None
     ) -> ExtendedFrf:
-        """The same of the reduced model as a function of theta and of what drifted."""
+        """FRFs of the reduced model as a function of theta and nuisance parameters."""
         assert self.stage is not None
         rows = np.arange(len(self.inputs.responses)) if responses is None else responses
         return ExtendedFrf(affine_model(self.inputs, self.stage), s, parameters, nuisances, rows)
@@ -360,13 +364,13 @@ class FrfSource:
 def frf_source(
     inputs: Inputs, stage: ReductionStage | None, progress: Callable[[str], None] = lambda _: None, *, evaluation: str | None = None
 ) -> FrfSource:
-    """FRFs as the settings want them evaluated, or in another way, see ``formula``."""
+    """Source of FRFs, evaluated as the settings state, or by ``evaluation`` if given; see ``formula``."""
     size = 0 if stage is None else stage.reduction.model.size
     kind = formula(evaluation or inputs.campaign.update.evaluation, inputs.model.terms.size, size)
     return FrfSource(inputs=inputs, stage=stage, kind=kind, progress=progress)
 
 
 def obtain_source(inputs: Inputs, folder: Path, *, accept: bool = False, progress: Callable[[str], None] = lambda _: None) -> FrfSource:
-    """FRFs that jobs are identified with, see ``obtain_reduction``; no reduced model is asked for where the method does without."""
+    """Source of FRFs for the identification of jobs, see ``obtain_reduction``; without reduced model if the method is full-order."""
     stage = None if inputs.method.full_order else obtain_reduction(inputs, folder, accept=accept, progress=progress)
     return frf_source(inputs, stage, progress)
