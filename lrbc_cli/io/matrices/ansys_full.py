@@ -1,4 +1,4 @@
-"""Ansys ``.full`` files, read by the package ansys-mapdl-reader where it is installed."""
+"""Reads matrices of Ansys ``.full`` files by the package ansys-mapdl-reader, if it is installed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lrbc_cli.io.reader_process import read_apart
 from lrbc_cli.io.sparse import MatrixFile, canonical, mirrored
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, COMPONENTS, DofLabels
 
-#: Words of the first record of Ansys' binary files, and the number of this kind of file.
+#: Length of the first record of Ansys' binary files in words, and the number that marks a ``.full`` file.
 _RECORD, _FULL = 100, 4
 _PRESSURE = 18
 
@@ -40,7 +40,7 @@ def read_ansys_full(path: Path, group: str | None = None) -> MatrixFile:
         )
     if not is_ansys_full(head(path, 16)):
         raise DataError("this is not an Ansys .full file", file=path, expected="its standard header", found="other data")
-    # It is written in C, and trusts what it reads.
+    # Read in another process: the package is written in C and does not check what it reads.
     return read_apart(_read, path, group)
 
 

@@ -1,4 +1,4 @@
-"""Columns of numbers in large text files, parsed at once and checked line by line."""
+"""Parses columns of numbers in large text files in one call, and checks the number of words of every line."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from lrbc_cli.arrays import Floats
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import ends_early
 
-#: Bytes whose lines are counted at a time: the masks take a few times as much memory.
+#: Bytes checked at a time: the masks for it take a few times as much memory.
 _CHUNK = 2**24
 
-#: An exponent of three digits, for which Fortran leaves out the letter.
+#: An exponent of three digits, before which Fortran omits the letter.
 _LONG_EXPONENT = re.compile(rb"(?<=[\d.])([-+]\d{3})(?= )")
 
-#: What Fortran and tables write beside what numpy reads: exponents with D, commas, semicolons.
+#: Replaces what NumPy does not read: exponents with D, commas, semicolons, tabs.
 _PLAIN = bytes.maketrans(b"Dd,;\t", b"EE   ")
 
 
 def read_columns(body: bytes, width: int, path: Path, first_line: int, expected: str) -> Floats:
-    """Read lines of as many numbers each, separated by blanks or commas.
+    """Read lines with `width` numbers each, separated by blanks, commas, semicolons or tabs.
 
     Parameters
     ----------
     body
-        The lines; blank ones are passed over.
+        The lines; blank ones are skipped.
     width
-        Numbers that each line holds.
+        Numbers in each line.
     first_line
         Number of the first line of ``body`` in the file.
     expected
-        What each line holds, in words.
+        Content of a line in words, for messages.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def read_columns(body: bytes, width: int, path: Path, first_line: int, expected:
     Raises
     ------
     DataError
-        For the first line that holds anything else.
+        For the first line with anything else.
     """
     plain = body.translate(_PLAIN).strip()
     numbers = parsed(plain)
@@ -53,7 +53,7 @@ def read_columns(body: bytes, width: int, path: Path, first_line: int, expected:
 
 
 def read_fixed(text: bytes, width: int) -> Floats | None:
-    """Numbers in cells of so many characters, which may leave no blank between them; None where there is other text."""
+    """Numbers in cells of `width` characters, with or without blanks between them; None if there is other text."""
     cells = np.frombuffer(text, dtype=np.uint8).reshape(-1, width)
     spaced = np.full((cells.shape[0], width + 1), ord(" "), dtype=np.uint8)
     spaced[:, :width] = cells
@@ -63,12 +63,12 @@ def read_fixed(text: bytes, width: int) -> Floats | None:
 
 
 def parsed(text: bytes) -> Floats | None:
-    """Numbers that blanks divide; None where there is other text."""
-    # Of blanks alone numpy makes -1.
+    """Numbers separated by blanks; None if there is other text."""
+    # NumPy reads blanks alone as -1.
     if not text or text.isspace():
         return np.zeros(0)
     with warnings.catch_warnings():
-        # Newer versions of numpy raise where older ones warn.
+        # Newer versions of NumPy raise an error, older ones only warn.
         warnings.simplefilter("error", DeprecationWarning)
         try:
             return np.fromstring(text, dtype=np.float64, sep=" ")
@@ -77,7 +77,7 @@ def parsed(text: bytes) -> Floats | None:
 
 
 def words_a_line(body: bytes, width: int) -> bool:
-    """Whether every line that is not blank holds as many words: else numbers would move from entry to entry."""
+    """Whether every line that is not blank has `width` words; otherwise numbers would be assigned to wrong entries."""
     begin = 0
     while begin < len(body):
         end = body.find(b"\n", begin + _CHUNK) + 1 or len(body)
@@ -94,7 +94,7 @@ def words_a_line(body: bytes, width: int) -> bool:
 
 
 def is_number(word: bytes) -> bool:
-    """Whether a word is a number as numpy reads it."""
+    """Whether NumPy reads a word as a number."""
     try:
         float(word)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Matrices that Nastran punches as DMIG entries, each with the grid point and component of its rows."""
+"""Reads matrices that Nastran writes as DMIG entries (punch files), with grid point and component of each row."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ class _Entries:
 
 
 def is_dmig(start: bytes) -> bool:
-    """Whether DMIG entries stand among the first bytes of a file."""
+    """Whether there are DMIG entries among the first bytes of a file."""
     return re.search(rb"^DMIG[* ]", start, re.MULTILINE) is not None
 
 
 def read_dmig(path: Path, group: str | None = None) -> MatrixFile:
-    """Read one square matrix; of symmetric ones the other triangle is filled in.
+    """Read one square matrix; the second triangle of symmetric ones is filled in.
 
     Parameters
     ----------
     path
         A punch file.
     group
-        Name of the matrix, such as KAAX; may be left out where there is one square matrix.
+        Name of the matrix, such as KAAX; may be None if there is exactly one square matrix.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def read_dmig(path: Path, group: str | None = None) -> MatrixFile:
 
 
 def dmig_names(path: Path) -> list[str]:
-    """The square matrices of a file; raises as ``read_dmig``."""
+    """Names of the square matrices of a file; raises as ``read_dmig``."""
     return _square(_parse(path))
 
 
@@ -84,7 +84,7 @@ def _square(found: Mapping[str, _Entries]) -> list[str]:
 
 
 def _parse(path: Path) -> dict[str, _Entries]:
-    """All matrices of a file: lines of 8 and four times 16 characters, as Nastran punches them."""
+    """All matrices of a file, from lines with fields of 8 and four times 16 characters."""
     found: dict[str, _Entries] = {}
     current, column, begun = None, (0, 0), -1
     for number, raw in enumerate(whole(path).decode("latin-1").splitlines(), start=1):
@@ -121,6 +121,6 @@ def _parse(path: Path) -> dict[str, _Entries]:
 
 
 def _require_parts(polar: str) -> None:
-    """Refuse complex numbers as magnitude and phase."""
+    """Refuse complex numbers given as magnitude and phase."""
     if polar.strip() not in ("", "0"):
         raise ValueError("complex numbers as real and imaginary part, POLAR 0")

@@ -1,4 +1,4 @@
-"""Files of other programs that hold no matrix that can be read: who wrote them, and what to export instead."""
+"""Recognises files of other programs without a readable matrix, to tell who wrote them and what to export instead."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _NASTRAN = "in Nastran: EXTSEOUT(STIFFNESS,MASS,DMIGPCH), or OUTPUT4 of KAA and 
 _COMSOL = "in COMSOL: mphmatrix and save in LiveLink for MATLAB"
 _MESH = "a mesh goes to `dofs: {nodes: FILE}`"
 
-#: What a file begins with: the program, and what to do.
+#: First bytes of a file, the program that wrote it, and what to do.
 _STARTS: tuple[tuple[bytes, str, str], ...] = (
     (b"CDF", "an exodus mesh or another netCDF file", _MESH),
     (b"$MeshFormat", "a mesh of gmsh", _MESH),
@@ -22,10 +22,10 @@ _STARTS: tuple[tuple[bytes, str, str], ...] = (
     (b"<?xml", "a file in XML", "export matrices as text"),
 )
 
-#: A substructure or elements: dense triangles under keywords, or entries that begin with the number of an element.
+#: Substructure or element matrices: dense triangles under keywords, or entries that begin with the number of an element.
 _OF_ELEMENTS = re.compile(rb"(?:\s*\*\*.*\n)*\s*(?:\*USER ELEMENT|(?:-?\d+\s*,\s*){5}[-+.\d])", re.IGNORECASE)
 
-#: By the name's ending, where the content does not tell.
+#: Program and advice by the ending of the name, for files that the content does not identify.
 _ENDINGS: dict[str, tuple[str, str]] = {
     ".odb": ("a database of Abaqus", _ABAQUS),
     ".sim": ("a database of Abaqus", _ABAQUS),
@@ -44,19 +44,19 @@ _ENDINGS: dict[str, tuple[str, str]] = {
 
 
 def of_elements(start: bytes) -> bool:
-    """Whether the first bytes of a file are those of Abaqus ``*ELEMENT`` or ``*SUBSTRUCTURE MATRIX OUTPUT``, or element by element."""
+    """Whether a file has Abaqus ``*ELEMENT`` or ``*SUBSTRUCTURE MATRIX OUTPUT``, or entries element by element, by its first bytes."""
     return bool(_OF_ELEMENTS.match(start))
 
 
 def written_by(path: Path, start: bytes) -> tuple[str | None, str]:
-    """The program that wrote a file, None where it is not known, and what to export instead.
+    """Program that wrote a file (None if unknown), and what to export instead.
 
     Parameters
     ----------
     path
-        Its name may tell.
+        The file; its name is used if the content does not identify it.
     start
-        Its first bytes.
+        First bytes of the file.
     """
     if of_elements(start):
         return "a substructure or single elements of Abaqus, not an assembled matrix", _ABAQUS

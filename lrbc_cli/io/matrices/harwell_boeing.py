@@ -1,4 +1,4 @@
-"""Harwell-Boeing (Ansys HBMAT) and Rutherford-Boeing files: assembled matrices in ASCII, one triangle where symmetric."""
+"""Reads Harwell-Boeing (Ansys HBMAT) and Rutherford-Boeing files: assembled matrices in ASCII, symmetric ones as one triangle."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from lrbc_cli.io.common import check_allocation, damaged, whole
 from lrbc_cli.io.matrices.columns import read_fixed
 from lrbc_cli.io.sparse import MatrixFile, from_compressed, mirrored
 
-#: Real, complex, integers, a pattern, values in a file of their own; ...; assembled or elements.
+#: Type of a matrix. First letter: real, complex, integer, pattern, values in another file; second: symmetry; third: assembled or elements.
 _TYPE = re.compile(rb"\s*([RCIPQ])([SUHZR])([AE])\b\s+(.*)", re.IGNORECASE)
 _FORMAT = re.compile(rb"\(\s*(?:(\d+)\s*P\s*,?\s*)?(\d*)\s*([IEDFG])\s*(\d+)", re.IGNORECASE)
 
-#: Characters of a line at most: what a format claims is a length of memory.
+#: Most characters of a line, since the stated format determines how much memory is allocated.
 _LONGEST_LINE = 1000
 
 
@@ -40,7 +40,7 @@ def is_harwell_boeing(start: bytes) -> bool:
 
 
 def read_harwell_boeing(path: Path, group: str | None = None) -> MatrixFile:
-    """Read a matrix; of symmetric ones the other triangle is filled in.
+    """Read a matrix; the second triangle of symmetric ones is filled in.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def _read(path: Path) -> MatrixFile:
     lines = content.replace(b"\r", b"").split(b"\n")
     header = _header(lines, path)
     counts = (header.shape[1] + 1, header.entries, header.entries * (2 if header.kind[0] == "C" else 1))
-    # A digit takes a byte.
+    # Each number takes at least one byte.
     check_allocation(sum(counts), len(content), path, "line 2")
     parts, at = [], header.lines
     for what, cards, count, layout in zip(("pointers", "rows", "values"), header.cards, counts, header.formats, strict=True):
@@ -66,7 +66,7 @@ def _read(path: Path) -> MatrixFile:
         at += cards
     pointers, rows = (_integers(part, path) - 1 for part in parts[:2])
     if header.scale:
-        # What 1P wrote without an exponent stands there ten times as large.
+        # The scale factor 1P makes numbers without an exponent ten times as large.
         parts[2] /= 10.0**header.scale
     values = parts[2].view(np.complex128) if header.kind[0] == "C" else parts[2]
     matrix = from_compressed("csc", values, rows, pointers, header.shape, path=path, place="matrix", file_size=len(content))
@@ -105,7 +105,7 @@ def _header(lines: list[bytes], path: Path) -> _HbHeader:
     if len(formats) < 3 or any(not 0 < count * width <= _LONGEST_LINE for count, width in formats):
         raise wrong(4, "Fortran formats of pointers, rows and values")
     scale, _, letter, _ = described[2]
-    # A line on right-hand sides, which some write where there are none; pointers have no letter.
+    # Some programs write the line on right-hand sides even if there are none; lines of pointers have no letter.
     with_rhs = bool(re.match(rb"\s*[FM]", lines[4], re.IGNORECASE))
     counts = [int(card) for card in cards]
     return _HbHeader(
@@ -120,12 +120,12 @@ def _header(lines: list[bytes], path: Path) -> _HbHeader:
 
 
 def _numbers(lines: list[bytes], count: int, layout: tuple[int, int], path: Path, place: str) -> Floats:
-    """Numbers in columns of fixed width."""
+    """Read `count` numbers in columns of fixed width."""
     a_line, width = layout
     text = b"".join(line.ljust(a_line * width)[: a_line * width] for line in lines)
     numbers = read_fixed(text[: count * width], width)
     if numbers is None or numbers.size != count:
-        # SciPy writes cells narrower than the format that it states, with a blank between them.
+        # SciPy writes cells narrower than the stated format, with a blank between them.
         words = [line.split() for line in lines]
         spaced = all(len(row) <= a_line for row in words) and sum(map(len, words)) == count
         numbers = read_fixed(b"".join(word.ljust(width)[:width] for row in words for word in row), width) if spaced else None

@@ -1,7 +1,7 @@
-"""Matrix Market files, plain or compressed with gzip.
+"""Reads Matrix Market files, plain or compressed with gzip.
 
-The numbers are parsed with numpy: the reader of scipy (1.17) ends the whole process on some truncated files, and takes
-a damaged number such as ``1e`` for 1.
+The numbers are parsed with NumPy: the reader of scipy (1.17) ends the whole process on some truncated files, and reads
+a damaged number such as ``1e`` as 1.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from lrbc_cli.io.sparse import MatrixFile, canonical, from_coordinates
 
 BANNER = b"%%matrixmarket"
 _FIELDS = ("real", "complex", "integer", "unsigned-integer", "double")
-# Up to here a compressed file is unpacked before its header is read: room for some thousand lines of comment.
+# Bytes of a compressed file that are unpacked to read its header: room for some thousand lines of comment.
 _HEADER_ROOM = 1 << 20
 _SYMMETRIES = ("general", "symmetric", "skew-symmetric", "hermitian")
 
@@ -51,12 +51,12 @@ class _Header:
 
     @property
     def parts(self) -> int:
-        """Numbers a value has."""
+        """Numbers in each value: 2 if complex, else 1."""
         return 2 if self.field == "complex" else 1
 
     @property
     def width(self) -> int:
-        """Numbers a line has."""
+        """Numbers in each line."""
         return self.parts + (2 if self.layout == "coordinate" else 0)
 
 
@@ -66,14 +66,14 @@ def is_matrix_market(start: bytes) -> bool:
 
 
 def read_matrix_market(path: Path, group: str | None = None) -> MatrixFile:
-    """Read a matrix in coordinate or array layout; the banner's symmetry is honoured.
+    """Read a matrix in coordinate or array layout, completed by the symmetry that the banner states.
 
     Parameters
     ----------
     path
         A ``.mtx`` file, or one compressed with gzip.
     group
-        Must be left out.
+        Must be None.
 
     Raises
     ------
@@ -88,12 +88,12 @@ def read_matrix_market(path: Path, group: str | None = None) -> MatrixFile:
         content = _unpacked(path, size) if packed else path.read_bytes()
     header = _header(content, path)
     body = content[header.offset :].strip()
-    # The shortest number takes one digit and a blank.
+    # A number takes at least one digit and a blank.
     check_allocation(2 * header.width * header.entries - 1, len(content), path, f"line {header.line}")
     numbers = _numbers(body, header, path)
     warnings = []
     if not packed and unfinished(content):
-        # A packed file has a checksum.
+        # A compressed file has a checksum of its own.
         warnings.append(f"{path.name}: the last line has no line break; if the file was truncated there, its last number is wrong")
     if header.layout == "array":
         values = numbers.view(np.complex128) if header.parts == 2 else numbers
@@ -111,14 +111,14 @@ def read_matrix_market(path: Path, group: str | None = None) -> MatrixFile:
 
 
 def _unpacked(path: Path, size: int) -> bytes:
-    """Content of a gzip file, as far as its header says that there is any."""
+    """Content of a gzip file, unpacked no further than its header requires."""
     with gzip.open(path, "rb") as stream:
         start = stream.read(_HEADER_ROOM)
         if len(start) < _HEADER_ROOM:
             return start
         header = _header(start, path)
         place = f"line {header.line}"
-        # As numbers, before any of it is unpacked.
+        # Checks the size of the numbers before they are unpacked.
         check_expansion(8 * header.width * header.entries, size, path, place)
         most = header.offset + header.width * header.entries * (LONGEST_NUMBER + 1) + _HEADER_ROOM
         limit = min(most, max(MAX_EXPANSION * size, ROOM))
@@ -136,7 +136,7 @@ def _unpacked(path: Path, size: int) -> bytes:
 
 
 def _numbers(body: bytes, header: _Header, path: Path) -> NDArray[np.float64]:
-    """All numbers after the size line, (entries, width)."""
+    """Numbers after the size line, (entries, width)."""
     numbers = parsed(body)
     if numbers is None or numbers.size != header.width * header.entries:
         raise _bad_line(body, header, path)
@@ -144,7 +144,7 @@ def _numbers(body: bytes, header: _Header, path: Path) -> NDArray[np.float64]:
 
 
 def _doubles(numbers: NDArray[np.float64], matrix: Any, header: _Header) -> int:
-    """Entries of a general file whose place another entry has."""
+    """Number of entries of a general file with the same row and column as another one."""
     if matrix.nnz + int((~numbers[:, 2:].any(axis=1)).sum()) == header.entries:
         return 0
     places = (numbers[:, 0].astype(np.int64) - 1) * header.shape[1] + numbers[:, 1].astype(np.int64)
@@ -152,7 +152,7 @@ def _doubles(numbers: NDArray[np.float64], matrix: Any, header: _Header) -> int:
 
 
 def _bad_line(body: bytes, header: _Header, path: Path) -> DataError:
-    """Error for the first line that is wrong, or for lines too many or too few."""
+    """Error for the first wrong line, or for too many or too few lines."""
     expected = "row, column, " + ("real and imaginary part" if header.parts == 2 else "value")
     if header.layout == "array":
         expected = "real and imaginary part" if header.parts == 2 else "a value"
@@ -177,7 +177,7 @@ def _entry_lines(body: bytes, header: _Header) -> list[tuple[int, bytes]]:
 
 
 def _assemble(numbers: NDArray[np.float64], body: bytes, header: _Header, path: Path, size: int) -> Any:
-    """Matrix of a coordinate file, the banner's symmetry applied."""
+    """Matrix of a coordinate file, completed by the symmetry of the banner."""
     for column, (name, limit) in enumerate(zip(("row", "column"), header.shape, strict=True)):
         index = numbers[:, column]
         bad = np.flatnonzero(~((index >= 1) & (index <= limit)) | (index != np.floor(index)))
@@ -203,7 +203,7 @@ def _mirror(values: NDArray[Any], symmetry: str) -> NDArray[Any]:
 
 
 def _unpack(values: NDArray[Any], header: _Header) -> NDArray[Any]:
-    """Dense matrix of an array file, which stores columns first, of symmetric matrices the lower triangle only."""
+    """Dense matrix of an array file, stored by columns; symmetric ones by the lower triangle only."""
     rows, columns = header.shape
     if header.symmetry == "general":
         return values.reshape((rows, columns), order="F")
@@ -277,7 +277,7 @@ def _header(content: bytes, path: Path) -> _Header:
 
 
 def _refuse_doubles(row: NDArray[np.int64], column: NDArray[np.int64], header: _Header, path: Path) -> None:
-    """Refuse a symmetric banner over entries that would count twice: a full matrix, pairs in both triangles, places that repeat."""
+    """Refuse a symmetric banner if entries would count twice: a full matrix, pairs in both triangles, repeated places."""
     low, high = np.minimum(row, column), np.maximum(row, column)
     places = low * header.shape[1] + high
     unique, first, count = np.unique(places, return_index=True, return_counts=True)

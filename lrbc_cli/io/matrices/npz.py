@@ -1,4 +1,4 @@
-"""Matrices in ``.npz`` archives of scipy and numpy."""
+"""Reads matrices from ``.npz`` archives of SciPy and NumPy, without unpickling."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lrbc_cli.io.sparse import MatrixFile, canonical, from_compressed, from_coor
 
 SIGNATURE = b"PK\x03\x04"
 
-# What numpy accepts; it would read more before it refuses it.
+# The limit of NumPy, which would read a longer header before it refuses it.
 _LONGEST_HEADER = 10_000
 
 
@@ -29,7 +29,7 @@ def read_npz_matrix(path: Path, group: str | None = None) -> MatrixFile:
     path
         The archive.
     group
-        Name of the array where the archive holds several dense ones.
+        Name of the array, if the archive holds several dense ones.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def read_npz_matrix(path: Path, group: str | None = None) -> MatrixFile:
 
 
 def npz_matrix_names(path: Path) -> list[str | None]:
-    """Names of the dense arrays of an archive; None alone for one sparse matrix.
+    """Names of the dense arrays of an archive; a single None for one sparse matrix.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def _member(archive: zipfile.ZipFile, name: str, path: Path, size: int) -> Any:
         )
     needed = math.prod(shape) * dtype.itemsize
     check_allocation(needed, info.file_size, path, name)
-    # Where nothing is compressed, the first check has said all; members may overlap, so that one never holds more than the file.
+    # Members may overlap, so none can hold more than the file; if nothing is compressed, the first check is enough.
     packed = min(info.compress_size, size)
     check_allocation(needed, packed, path, name, compressed=info.compress_type != zipfile.ZIP_STORED)
     with archive.open(info) as stream:

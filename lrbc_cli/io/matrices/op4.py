@@ -1,4 +1,4 @@
-"""Nastran OP4 files (``OUTPUT4``), binary and ASCII, dense and sparse. No DOFs stand in them."""
+"""Reads Nastran OP4 files (``OUTPUT4``), binary and ASCII, dense and sparse; they do not contain the DOFs of the rows."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from lrbc_cli.io.sparse import MatrixFile, from_coordinates, mirrored
 #: First line of a matrix in ASCII: columns, rows (negative: BIGMAT), form, type, name, numbers a line, characters of each.
 _LINE = re.compile(rb"([ \d]{8})([- \d]{8})([ \d]{8})([ \d]{8})(.{8})1P,\s*(\d+)[ED](\d+)\.\d+")
 
-#: Bytes of the record that begins a matrix, and form of symmetric ones.
+#: Bytes of the first record of a matrix, and the form number of symmetric ones.
 _HEADER, _SYMMETRIC = 24, 6
 
-#: Row and length of a string of numbers are packed into one word, but in BIGMAT.
+#: Row and length of a string of numbers are packed into one word with this factor, except in BIGMAT.
 _PACK = 65536
 
 _DTYPES = {1: "f4", 2: "f8", 3: "c8", 4: "c16"}
@@ -46,16 +46,16 @@ class _Op4Matrix:
 
     @property
     def parts(self) -> int:
-        """Numbers of a value."""
+        """Numbers in each value: 2 if complex, else 1."""
         return 2 if self.type > 2 else 1
 
     @property
     def words(self) -> int:
-        """Words of a value."""
+        """Words in each value."""
         return self.parts * (2 if self.type in (2, 4) else 1)
 
     def values(self, order: str) -> Any:
-        """All of them; None where there is other text."""
+        """Values of all strings; None if there is other text."""
         joined = b"".join(self.data)
         if not self.cell:
             return np.frombuffer(joined, dtype=order + _DTYPES[self.type])
@@ -69,7 +69,7 @@ def is_op4(start: bytes) -> bool:
 
 
 def _order(start: bytes) -> str | None:
-    """Byte order of a binary file; None of others."""
+    """Byte order of a binary file; None for other files."""
     if len(start) < _HEADER + 8:
         return None
     for order in "<>":
@@ -88,7 +88,7 @@ def read_op4(path: Path, group: str | None = None) -> MatrixFile:
     path
         The file.
     group
-        Name of the matrix; may be left out where the file holds one.
+        Name of the matrix; may be None if the file holds only one.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def read_op4(path: Path, group: str | None = None) -> MatrixFile:
 
 
 def op4_names(path: Path) -> list[str]:
-    """The matrices of a file; raises as ``read_op4``."""
+    """Names of the matrices of a file; raises as ``read_op4``."""
     return [matrix.name for matrix in _matrices(path, whole(path))]
 
 
@@ -133,9 +133,9 @@ def _matrices(path: Path, content: bytes) -> list[_Op4Matrix]:
 
 
 def _strings(matrix: _Op4Matrix, column: int, row: int, words: int, take: Any, integers: Any, big: bool) -> None:
-    """Strings of one column, until its words are used up; ``take`` gives the data of so many values, ``integers`` so many whole numbers."""
+    """Append the strings of one column of `words` words; ``take(n)`` returns the data of n values, ``integers(n)`` n whole numbers."""
     if row > 0:
-        # Dense columns of ASCII files count numbers, all others words.
+        # Lengths count numbers in dense columns of ASCII files, words in all others.
         count = words // (matrix.parts if matrix.cell else matrix.words)
         matrix.strings.append((column, row, count))
         matrix.data.append(take(count))
@@ -226,7 +226,7 @@ def _ascii(content: bytes) -> Iterator[_Op4Matrix]:
         while True:
             column, row, words = integers(3)
             if column > columns:
-                # A column beyond the last ends the matrix, with one number.
+                # The matrix ends with a column beyond the last one, which has one number.
                 take(1)
                 break
             _strings(matrix, column, row, words, take, integers, rows < 0)

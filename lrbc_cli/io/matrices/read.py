@@ -1,4 +1,4 @@
-"""Matrices of finite-element models from whatever file they come in; formats are told apart by content."""
+"""Reads matrices of finite-element models: the entry point to the readers of all formats, which are recognised by content."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ FORMATS: dict[str, Callable[[Path, str | None], MatrixFile]] = {
     "ansys-full": read_ansys_full,
 }
 
-#: Those without a mark of their own at a fixed place, by what tells them; in this order.
+#: Formats without a fixed mark, with the function that recognises each, in the order of the checks.
 _TOLD: tuple[tuple[str, Callable[[bytes], bool]], ...] = (
     ("nastran-op4", is_op4),
     ("ansys-full", is_ansys_full),
@@ -49,12 +49,12 @@ _TOLD: tuple[tuple[str, Callable[[bytes], bool]], ...] = (
 
 
 def detect_format(path: Path) -> str:
-    """Format of a matrix file, by its content.
+    """Format of a matrix file (a key of ``FORMATS``), recognised by its content.
 
     Raises
     ------
     DataError
-        If the content is none of the formats that are read.
+        If the file cannot be read or its content is in none of these formats.
     """
     require_file(path)
     start = head(path, 4096)
@@ -91,16 +91,16 @@ def read_matrix(path: Path, group: str | None = None, format: str | None = None,
     path
         The file.
     group
-        Name of the HDF5 group, MATLAB variable or array; may be left out where there is only one.
+        Name of the HDF5 group, MATLAB variable or array; may be None if there is only one.
     format
-        One of ``FORMATS``, to skip the detection by content.
+        One of ``FORMATS``; None: recognised by content.
     arrays
-        Names of the arrays of a compressed matrix in HDF5 where they are not the usual ones.
+        Names of the arrays of a compressed matrix in HDF5, if they are not the usual ones.
 
     Returns
     -------
     MatrixFile
-        (n, n) matrix with what was noticed.
+        (n, n) matrix, with notes and warnings.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def read_vectors(path: Path, group: str | None = None, format: str | None = None
     return read_hdf5_matrix(path, group, arrays)
 
 
-#: Formats that tell matrices apart by a name where a file holds several.
+#: Formats whose files may hold several named matrices, with the function that lists the names.
 _SEVERAL: dict[str, Callable[[Path], list[str]]] = {
     "nastran-op4": op4_names,
     "nastran-dmig": dmig_names,
@@ -141,7 +141,7 @@ _SEVERAL: dict[str, Callable[[Path], list[str]]] = {
 
 
 def matrix_names(path: Path) -> list[str | None]:
-    """What the matrices of a file are called; None alone where it holds one without a name.
+    """Names of the matrices of a file; a single None if it holds one without a name.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Text files that list the entries of a matrix: of Abaqus, CalculiX and Sierra/SD."""
+"""Reads text files of Abaqus, CalculiX and Sierra/SD that list the entries of a matrix."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from lrbc_cli.io.matrices.foreign import of_elements
 from lrbc_cli.io.sparse import MatrixFile, from_coordinates, mirrored
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, COMPONENTS, DofLabels
 
-#: Labels by the number of a DOF in Abaqus; others keep their number.
+#: Labels by the number of a DOF in Abaqus; other DOFs are labelled by their number.
 _ABAQUS = {**dict(enumerate(COMPONENTS, start=1)), 7: "WARP", 8: ACOUSTIC_COMPONENT, 11: "TEMP"}
 
-#: What stands before the entries: blank lines, keywords, comments, words.
+#: Text before the entries: blank lines, keywords, comments, words.
 _HEAD = re.compile(rb"\A(?:[ \t]*(?:[*%#!A-Za-z][^\r\n]*)?\r?\n)*")
 
-#: Dots continue a line of MATLAB.
+#: Beginning of a matrix in MATLAB notation, where dots continue a line.
 _SIERRA = re.compile(rb"^[ \t]*(\w+)[ \t]*=[ \t]*\[(?:[ \t]*\.\.\.)?", re.MULTILINE)
 
-#: DOFs of one node at most: labels of node and DOF are sorted as one number.
+#: Most DOFs of one node: node and DOF are sorted as one combined number.
 _MOST = 2**16
 
 
 def triplets_format(start: bytes) -> str | None:
-    """``abaqus`` (node, DOF, node, DOF, value), ``triplets`` (row, column, value), ``sierra-sd`` or None, by a file's first bytes."""
+    """Format by the first bytes: ``abaqus`` (node, DOF, node, DOF, value), ``triplets`` (row, column, value), ``sierra-sd`` or None."""
     if b"\0" in start or of_elements(start):
         return None
     found = _SIERRA.search(start)
@@ -42,7 +42,7 @@ def triplets_format(start: bytes) -> str | None:
 
 
 def _row(start: bytes) -> int:
-    """Words of the first line that is not blank, where all but the last are whole numbers; else 0."""
+    """Number of words in the first line that is not blank, if all but the last are whole numbers; else 0."""
     line = start.lstrip().split(b"\n")[0]
     words = line.replace(b",", b" ").replace(b";", b" ").split()
     whole = all(re.fullmatch(rb"-?\d+", word) for word in words[:-1])
@@ -50,24 +50,24 @@ def _row(start: bytes) -> int:
 
 
 def read_triplets(path: Path, group: str | None = None) -> MatrixFile:
-    """Read the entries of a square matrix; where no entry has its mirror image, the matrix is taken to be symmetric.
+    """Read the entries of a square matrix; if no entry has its mirror image, the matrix is assumed to be symmetric.
 
     Parameters
     ----------
     path
         A file of Abaqus ``*MATRIX OUTPUT`` (any of its formats), of CalculiX ``SOLVER=MATRIXSTORAGE``, or of Sierra/SD.
     group
-        Must be left out.
+        Must be None.
 
     Returns
     -------
     MatrixFile
-        With labels where lines give nodes and DOFs; rows are sorted by them.
+        With labels if the lines state nodes and DOFs; rows are sorted by them.
 
     Raises
     ------
     DataError
-        If a line cannot be read, or the numbers are no rows and columns.
+        If a line cannot be read, or the numbers are not rows and columns.
     """
     if group:
         raise DataError("the file contains one matrix without a name", file=path, place=group, hint=f"leave out '#{group}'")
@@ -111,7 +111,7 @@ def read_triplets(path: Path, group: str | None = None) -> MatrixFile:
 
 
 def _once(row: NDArray[np.int64], column: NDArray[np.int64], n: int, path: Path) -> None:
-    """Assembled matrices hold each entry once: two runs written to one file, or its steps, would be added."""
+    """Refuse repeated entries: the matrices of two runs or steps in one file would be added."""
     place, count = np.unique(row * n + column, return_counts=True)
     again = np.flatnonzero(count > 1)
     if again.size:
@@ -126,14 +126,14 @@ def _once(row: NDArray[np.int64], column: NDArray[np.int64], n: int, path: Path)
 
 
 def _labelled(numbers: Floats, path: Path) -> tuple[DofLabels, NDArray[np.int64], NDArray[np.int64]]:
-    """Labels sorted by node and DOF, and the row and column of each entry."""
+    """Labels of the rows, sorted by node and DOF, and the row and column of each entry."""
     index = _whole(numbers[:, :4], path)
     pairs = np.concatenate([index[:, :2], index[:, 2:4]])
     if pairs.size and (pairs[:, 1].min() < 0 or pairs[:, 1].max() >= _MOST):
         raise DataError("a number of a DOF is out of range", file=path, expected="1 to 6, 8 for a pressure", found=int(pairs[:, 1].max()))
     keys, at = np.unique(pairs[:, 0] * _MOST + pairs[:, 1], return_inverse=True)
     node, dof = np.divmod(keys, _MOST)
-    # What Abaqus adds by itself, such as Lagrange multipliers, lies nowhere and moves in no direction.
+    # DOFs that Abaqus adds itself, such as Lagrange multipliers, have neither a place nor a direction.
     component = [_ABAQUS.get(d, f"DOF{d}") if k > 0 else f"INNER{d}" for k, d in zip(node.tolist(), dof.tolist(), strict=True)]
     half = index.shape[0]
     return DofLabels(node, np.array(component, dtype=np.str_)), at[:half].astype(np.int64), at[half:].astype(np.int64)

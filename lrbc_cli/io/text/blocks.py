@@ -1,4 +1,4 @@
-"""Text files of B&K PULSE with functions, one below the other, each under keys such as ``Data Type:`` and ``Title1:``."""
+"""Splits text files of B&K PULSE into functions, which follow each other under keys such as ``Data Type:`` and ``Title1:``."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from lrbc_cli.io.units import numerator_quantity, parse_unit, response_quantity
 
 _KEY = re.compile(r"\s*\"?([A-Za-z][^:\t]{1,39}?)\s*:\s*(.*?)[\"\s]*")
 _NUMBERS = re.compile(r"\s*[-+]?[\d.,]+(?:[eE][-+]?\d+)?\t.*")
-#: What a title says of a function: its kind, and the signals that it is made of.
+#: Title of a function: its kind, then its response and reference in parentheses.
 _TITLE = re.compile(r"(.*?)\(([^(),]+),([^(),]+)\).*")
-#: Lines at the start of a file in which its first key stands.
+#: Lines at the start of a file that must contain its first key.
 _FIRST_LINES = 5
 
 
 @dataclass(frozen=True)
 class Block:
-    """One function: its lines, those before them in the file, and its keys, in lower case."""
+    """One function: its lines, the number of lines before them in the file, and its keys in lower case."""
 
     lines: tuple[str, ...]
     before: int
@@ -29,29 +29,29 @@ class Block:
 
     @property
     def title(self) -> str:
-        """What it is called."""
+        """Title of the function."""
         return self.keys.get("title1", "")
 
     @property
     def signals(self) -> tuple[str, str]:
-        """Response and reference by its title ``Frequency Response H1(acc1,hammer)``; empty where it does not say."""
+        """Response and reference from a title such as ``Frequency Response H1(acc1,hammer)``; empty if not stated."""
         match = _TITLE.fullmatch(self.title)
         return (match[2].strip(), match[3].strip()) if match else ("", "")
 
     @property
     def is_frf(self) -> bool:
-        """Whether it may be an FRF: neither of one part only nor called a spectrum or correlation, such as the complex cross spectrum."""
+        """Whether it may be an FRF: it has two parts and is not called a spectrum or correlation (a cross spectrum is complex too)."""
         return len(self.parts) != 1 and not re.search("spe[ck]tr|[ck]orrelation|^fft", fold(self.title))
 
     @property
     def parts(self) -> tuple[Heading, ...]:
-        """What its columns hold by its data type (``Magnitude/Phase``, ``Real``); empty where that says ``Complex``."""
+        """Parts in its columns by its data type (``Magnitude/Phase``, ``Real``); empty for ``Complex``."""
         said = [heading(word) for word in re.split(r"\s*[-/,;&+]\s*|\s+and\s+", self.keys.get("data type", "").strip())]
         known = all(one.part is not None and not one.name for one in said)
         return tuple(Heading(part=one.part, unit=one.unit) for one in said) if known else ()
 
     def stated(self, headings: tuple[Heading, ...]) -> tuple[Heading, ...]:
-        """The headings of its columns, the count of the lines and the frequency first, with the parts that they do not say themselves."""
+        """Headings of its columns (index and frequency first), completed by the parts that they do not state themselves."""
         axes = len(headings) - 2
         if len(self.parts) != 2 or axes not in (1, 2) or any(one.part for one in headings):
             return headings
@@ -59,7 +59,7 @@ class Block:
 
     @property
     def alone(self) -> str:
-        """What it is called where its values are of one part, and of which."""
+        """Title and part, for a function with only one part."""
         part = next((one.part for one in self.parts), None)
         if part in (None, "real"):
             return self.title or "real values"
@@ -67,7 +67,7 @@ class Block:
 
     @property
     def unit(self) -> str:
-        """Unit of its values, as written."""
+        """Unit of its values as written."""
         return self.keys.get("amplitudeunit", "")
 
     @property
@@ -80,22 +80,22 @@ class Block:
 
     @property
     def is_coherence(self) -> bool:
-        """Whether it is called a coherence."""
+        """Whether it is a coherence by its title."""
         return not self.is_frf and fold(self.title).startswith(("coherence", "koharenz", "kohaerenz"))
 
     @property
     def place(self) -> str:
-        """Where it stands."""
+        """Place in the file, for messages."""
         return f"lines {self.before + 1} to {self.before + len(self.lines)}"
 
 
 def blocks(lines: list[str], path: Path) -> list[Block]:
-    """The functions of a file of PULSE; nothing of any other file.
+    """Functions of a PULSE file; empty for any other file.
 
     Raises
     ------
     DataError
-        If a function has not as many lines as its ``X-Axis size`` says.
+        If the number of lines of a function differs from its ``X-Axis size``.
     """
     if not any(fold(line).lstrip('"\ufeff ').startswith("header size:") for line in lines[:_FIRST_LINES]):
         return []

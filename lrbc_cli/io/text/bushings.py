@@ -1,4 +1,4 @@
-"""Tables of springs between two nodes, or between a node and ground."""
+"""Reads tables of springs between two nodes, or between a node and ground (the bushings of bolts)."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from lrbc_cli.io.common import listing
 from lrbc_cli.io.text.tables import Table, read_table
 from lrbc_cli.model.dofs import COMPONENTS
 
-#: Directions of the local x axis and of a vector in the local xy plane.
+#: Columns with the direction of the local x axis and of a vector in the local xy plane.
 AXES = ("x_x", "x_y", "x_z", "y_x", "y_y", "y_z")
 
-#: What to do with a stiffness that is none.
+#: Advice for a stiffness that is not positive.
 _NOT_ABOVE = "write the stiffness of the spring without the sign, or remove the line of a spring that does not exist"
 
-#: Sine below which two directions are one.
+#: Sine of the angle below which two directions count as parallel.
 PARALLEL = 1e-6
 
 
@@ -32,7 +32,7 @@ class BushingTable:
     ----------
     path : Path
     lines : (m,) tuple of int
-        Line of the file of each spring.
+        Line of each spring in the file.
     bolt : (m,) tuple of str
     node_a : (m,) int array
     node_b : (m,) tuple of int or None
@@ -55,7 +55,7 @@ class BushingTable:
     axes: NDArray[np.float64]
 
     def only(self, component: str) -> BushingTable:
-        """Those with one component."""
+        """The springs with one component."""
         at = np.flatnonzero(np.array(self.component) == component)
         return replace(
             self,
@@ -70,13 +70,13 @@ class BushingTable:
 
 
 def read_bushings(path: Path, bolts: Collection[str] | None = None) -> BushingTable:
-    """Read springs: ``bolt, node_a, node_b (empty: ground), component, stiffness``, where wanted ``x_x, x_y, x_z, y_x, y_y, y_z``.
+    """Read springs: ``bolt, node_a, node_b (empty: ground), component, stiffness``, optionally ``x_x, x_y, x_z, y_x, y_y, y_z``.
 
     Raises
     ------
     DataError
-        With the line number, if a column is missing or unknown, a value is wrong, both nodes are one, a spring stands there twice, or a
-        bolt is none of ``bolts``.
+        With the line number, if a column is missing or unknown, a value is wrong, both nodes are the same, a spring is repeated, or a
+        bolt is not in ``bolts``.
     """
     table = read_table(path, ("bolt", "node_a", "component", "stiffness"), ("node_b", *AXES))
     table.names("bolt")
@@ -114,7 +114,7 @@ def read_bushings(path: Path, bolts: Collection[str] | None = None) -> BushingTa
 
 
 def _twice(table: Table, first: int, second: int, owners: Sequence[str], stiffness: NDArray[np.float64]) -> str:
-    """What to do with two lines of one spring: those of two bolts or of two values are no copies."""
+    """Advice for two lines with the same spring: with different bolts or stiffnesses they are not just copies."""
     held = f"line {table.lines[first]} already contains it"
     if owners[first] != owners[second]:
         return f"{held}, for bolt {owners[first]}; this line is for {owners[second]}: correct the nodes or the bolt of one of the two"
@@ -135,7 +135,7 @@ def _second_nodes(table: Table) -> tuple[int | None, ...]:
 
 
 def _local_axes(table: Table) -> NDArray[np.float64]:
-    """(m, 3, 3) local unit vectors as rows; those of the model without such columns."""
+    """Local unit vectors as rows, (m, 3, 3); the axes of the model if there are no such columns."""
     given = [name for name in AXES if name in table.columns]
     if not given:
         return np.tile(np.eye(3), (len(table.rows), 1, 1))

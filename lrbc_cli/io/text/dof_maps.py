@@ -1,4 +1,4 @@
-"""Which DOF each row of a matrix is, from what FE programs write beside it: CalculiX, Ansys, or a table."""
+"""Reads the DOF of each matrix row from files that FE programs write beside the matrix (CalculiX, Ansys), or from a table."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, COMPONENTS, DofLabels
 _CALCULIX = re.compile(r"\s*(\d+)\.(\d)\s*")
 _EQUATION = re.compile(r"\s*(\d+)\s+(\d+)\s+([A-Za-z]\w*)\s*")
 
-#: Components of a node by how many there are.
+#: Usual components of a node by their number.
 USUAL: dict[int, tuple[str, ...]] = {
     2: COMPONENTS[:2],
     3: COMPONENTS[:3],
@@ -29,17 +29,17 @@ USUAL: dict[int, tuple[str, ...]] = {
 
 
 def read_dof_map(path: Path, n: int, components: Sequence[str] | None = None) -> tuple[DofLabels, tuple[str, ...]]:
-    """Node and component of each row.
+    """Node and component of each matrix row.
 
     Parameters
     ----------
     path
-        ``node.direction`` lines (CalculiX ``.dof``); lines of equation, node and label (Ansys ``HBMAT`` mapping); node numbers, one a line
+        ``node.direction`` lines (CalculiX ``.dof``); lines of equation, node and label (Ansys ``HBMAT`` mapping); one node number per line
         after a header (Ansys ``*EXPORT`` of a nodal mapping vector), each for all DOFs of that node; or a CSV table ``dof,node,component``.
     n
-        Rows of the matrices.
+        Number of rows of the matrices.
     components
-        DOFs of each node in their order, where the file names nodes only; None: the usual ones.
+        DOFs of each node in order, if the file names nodes only; None: the usual ones.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def _read(path: Path, n: int, components: Sequence[str] | None) -> tuple[DofLabe
     elif _integers(first) is not None:
         labels, notes = _nodal(path, numbered, n, components)
     else:
-        # One line of headings.
+        # The first line is a header.
         found = [_matched(_EQUATION, line, path, k, "equation, node and label such as UX") for k, line in numbered[1:]]
         order = np.argsort([int(m[1]) for m in found], kind="stable")
         labels = _labels([int(found[k][2]) for k in order], [found[k][3].upper() for k in order])
@@ -127,13 +127,13 @@ def _table(path: Path) -> DofLabels:
 
 
 def _nodal(path: Path, numbered: list[tuple[int, str]], n: int, components: Sequence[str] | None) -> tuple[DofLabels, tuple[str, ...]]:
-    """Nodes only: each stands for all its DOFs, in the order of its lines."""
+    """Labels from a list of nodes only: each node stands for all of its DOFs, in the order of the lines."""
     rows = [(k, _integers(line)) for k, line in numbered]
     wrong = next((k for k, row in rows if row is None), None)
     if wrong is not None:
         raise DataError("a line of the mapping vector cannot be read", file=path, place=f"line {wrong}", expected="a node number")
     numbers = [row for _, row in rows if row is not None]
-    # The header of Matrix Market says how many there are.
+    # A first line with several numbers is the size line of Matrix Market.
     nodes = np.array([row[0] for row in (numbers[1:] if len(numbers[0]) > 1 else numbers)], dtype=np.int64)
     unique, count = np.unique(nodes, return_counts=True)
     per_node = n // unique.size if unique.size else 0

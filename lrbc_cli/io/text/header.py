@@ -1,4 +1,4 @@
-"""What the headings of columns say: name, part of a complex number and unit, in the words and layouts of the usual analysers."""
+"""Interprets headings of columns: name, part of a complex number and unit, in the words and layouts of common analysers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from lrbc_cli.io.encoding import fold
 from lrbc_cli.io.units import decibel, numerator_quantity, parse_unit, response_quantity
 
-#: Words for a part, in lower case without accents: English, German, French, Italian, Spanish.
+#: Words for the part of a complex number, in lower case without accents: English, German, French, Italian, Spanish.
 WORDS = {
     word: part
     for part, words in {
@@ -30,20 +30,20 @@ WORDS = {
 _LONGEST_FIRST = sorted(WORDS, key=len, reverse=True)
 _FREQUENCY = re.compile(r"(freq|frequency|frequenz|frequence|frequenza|frecuencia|f|hz|omega|w)([\s_].*|\W.*)?", re.IGNORECASE)
 _INDEX = {"index", "nr", "no", "#", "n", "line", "linie", "zeile", "ligne", "point", "punkt", "number", "nummer", "bin", "i"}
-#: Units of an angle or a frequency that stand behind a heading without brackets.
+#: Units of an angle or a frequency that may follow a heading without brackets.
 _PLAIN = {"hz", "khz", "rad/s", "db", "deg", "degree", "degrees", "degre", "degres", "grad", "°", "rad"}
-#: Keys above a table that state the unit of its values, letters only.
+#: Keys above a table that state the unit of its values, reduced to letters.
 _UNIT_KEYS = {
     *("amplitudeunit", "unit", "units", "yaxisunit", "yunit", "yunits", "unity", "ordinateunit"),
     *("einheit", "yeinheit", "einheity", "yachseneinheit", "einheityachse", "einheitordinate", "amplitudeneinheit"),
     *("unite", "uniteordonnee", "unitey", "uniteamplitude"),
 }
-#: Those of them that may speak of something else.
+#: Those of these keys that may refer to something else.
 _VAGUE_KEYS = {"unit", "units", "einheit", "unite"}
 #: Keys that state the unit of the frequencies.
 _AXIS_KEYS = {"xaxisunit", "xunit", "xunits", "unitx", "abscissaunit", "xeinheit", "einheitx", "xachseneinheit", "einheitabszisse"}
 _KEY = re.compile(r"[\s\"#%]*([^:=;\t]{2,40}?)\"?\s*[:=;\t]+\s*\"?([^;\t]*?)[\"\s;]*")
-#: Characters of a heading, or of a line with a key, that are looked at: what is longer is a name.
+#: Most characters of a heading or a line with a key that are interpreted; a longer heading is a name.
 _LONGEST = 300
 #: Lines above the numbers that may belong to a heading.
 _ROWS = 5
@@ -51,7 +51,7 @@ _ROWS = 5
 
 @dataclass(frozen=True)
 class Heading:
-    """What stands above one column: all of it but its unit, and of that the name and the part of an FRF (None: not said); the unit."""
+    """Heading of one column: its text without unit, split into name and part of an FRF (None if not stated), and its unit."""
 
     text: str = ""
     name: str = ""
@@ -60,12 +60,12 @@ class Heading:
 
     @property
     def is_frequency(self) -> bool:
-        """Whether it names a frequency."""
+        """Whether the column holds frequencies by its name."""
         return self.part is None and _FREQUENCY.fullmatch(fold(self.text)) is not None
 
     @property
     def is_time(self) -> bool:
-        """Whether it names a time."""
+        """Whether the column holds times by its name."""
         return (
             self.part is None
             and re.fullmatch(r"(time|zeit|temps|tempo|tiempo|t)(_(s|ms|sec))?", fold(self.text)) is not None
@@ -74,12 +74,12 @@ class Heading:
 
     @property
     def is_index(self) -> bool:
-        """Whether it names a count of lines."""
+        """Whether the column counts the lines by its name."""
         return self.part is None and fold(self.text).rstrip(".") in _INDEX
 
 
 def read_headings(lines: Sequence[str], delimiter: str, width: int) -> tuple[Heading, ...]:
-    """Headings of the columns from the lines right above the numbers, which hold names, parts and units in rows of their own or in one."""
+    """Headings of the columns from the lines right above the numbers, with names, parts and units in one row or in several."""
     rows = _rows(lines, delimiter, width)
     units = [""] * width
     if len(rows) > 1 and _is_unit_row(rows[0]):
@@ -95,19 +95,19 @@ def read_headings(lines: Sequence[str], delimiter: str, width: int) -> tuple[Hea
 
 
 def stated_unit(lines: Sequence[str]) -> str:
-    """Unit of an FRF that a line above the table states (``AmplitudeUnit: (m/s²)/N``), understood or not; empty where none does."""
+    """Unit of an FRF from a line above the table (``AmplitudeUnit: (m/s²)/N``), even if not understood; empty if not stated."""
     stated = [(key, value) for key, value in _stated(lines) if key in _UNIT_KEYS]
     known = [value for _, value in stated if decibel(value) is not None or _is_response(value)]
     return next(iter(known or [value for key, value in stated if key not in _VAGUE_KEYS]), "")
 
 
 def stated_axis_unit(lines: Sequence[str]) -> str:
-    """Unit of the frequencies that a line above the table states (``X-Axis unit: kHz``); empty where none does."""
+    """Unit of the frequencies from a line above the table (``X-Axis unit: kHz``); empty if not stated."""
     return next((value for key, value in _stated(lines) if key in _AXIS_KEYS), "")
 
 
 def _stated(lines: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Keys above a table, letters only, with their values."""
+    """Yield the keys above a table, reduced to letters, with their values."""
     for line in lines:
         match = _KEY.fullmatch(line) if len(line) <= _LONGEST else None
         if match is not None and (value := match.group(2).strip()):
@@ -115,7 +115,7 @@ def _stated(lines: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 
 def heading(cell: str) -> Heading:
-    """Divide ``Re(mic01) [Pa/N]``, ``mic01_real``, ``Realteil mic01 / (Pa/N)`` and the like."""
+    """Split ``Re(mic01) [Pa/N]``, ``mic01_real``, ``Realteil mic01 / (Pa/N)`` and the like into name, part and unit."""
     if len(cell) > _LONGEST:
         return Heading(text=cell, name=cell)
     text, unit = split_unit(cell)
@@ -128,7 +128,7 @@ def heading(cell: str) -> Heading:
 
 
 def split_unit(cell: str) -> tuple[str, str]:
-    """Divide ``mic01 [Pa/N]``, ``mic01 ((m/s²)/N)`` or ``mic01 / Pa/N`` into name and unit."""
+    """Split ``mic01 [Pa/N]``, ``mic01 ((m/s²)/N)`` or ``mic01 / Pa/N`` into name and unit."""
     at = _opening(cell)
     if at > 0:
         name, inside = cell[:at].rstrip(" /,"), cell[at + 1 : -1].strip()
@@ -147,7 +147,7 @@ def split_unit(cell: str) -> tuple[str, str]:
 
 
 def _opening(cell: str) -> int:
-    """Where the bracket opens that ends a text; -1 where none does."""
+    """Index of the opening bracket of the pair that ends a text; -1 if there is none."""
     depth = 0
     for index in range(len(cell) - 1, -1, -1):
         depth += (cell[index] in ")]") - (cell[index] in "([")
@@ -157,7 +157,7 @@ def _opening(cell: str) -> int:
 
 
 def _bare(cell: str) -> str:
-    """A unit without brackets around it."""
+    """Unit without the brackets around it."""
     text = cell.strip()
     return text[1:-1].strip() if len(text) > 1 and _opening(text) == 0 else text
 
@@ -168,7 +168,7 @@ def _is_response(label: str) -> bool:
 
 
 def _split_part(text: str) -> tuple[str, str | None]:
-    """Name and part of a heading without its unit; a word at its end comes before one at its start."""
+    """Name and part of a heading without unit; a word for a part at the end takes precedence over one at the start."""
     folded = fold(text)
     if len(folded) != len(text):
         text = unicodedata.normalize("NFC", text)
@@ -183,7 +183,7 @@ def _split_part(text: str) -> tuple[str, str | None]:
             return text[at + 1 : -1].strip(), WORDS[outside]
         if inside in WORDS:
             return text[:at].rstrip(" _.:,-"), WORDS[inside]
-    # By hand, as a pattern takes quadratic time on long runs of separators.
+    # Without a regular expression, which would take quadratic time on long runs of separators.
     whole = folded.removesuffix(".")
     for word in _LONGEST_FIRST:
         if whole.endswith(word) and len(whole) > len(word) and _separates(whole[-len(word) - 1]):
@@ -200,7 +200,7 @@ def _separates(letter: str) -> bool:
 
 
 def _rows(lines: Sequence[str], delimiter: str, width: int) -> list[list[str]]:
-    """The lines that may belong to the heading, the lowest first."""
+    """Cells of the lines that may belong to the heading, the lowest line first."""
     found: list[list[str]] = []
     for line in reversed(lines[-_ROWS:]):
         text = line.strip(" \r#%") if delimiter == "\t" else line.strip().lstrip("#%").strip()
@@ -209,7 +209,7 @@ def _rows(lines: Sequence[str], delimiter: str, width: int) -> list[list[str]]:
         cells = _cells(text, delimiter)
         while len(cells) > width and not cells[-1]:
             cells.pop()
-        # A row of titles may end early: its first cell is empty then, or names the frequency.
+        # A row of titles may be shorter than the table if its first cell is empty or names the frequency.
         if found and 1 < len(cells) < width and (not cells[0] or heading(cells[0]).is_frequency):
             cells += [""] * (width - len(cells))
         if len(cells) != width:
@@ -236,7 +236,7 @@ def _is_unit_row(cells: Sequence[str]) -> bool:
 
 
 def _with_titles(found: list[Heading], cells: Sequence[str]) -> list[Heading]:
-    """Headings with names, or parts, from the row above; a name holds for the empty cells behind it."""
+    """Headings completed by names or parts from the row above; a name also applies to the empty cells after it."""
     titles = [heading(cell) for cell in cells]
     if sum(title.part is not None for title in titles) > 1 and not any(one.part for one in found):
         return [replace(one, part=title.part, unit=one.unit or title.unit) for one, title in zip(found, titles, strict=True)]

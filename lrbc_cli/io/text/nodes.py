@@ -1,4 +1,4 @@
-"""Coordinates of nodes: tables, input files of FE programs, and meshes."""
+"""Reads coordinates of nodes from tables, input files of FE programs, and meshes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lrbc_cli.io.encoding import read_lines
 from lrbc_cli.io.reader_process import read_apart
 from lrbc_cli.io.text.tables import read_table
 
-#: Line of a node, and the texts of its number and coordinates.
+#: Line number of a node, and its number and coordinates as text.
 _Cells = tuple[int, list[str]]
 
 _KEYWORD = re.compile(r"\*NODE\s*(,|$)")
@@ -25,27 +25,27 @@ _FORMAT = re.compile(r"\s*\((\d+)I(\d+),\s*\d+E(\d+)")
 
 
 def read_nodes(path: Path) -> tuple[Integers, Floats, str]:
-    """Node numbers and coordinates, in the unit of the file.
+    """Node numbers and coordinates in the unit of the file.
 
-    Read are CSV tables ``node,x,y,z``; ``*NODE`` blocks of Abaqus and CalculiX; ``GRID`` entries of Nastran; of Ansys ``NBLOCK``
-    (``CDWRITE``), ``NLIST`` and ``NWRITE`` listings; ``.frd`` of CalculiX; other meshes (gmsh, exodus ...) by the package meshio.
+    Formats: CSV tables ``node,x,y,z``; ``*NODE`` blocks of Abaqus and CalculiX; ``GRID`` entries of Nastran; ``NBLOCK`` (``CDWRITE``),
+    ``NLIST`` and ``NWRITE`` listings of Ansys; ``.frd`` of CalculiX; other meshes (gmsh, exodus ...) by the package meshio.
 
     Returns
     -------
     (m,) int array
     (m, 3) float array
     str
-        What the file is.
+        Kind of file.
 
     Raises
     ------
     DataError
-        If no node is found, a line cannot be read, or a node stands there twice at different places.
+        If no node is found, a line cannot be read, or a node is given twice at different places.
     """
     require_file(path)
     start = head(path, 1 << 16)
     if b"\0" in start or start.lstrip().startswith((b"$MeshFormat", b"<?xml", b"# vtk")):
-        # Libraries of the formats may hang or crash on damaged files, and print.
+        # In another process: the libraries of these formats may hang or crash on damaged files, and print.
         return read_apart(_mesh, path)
     lines = read_lines(path)
     what, nodes = _nodes(lines, path)
@@ -84,7 +84,7 @@ def _checked(node: Integers, xyz: Floats, path: Path, what: str) -> tuple[Intege
 
 
 def _nodes(lines: list[str], path: Path) -> tuple[str, Iterator[_Cells] | None]:
-    """What a text file is, and the cells of each of its nodes with their line; None of a table with a header."""
+    """Kind of a text file, and its nodes as cells with their lines; None for a table with a header."""
     begins = [line.lstrip().upper() for line in lines]
     if any(_KEYWORD.match(line) for line in begins):
         return "input file of Abaqus or CalculiX", _keyword_nodes(lines, path)
@@ -118,7 +118,7 @@ def _keyword_nodes(lines: list[str], path: Path) -> Iterator[_Cells]:
 
 
 def _grids(lines: list[str], path: Path) -> Iterator[_Cells]:
-    """GRID entries in free, small or large fields: number, system, coordinates."""
+    """Yield nodes of GRID entries in free, small or large fields: number, coordinate system, coordinates."""
     for k, line in enumerate(lines, start=1):
         if not _GRID.match(line.upper()):
             continue
@@ -136,7 +136,7 @@ def _grids(lines: list[str], path: Path) -> Iterator[_Cells]:
 
 
 def _nblock(lines: list[str], at: int, path: Path) -> Iterator[_Cells]:
-    """Nodes after ``NBLOCK`` and a Fortran format such as ``(3i9,6e21.13e3)``."""
+    """Yield nodes after ``NBLOCK`` and a Fortran format such as ``(3i9,6e21.13e3)``."""
     form = _FORMAT.match(lines[at + 1].upper()) if at + 1 < len(lines) else None
     if form is None:
         raise _wrong(
@@ -150,7 +150,7 @@ def _nblock(lines: list[str], at: int, path: Path) -> Iterator[_Cells]:
 
 
 def _frd(lines: list[str]) -> Iterator[_Cells]:
-    """Nodes of the block ``2C``, with those of expanded shells and beams."""
+    """Yield nodes of the block ``2C``, with those of expanded shells and beams."""
     begin = next((k for k, line in enumerate(lines) if line.startswith("    2C")), len(lines)) + 1
     for k, line in enumerate(lines[begin:], start=begin + 1):
         if not line.startswith(" -1"):

@@ -1,4 +1,4 @@
-"""Tables in CSV: DOFs, named points, lists of DOFs, positions of terms. Every column is used; others are refused."""
+"""Reads CSV tables: DOFs, named points, lists of DOFs, positions of terms. Unknown columns are refused, so that none is ignored."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
 
 @dataclass(frozen=True)
 class Positions:
-    """Where the terms of a parameter group lie.
+    """Positions of the terms of a parameter group, with their parameters and bolts.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Positions:
 
 @dataclass(frozen=True)
 class DofList:
-    """The DOFs that carry the terms of a parameter group.
+    """DOFs of the terms of a parameter group, with their parameters and bolts.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class DofList:
     bolt: tuple[str, ...] | None = None
 
 
-#: Coordinates closer than this are one place [m]: no two bolts, and no rounding of a table, are that close.
+#: Coordinates closer than this are the same place [m]: no two bolts are that close, and no table is rounded that finely.
 ONE_PLACE = 1e-6
 
 #: Coordinates of one node may differ by this fraction of the table's extent: tables of single precision keep seven digits.
@@ -68,7 +68,7 @@ ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class Table:
-    """Cells of a table, and the line of the file that each row stands in."""
+    """Cells of a table, and the line number of each row in the file."""
 
     path: Path
     columns: dict[str, int]
@@ -76,12 +76,12 @@ class Table:
     lines: list[int]
 
     def text(self, name: str) -> list[str]:
-        """One column as text."""
+        """Column as text."""
         at = self.columns[name]
         return [row[at] for row in self.rows]
 
     def integers(self, name: str) -> NDArray[np.int64]:
-        """One column as whole numbers."""
+        """Column as whole numbers."""
         values = np.empty(len(self.rows), dtype=np.int64)
         for index, cell in enumerate(self.text(name)):
             try:
@@ -113,7 +113,7 @@ class Table:
         return values
 
     def _lacking(self, index: int, name: str) -> DataError:
-        """That a cell is empty, or the whole column."""
+        """Error that a cell, or the whole column, is empty."""
         if any(self.text(name)):
             hint = "write the number that belongs there, or remove the line"
             return self.error(index, name, "a number in every line", "nothing (an empty cell)", "a cell is empty", hint)
@@ -132,12 +132,12 @@ class Table:
     def error(
         self, index: int, name: str, expected: str, found: object, problem: str = "a value is wrong", hint: str | None = None
     ) -> DataError:
-        """What is wrong in one cell."""
+        """Error about one cell."""
         place = f"line {self.lines[index]}, column {name!r}"
         return DataError(problem, file=self.path, place=place, expected=expected, found=repr(found), hint=hint)
 
     def names(self, name: str) -> tuple[str, ...] | None:
-        """One column of names, none of them empty; None where the table does not have it."""
+        """Column of names, which must not be empty; None if there is no such column."""
         if name not in self.columns:
             return None
         names = tuple(self.text(name))
@@ -147,7 +147,7 @@ class Table:
         return names
 
     def owners(self, known: Collection[str] | None) -> tuple[str, ...] | None:
-        """Bolt of each line, empty where it names none; None without such a column; ``known`` are those of the bolts file."""
+        """Bolt of each row, empty if it names none; None without such a column. `known`: names in the bolts file."""
         if "bolt" not in self.columns:
             return None
         names = tuple(self.text("bolt"))
@@ -164,7 +164,7 @@ class Table:
         return names
 
     def require_distinct(self, name: str, values: Sequence[object]) -> None:
-        """Refuse a value that stands in two lines."""
+        """Refuse a value that occurs in two rows."""
         seen: dict[object, int] = {}
         for index, value in enumerate(values):
             if value in seen:
@@ -173,7 +173,7 @@ class Table:
             seen[value] = index
 
     def _twice(self, name: str, value: object, first: int, second: int) -> str:
-        """What to do with two lines of one value: where they differ elsewhere, removing one would lose what it stands for."""
+        """Advice for two rows with the same value: if they differ in other columns, removing one would lose data."""
         pairs = {key: (self.rows[first][at], self.rows[second][at]) for key, at in self.columns.items() if key != name}
         differ = {
             key: f"{key} {one or 'empty'} and {other or 'empty'}" for key, (one, other) in pairs.items() if _cell(one) != _cell(other)
@@ -187,7 +187,7 @@ class Table:
 
 
 def _cell(cell: str) -> str | float:
-    """A cell as what can be compared: a number may be written in several ways."""
+    """Cell as number or text for comparison, since a number can be written in several ways."""
     try:
         return float(cell)
     except ValueError:
@@ -195,7 +195,7 @@ def _cell(cell: str) -> str | float:
 
 
 def is_dof_table(path: Path) -> bool:
-    """Whether a file names DOFs: else it is a table, input file or mesh with the nodes only."""
+    """Whether a file is a table with DOFs; otherwise it is a table, input file or mesh with nodes only."""
     require_file(path)
     lines = (line.strip() for line in decode(head(path, 1 << 16)).splitlines())
     header = next((line for line in lines if line and line[0] != "#"), "")
@@ -204,15 +204,15 @@ def is_dof_table(path: Path) -> bool:
 
 
 def read_dof_table(path: Path) -> DofTable:
-    """Read what each row of the matrices stands for: columns ``dof, node, component, x, y, z`` in any order.
+    """Read the DOF of each matrix row: columns ``dof, node, component, x, y, z`` in any order.
 
-    DOFs count from 0; each of 0 to n - 1 must stand in exactly one line, in any order.
+    DOFs count from 0; each of 0 to n - 1 must occur in exactly one line, in any order.
 
     Raises
     ------
     DataError
-        With the line number, if a column is missing or unknown, a value is wrong, missing or double, two DOFs have one node and
-        component, or one node of a field lies at two places.
+        With the line number, if a column is missing or unknown, a value is wrong, missing or repeated, two DOFs have the same node and
+        component, or a node of a field has two places.
     """
     table = read_table(path, ("dof", "node", "component", "x", "y", "z"))
     dof = table.integers("dof")
@@ -231,14 +231,14 @@ def read_dof_table(path: Path) -> DofTable:
             raise table.error(index, "component", "UX, UY, UZ, ROTX, ROTY, ROTZ, PRES or another label", cell)
     labels, node, xyz = np.asarray(component, dtype=np.str_), table.integers("node"), table.floats("x", "y", "z")
     _require_one_dof(table, node, labels)
-    # Structure and air may be numbered apart, each from 1.
+    # Nodes of structure and air may be numbered separately, each from 1.
     for field in (labels == ACOUSTIC_COMPONENT, labels != ACOUSTIC_COMPONENT):
         _require_one_place(table, np.flatnonzero(field), node, xyz)
     return DofTable(node=node[order], component=labels[order], xyz=xyz[order])
 
 
 def _require_one_dof(table: Table, node: NDArray[np.int64], labels: NDArray[np.str_]) -> None:
-    """Refuse two DOFs of one node and component: whatever is asked for there could be either."""
+    """Refuse two DOFs with the same node and component, since a selection by these would be ambiguous."""
     _, number = np.unique(labels, return_inverse=True)
     order = np.lexsort((number, node))
     again = np.flatnonzero((np.diff(node[order]) == 0) & (np.diff(number[order]) == 0))
@@ -255,7 +255,7 @@ def _require_one_dof(table: Table, node: NDArray[np.int64], labels: NDArray[np.s
 
 
 def _require_one_place(table: Table, rows: NDArray[np.int64], node: NDArray[np.int64], xyz: NDArray[np.float64]) -> None:
-    """Refuse a node that lies at two places."""
+    """Refuse a node with two places."""
     order = rows[np.argsort(node[rows], kind="stable")]
     same = np.flatnonzero(np.diff(node[order]) == 0)
     if not same.size:
@@ -279,12 +279,12 @@ def _place(point: NDArray[np.float64]) -> str:
 
 
 def read_points(path: Path) -> PointTable:
-    """Read named points, such as bolts: columns ``name, x, y, z``; names and places must differ.
+    """Read named points, such as bolts: columns ``name, x, y, z``; names and places must be distinct.
 
     Raises
     ------
     DataError
-        With the line number, if a column is missing or unknown, a value is wrong, or a name or place is double.
+        With the line number, if a column is missing or unknown, a value is wrong, or a name or place is repeated.
     """
     table = read_table(path, ("name", "x", "y", "z"))
     names = table.text("name")
@@ -308,12 +308,12 @@ def read_points(path: Path) -> PointTable:
 
 
 def read_dof_list(path: Path, bolts: Collection[str] | None = None) -> DofList:
-    """Read the DOFs of terms, in the table's order: column ``dof`` (0-based) and, where wanted, ``parameter``, ``bolt`` and ``x, y, z``.
+    """Read the DOFs of terms in the order of the table: column ``dof`` (0-based), optionally ``parameter``, ``bolt`` and ``x, y, z``.
 
     Raises
     ------
     DataError
-        With the line number, if the column is missing or another unknown, a value is wrong or double, or a bolt is none of ``bolts``.
+        With the line number, if the column is missing or another unknown, a value is wrong or repeated, or a bolt is not in ``bolts``.
     """
     table = read_table(path, ("dof",), ("parameter", "bolt", "x", "y", "z"))
     dof = table.integers("dof")
@@ -328,12 +328,12 @@ def read_dof_list(path: Path, bolts: Collection[str] | None = None) -> DofList:
 
 
 def read_nodes(path: Path) -> tuple[int, ...]:
-    """Read a column ``node``, in the table's order.
+    """Read a column ``node`` in the order of the table.
 
     Raises
     ------
     DataError
-        With the line number, if the column is missing or another unknown, or a value is wrong or double.
+        With the line number, if the column is missing or another unknown, or a value is wrong or repeated.
     """
     table = read_table(path, ("node",))
     nodes = table.integers("node")
@@ -342,19 +342,19 @@ def read_nodes(path: Path) -> tuple[int, ...]:
 
 
 def read_positions(path: Path, bolts: Collection[str] | None = None) -> Positions:
-    """Read positions of terms: columns ``x, y, z``, ``parameter`` where terms share one, ``bolt`` where they belong to one.
+    """Read positions of terms: columns ``x, y, z``, optionally ``parameter`` (terms may share one) and ``bolt`` (the owner).
 
     Raises
     ------
     DataError
-        With the line number, if a column is missing or unknown, a value is wrong, or a bolt is none of ``bolts``.
+        With the line number, if a column is missing or unknown, a value is wrong, or a bolt is not in ``bolts``.
     """
     table = read_table(path, ("x", "y", "z"), ("parameter", "bolt"))
     return Positions(xyz=table.floats("x", "y", "z"), parameter=table.names("parameter"), bolt=table.owners(bolts))
 
 
 def read_table(path: Path, needed: Sequence[str], further: Sequence[str] = ()) -> Table:
-    """Read a table with a header; columns that are neither needed nor among the further ones are refused."""
+    """Read a table with a header; columns `needed` must exist, those in `further` may, and others are refused."""
     require_file(path)
     numbered = [(number, line) for number, line in enumerate(read_lines(path), start=1) if line.strip() and line.lstrip()[0] != "#"]
     if not numbered:
