@@ -1,4 +1,4 @@
-"""FRFs in CSV and other text, of this package and of others."""
+"""Reads FRFs and coherences from CSV and other text files of any origin, and writes FRFs as CSV."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class _Column:
 
 @dataclass(frozen=True)
 class _Pair:
-    """Two columns of one FRF, and what they hold."""
+    """The two columns of one FRF, and how they represent its complex values."""
 
     name: str
     first: int
@@ -58,14 +58,14 @@ class _Pair:
 def read_frf_text(path: Path, layout: TextLayout) -> FrfSet:
     """Read FRFs from columns of text.
 
-    What the layout does not say is found out: separator, decimal sign, header, columns (``NAME_real``, ``Re(NAME)``,
+    What the layout does not state is recognised: separator, decimal sign, header, columns (``NAME_real``, ``Re(NAME)``,
     ``NAME_mag``, ``NAME_phase``, ``NAME_coherence`` and the like), degrees or radians. Without a header, columns after
-    the frequency are taken as pairs of real and imaginary part. All of it stands in the notes.
+    the frequency are read as pairs of real and imaginary part. The notes list all of these assumptions.
 
     Raises
     ------
     DataError
-        If there is no such table, columns do not pair up, or a value is not finite.
+        If there is no such table, columns do not form pairs, or a value is not finite.
     """
     lines = read_lines(path)
     several = blocks(lines, path)
@@ -78,7 +78,7 @@ def read_frf_text(path: Path, layout: TextLayout) -> FrfSet:
 
 
 def _of_table(table: TextTable, path: Path, layout: TextLayout, within: str = "") -> FrfSet:
-    """All FRFs of one table ``within`` the file."""
+    """All FRFs of one table; `within` names it if the file has several."""
     notes = [*table.notes] if within else [*table.notes, table.begins]
     at = _frequency_column(table, layout, path)
     frequency = _frequencies(table, at, layout, path, notes)
@@ -110,7 +110,7 @@ def _coherence(table: TextTable, at: int, path: Path, name: str, notes: list[str
 
 
 def _only(pairs: list[_Pair], column: str, path: Path) -> _Pair:
-    """The only FRF of a table, that the one column of a coherence belongs to."""
+    """The only FRF of a table, to which a single column of coherence belongs."""
     if len(pairs) != 1:
         raise DataError(
             "it is not clear which FRF the coherence belongs to",
@@ -124,14 +124,14 @@ def _only(pairs: list[_Pair], column: str, path: Path) -> _Pair:
 
 
 def _of_blocks(several: list[Block], path: Path, layout: TextLayout) -> FrfSet:
-    """The FRFs of a file with one function below the other, with the coherences of the same signals."""
+    """FRFs of a file with functions below each other, with the coherences of the same signals."""
     records: list[tuple[Block, FrfRecord]] = []
     coherences: list[tuple[Block, NDArray[np.float64], NDArray[np.float64]]] = []
     notes, told, warnings = Notes(), list[str](), list[str]()
     for number, block in enumerate(several, start=1):
         table = read_table(path, layout if number == 1 else replace(layout, skip=None), list(block.lines), block.before)
         if block.is_coherence and len(table.headings) > 2:
-            # Index, frequency, value.
+            # The columns are index, frequency and value.
             frequency = _frequencies(table, len(table.headings) - 2, layout, path, told)
             coherences.append((block, frequency, _coherence(table, len(table.headings) - 1, path, block.title, told)))
         elif not block.is_frf:
@@ -153,7 +153,7 @@ def _of_blocks(several: list[Block], path: Path, layout: TextLayout) -> FrfSet:
     result = []
     for block, record in records:
         fitting = [values for other, lines, values in coherences if other.signals == block.signals and _same(lines, record)]
-        # The one FRF of a file is called by the file.
+        # The only FRF of a file stays without a name and is called by the file.
         name = record.name or ((block.signals[0] or block.title) if len(records) > 1 else "")
         coherence = fitting[0] if len(fitting) == 1 and block.signals[0] else record.coherence
         result.append(replace(record, name=name, coherence=coherence))
@@ -166,7 +166,7 @@ def _same(lines: NDArray[np.float64], record: FrfRecord) -> bool:
 
 
 def _unit(table: TextTable, pair: _Pair, units: dict[int, str], layout: TextLayout, path: Path) -> str:
-    """Unit of an FRF: that of its first column, which is that of its imaginary part, too.
+    """Unit of an FRF: that of its first column, which the imaginary part must share.
 
     Raises
     ------
@@ -189,7 +189,7 @@ def _unit(table: TextTable, pair: _Pair, units: dict[int, str], layout: TextLayo
 
 
 def _parts(table: TextTable, pair: _Pair, path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The two columns of an FRF.
+    """Values of the two columns of an FRF.
 
     Raises
     ------
@@ -224,17 +224,17 @@ def _parts(table: TextTable, pair: _Pair, path: Path) -> tuple[NDArray[np.float6
 
 
 def read_text_coherence(path: Path, layout: TextLayout) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Read coherences from columns ``NAME_coherence``, or from all columns after the frequency where none is called so.
+    """Read coherences from columns ``NAME_coherence``, or from all columns after the frequency if none has such a name.
 
     Returns
     -------
     dict
-        Name to frequencies in Hz and coherences, both (F,).
+        Frequencies [Hz] and coherences, both (F,), by name.
 
     Raises
     ------
     DataError
-        If there is no such table or a value is no coherence.
+        If there is no such table or a value lies outside 0 to 1.
     """
     table = read_table(path, layout, read_lines(path))
     at = _frequency_column(table, layout, path)
@@ -252,12 +252,12 @@ def read_text_coherence(path: Path, layout: TextLayout) -> dict[str, tuple[NDArr
 
 
 def write_frf_csv(path: Path, frf: FrfSet) -> None:
-    """Write FRFs in SI: ``frequency_hz``, then ``NAME_real``, ``NAME_imag`` (and ``NAME_coherence``) a response.
+    """Write FRFs in SI: ``frequency_hz``, then ``NAME_real``, ``NAME_imag`` (and ``NAME_coherence``) for each response.
 
     Raises
     ------
     DataError
-        If the records have different lines, or names that are double or empty.
+        If the records have different lines, or repeated or empty names.
     """
     names = [record.name for record in frf.records]
     if not names or not all(name and name.isprintable() for name in names) or len(set(names)) != len(names):
@@ -294,19 +294,19 @@ def _frequency_column(table: TextTable, layout: TextLayout, path: Path) -> int:
             found=f"values over time, {table.values[0, 0]:g} to {table.values[-1, 0]:g}",
             hint="let the analyser average FRFs from it (H1, response over hammer force), and export the FRFs",
         )
-    # A count of the lines comes before the frequency: then columns and pairs do not come out even without it.
+    # Frequency and pairs are an odd number of columns; an index before the frequency makes it even.
     counts = np.array_equal(np.diff(table.values[:, 0]), np.ones(len(table.values) - 1))
     nameless = not any(one.text for one in table.headings)
     return int(counts and len(table.headings) > 3 and (table.headings[0].is_index or (nameless and len(table.headings) % 2 == 0)))
 
 
 def _data_columns(table: TextTable, at: int, path: Path) -> list[int]:
-    """Columns of values: neither the frequency, which some programs repeat before each FRF, nor a count of the lines.
+    """Indices of the columns of values, without the frequency, which some programs repeat before each FRF, and a count of the lines.
 
     Raises
     ------
     DataError
-        If such a repeated axis is another one.
+        If a repeated frequency column differs from the first one.
     """
     chosen = []
     for index, one in enumerate(table.headings):
@@ -337,7 +337,7 @@ def _frequencies(table: TextTable, at: int, layout: TextLayout, path: Path, note
 
 
 def _find(table: TextTable, column: str | int, path: Path, place: str) -> int:
-    """Index of a column by its name or its number from 1."""
+    """Index of a column from its name or its number (from 1)."""
     if isinstance(column, int):
         if 1 <= column <= len(table.headings):
             return column - 1
@@ -359,7 +359,7 @@ def _classify(table: TextTable, index: int, layout: TextLayout) -> _Column:
 
 
 def _by_angles(columns: list[_Column]) -> list[_Column]:
-    """Columns in degrees or radians are phases, and those before them or of the same name their magnitudes."""
+    """Mark columns in degrees or radians as phases, and the columns before them or of the same name as their magnitudes."""
     found: list[_Column] = []
     for column in columns:
         if column.part is None and fold(column.unit).strip("[](). ") in _ANGLES:
@@ -371,7 +371,7 @@ def _by_angles(columns: list[_Column]) -> list[_Column]:
 
 
 def _chosen_pairs(table: TextTable, columns: list[_Column], layout: TextLayout, path: Path) -> list[_Pair]:
-    """Pairs that the layout names; what they hold is said by it, else by their headings."""
+    """Pairs that the layout names; their representation follows from the layout, else from their headings."""
     parts = {column.at: column.part for column in columns}
     pairs = []
     for name, chosen in layout.columns.items():
@@ -382,7 +382,7 @@ def _chosen_pairs(table: TextTable, columns: list[_Column], layout: TextLayout, 
 
 
 def _pairs(table: TextTable, columns: list[_Column], layout: TextLayout, path: Path, notes: list[str]) -> list[_Pair]:
-    """Pairs of columns and what they hold; pairs that share a name, or have none, by their order."""
+    """Pairs of columns with their representation; columns that share a name, or have none, are paired in order."""
     seen: dict[tuple[str, str], int] = {}
     parts: dict[tuple[str, int], dict[str, int]] = {}
     for column in columns:
@@ -433,7 +433,7 @@ def _pairs(table: TextTable, columns: list[_Column], layout: TextLayout, path: P
 
 
 def _instead(table: TextTable, columns: Sequence[_Column]) -> str:
-    """What columns without partners may be, and what to do."""
+    """What columns without a partner may be, and advice."""
     values = table.values[:, [column.at for column in columns]]
     known = values[np.isfinite(values)]
     plain = "give the pairs under 'format: {columns: {NAME: [first, second]}}' of the job"

@@ -1,4 +1,4 @@
-"""Where the numbers of a text file start, and how its columns are divided and named."""
+"""Finds the table of numbers in a text file: its first line, separator, decimal sign and headings."""
 
 from __future__ import annotations
 
@@ -15,41 +15,41 @@ from lrbc_cli.io.encoding import read_lines
 from lrbc_cli.io.layout import TextLayout
 from lrbc_cli.io.text.header import Heading, read_headings, stated_axis_unit, stated_unit
 
-# Each digit can be matched in one way only: what is no number is found out in linear time.
+# Each digit can match in one way only, so that text which is no number is rejected in linear time.
 _POINT = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eEdD][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)|", re.IGNORECASE)
 _COMMA = re.compile(r"[-+]?(?:\d+(?:,\d+)?|,\d+)(?:[eEdD][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)|", re.IGNORECASE)
 _CANDIDATES = (("\t", "."), (";", "."), (",", "."), (" ", "."), ("\t", ","), (";", ","), (" ", ","))
-# Lines from the end of a file by which its separators are judged.
+# Number of lines at the end of a file from which its separators are determined.
 _SAMPLE = 200
-# A number of which only the end shows that it is complex.
+# A complex number in one cell, recognised by its imaginary unit.
 _COMPLEX = re.compile(r"\d\s*\*?\s*[ij](?![a-z])|[-+*]\s*[ij]\s*\*?\s*\d", re.IGNORECASE)
-# Digits in groups of three, of which a sign or two tell that they are one number.
+# A number with thousands separators.
 _GROUPED = re.compile(r"[-+]?\d{1,3}(?:(?:\.\d{3})+,\d+|(?:,\d{3})+\.\d+|(?:['\u2019\u00a0\u202f]\d{3})+(?:[.,]\d+)?|(?:\.\d{3}){2,})")
 _NAMES = {"\t": "tab", " ": "blanks", ",": "comma", ";": "semicolon"}
 
 
 @dataclass(frozen=True, kw_only=True)
 class TextTable:
-    """Numbers of a text file with the names and units of their columns.
+    """Table of numbers in a text file, with the names and units of its columns.
 
     Attributes
     ----------
     values : (lines, columns) float array
-        Unreadable leading lines are left out.
+        Values, without unreadable lines at the beginning.
     lines : (lines,) int array
         Line number of each row in the file.
     headings : tuple of Heading
-        One a column.
+        One for each column.
     unit : str
-        That of the values, where a line above the table states it.
+        Unit of the values, if a line above the table states it.
     axis_unit : str
-        That of the frequencies, likewise.
+        Unit of the frequencies, likewise.
     notes : tuple of str
-        What was found out rather than told.
+        What was recognised and not stated by the layout.
     begins : str
         Note on where the numbers begin, for a file of one table.
     delimiter : str
-        Between the cells.
+        Separator of the cells.
     """
 
     values: NDArray[np.float64]
@@ -62,17 +62,17 @@ class TextTable:
     delimiter: str
 
     def called(self, at: int) -> str:
-        """A column for a message."""
+        """Name or number of a column, for messages."""
         return self.headings[at].text or str(at + 1)
 
     def cell(self, path: Path, row: int, at: int) -> str:
-        """What the file says in a cell, for a message."""
+        """Text of a cell in the file, for messages."""
         cells = _split(read_lines(path)[int(self.lines[row]) - 1], self.delimiter)
         return (cells[at] if at < len(cells) else "") or "nothing (an empty cell)"
 
 
 def read_table(path: Path, layout: TextLayout, lines: list[str], before: int = 0) -> TextTable:
-    """Find the block of numbers and its header in lines of a file that stand after ``before`` others.
+    """Find the block of numbers and its header in lines of a file, which follow `before` other lines.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def read_table(path: Path, layout: TextLayout, lines: list[str], before: int = 0
 
 
 def _no_table(lines: list[str], before: int, path: Path) -> DataError:
-    """What is said of lines that stand after ``before`` others and none of which is one of numbers."""
+    """Error for lines (after `before` others) without any line of numbers."""
     place, found = None, next((line for line in lines if line.strip()), "")
     hint = "describe the layout under 'format:' of the job"
     grouped = next((at for at, line in enumerate(lines) if _grouped(line)), None)
@@ -133,20 +133,20 @@ def _no_table(lines: list[str], before: int, path: Path) -> DataError:
 
 
 def _grouped(line: str) -> str:
-    """The first cell of a line that is a number with thousands separators; empty where none is."""
+    """First cell of a line that is a number with thousands separators; empty if there is none."""
     cells = (cell for delimiter in "\t; " for cell in _split(line, delimiter))
     return next((cell for cell in cells if len(cell) <= LONGEST_NUMBER and _GROUPED.fullmatch(cell)), "")
 
 
 def _ungroup(cell: str) -> str:
-    """What to do about thousands separators."""
+    """Advice on thousands separators."""
     return f"{cell!r} has thousands separators: export without them (in a spreadsheet: format the cells as numbers without grouping)"
 
 
 def _refuse_decimal_commas(line: str, number: int, names: int, path: Path) -> None:
-    """Refuse a line of up to twice as many cells as the header has names, where the second of each two can be decimals.
+    """Refuse a line with up to twice as many cells as the header has names, if every second cell can be decimals of the one before.
 
-    The first columns may be whole numbers, as frequencies are.
+    The first columns may be whole numbers, as frequencies often are.
     """
     cells = _split(line, ",")
     if "." not in line and all(cell[:1].isdigit() for cell in cells[2 * names - len(cells) :][1::2]):
@@ -169,7 +169,7 @@ def _split(line: str, delimiter: str) -> list[str]:
 
 
 def _fits(line: str, delimiter: str, decimal: str, width: int | None) -> bool:
-    """Whether a line is one of numbers; empty cells pass if the first cell and another are numbers."""
+    """Whether a line consists of numbers; empty cells are allowed if the first cell and another one are numbers."""
     cells = _split(line, delimiter)
     while len(cells) > 2 and not cells[-1] and len(cells) > (width or 0):
         cells.pop()
@@ -180,7 +180,7 @@ def _fits(line: str, delimiter: str, decimal: str, width: int | None) -> bool:
 
 
 def _unusable(lines: list[str], skip: int, start: int, delimiter: str, decimal: str, width: int) -> int:
-    """Lines above the numbers that begin with a frequency and hold no numbers: near 0 Hz some programs write words."""
+    """Number of lines above the numbers with a frequency and no other numbers: near 0 Hz some programs write words."""
     pattern = _POINT if decimal == "." else _COMMA
     count = 0
     while start - count > skip:
@@ -192,7 +192,7 @@ def _unusable(lines: list[str], skip: int, start: int, delimiter: str, decimal: 
 
 
 def _best(lines: list[str], candidates: list[tuple[str, str]]) -> tuple[int, str, str] | None:
-    """Columns, separator and decimal sign by which most lines are numbers; None where none are."""
+    """Number of columns, separator and decimal sign with which most lines are numbers; None if none are."""
     tail = [line for line in lines if line.strip()][-_SAMPLE:]
     best, most = None, 0
     for delimiter, decimal in candidates:
@@ -203,7 +203,7 @@ def _best(lines: list[str], candidates: list[tuple[str, str]]) -> tuple[int, str
 
 
 def _halved(lines: list[str], candidates: list[tuple[str, str]]) -> tuple[list[str], tuple[tuple[str | None, ...], ...]] | None:
-    """Lines whose complex cells (``1.2+3.4j``) are two, and the parts that each column then has; None where no cell is complex."""
+    """Lines with complex cells (``1.2+3.4j``) split in two, and the part in each new column; None if no cell is complex."""
     tail = [line for line in lines if line.strip()][-_SAMPLE:]
     for delimiter, decimal in candidates:
         number = rf"(?:\d+(?:{re.escape(decimal)}\d*)?|{re.escape(decimal)}\d+)(?:e[-+]?\d+)?"
@@ -214,7 +214,7 @@ def _halved(lines: list[str], candidates: list[tuple[str, str]]) -> tuple[list[s
 
         rows = [row for row in map(divided, tail) if len(row) > 1 and all(row)]
         width = len(rows[-1]) if rows else 0
-        # What is before the first separator is a frequency, of which a program may have written a zero imaginary part, too.
+        # The first column is the frequency; some programs write it as a complex number with a zero imaginary part.
         two = [any(len(row) == width and (cell := row[at]) and cell[3] for row in rows) for at in range(width)]
         if not any(two[1:]):
             continue
@@ -232,7 +232,7 @@ def _halved(lines: list[str], candidates: list[tuple[str, str]]) -> tuple[list[s
 
 
 def _extent(lines: list[str], delimiter: str, decimal: str) -> tuple[int, int]:
-    """Lines of numbers that share the most frequent width, and that width."""
+    """Number of lines of numbers with the most frequent width, and this width."""
     widths: dict[int, int] = {}
     for line in lines:
         if _fits(line, delimiter, decimal, None):
@@ -247,7 +247,7 @@ def _extent(lines: list[str], delimiter: str, decimal: str) -> tuple[int, int]:
 
 
 def _misfit(line: str, delimiter: str, decimal: str, width: int) -> str:
-    """What is wrong with a line: its number of cells, else the first that is no number."""
+    """Description of what is wrong with a line: its number of cells, else its first cell that is no number."""
     cells = _split(line, delimiter)
     pattern = _POINT if decimal == "." else _COMMA
     wrong = [index for index, cell in enumerate(cells) if len(cell) > LONGEST_NUMBER or not pattern.fullmatch(cell)]
@@ -257,7 +257,7 @@ def _misfit(line: str, delimiter: str, decimal: str, width: int) -> str:
 
 
 def _begins(line: str, delimiter: str, decimal: str) -> bool:
-    """Whether all cells but the last are numbers: a line of a table, not words below it."""
+    """Whether all cells but the last are numbers, so that the line belongs to the table and is not text below it."""
     cells = _split(line, delimiter)[:-1]
     return bool(cells) and _fits(delimiter.join(cells), delimiter, decimal, len(cells))
 
