@@ -1,1 +1,1 @@
-"""Reads a campaign (model, terms, loads, outputs, bolts) and checks that the parts fit together."""
+"""Reads the model of a campaign (matrices, terms, loads, outputs, bolts) and checks that its parts fit together; begin with ``inputs``."""

@@ -1,4 +1,4 @@
-"""What may drift between the reference job and another, as the campaign file says it."""
+"""Nuisance parameters of the campaign file: checks that they can be identified, and what the model needs for them."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ KELVIN = 273.15
 
 
 def speed_std(nuisances: NuisanceConfig) -> float | None:
-    """Relative standard deviation of the speed of sound; None where it is held."""
+    """Relative standard deviation of the speed of sound; None if it is constant."""
     if nuisances.temperature is not None:
         return 0.5 * nuisances.temperature / (nuisances.room + KELVIN)
     return nuisances.sound_speed
 
 
 def check_drift(campaign: Campaign, acoustic: bool) -> None:
-    """Raise a ConfigError where nothing can drift: without a reference job, or the speed of sound in a model without air."""
+    """Raise a ConfigError if nuisance parameters are given without a reference job, or for the speed of sound in a model without air."""
     drift = [key for key, value in campaign.update.nuisances if value is not None and key != "room"]
-    # Before anything is measured there is no reference job to name, and the plan counts with the drift already.
+    # Before the first measurement there is no reference job to name, but a plan already uses nuisance parameters.
     reference = campaign.update.reference is not None or not campaign.jobs
     if drift and resolve(campaign.update, Facts(reference, True)).approach == "paper":
         raise campaign.error(
@@ -46,12 +46,12 @@ def check_drift(campaign: Campaign, acoustic: bool) -> None:
 
 
 def load_shift(campaign: Campaign, dofs: DofTable | None, dof: int, name: str) -> Floats:
-    """(n, 2) derivatives of an excitation to a shift along the surface; dof is negative where it is a vector.
+    """(n, 2) derivatives of a unit load with respect to its offset along the surface [1/m]; ``dof`` is negative for a vector.
 
     Raises
     ------
     ConfigError
-        Where they are unknown.
+        If they are unknown.
     """
     found = load_shifts(dofs, dof) if dofs is not None and dof >= 0 else None
     if found is None:

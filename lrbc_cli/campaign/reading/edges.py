@@ -1,4 +1,4 @@
-"""Whether the terms of a group follow one another along one edge, where that matters; several edges are groups of their own."""
+"""Checks that the terms of a group follow each other along one edge, and splits groups of several edges."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from lrbc_cli.model.selection import JUMP, arc_length, edges_of, is_line, jumps
 
 
 def by_edges(campaign: Campaign, groups: Sequence[TermGroup], bolts: PointTable | None) -> tuple[list[TermGroup], list[str], list[str]]:
-    """One group for each edge, where values are tied to their neighbours; in words what lies where, and what is no line.
+    """Groups split into one per edge if their values are coupled to neighbours, notes on the edges, and warnings on groups without line.
 
     Raises
     ------
     ConfigError
-        Where values are tied to neighbours that lie on no line, or terms whose order the campaign states do not lie along one edge, and
-        smoothing, differences along the edge, or the hat of a bolt reach across a jump; a removed bolt that is not known.
+        If coupled values are not on a line; if terms in an order that the campaign states jump between edges, and smoothing or the hat of
+        a bolt extends across a jump; or if a removed bolt is unknown.
     """
     require_known_bolts(campaign, bolts)
     found, notes, doubts = list[TermGroup](), list[str](), list[str]()
@@ -63,10 +63,10 @@ def by_edges(campaign: Campaign, groups: Sequence[TermGroup], bolts: PointTable 
 
 
 def _require_own_weight(campaign: Campaign, *, rounding: float = 1e-3) -> None:
-    """Refuse smoothing by which a term has more of its neighbours' values than of its own.
+    """Refuse smoothing in which the neighbours of a value have more weight than the value itself.
 
-    A gap comes out narrower than it is, by the values of the tight neighbours, and to explain it these are made loose, too: on the frame
-    sample with three equal weights a tight bolt was called loose.
+    A gap would be filled from its tight neighbours, and these would be loosened to compensate: on the frame sample with three equal
+    weights, a tight bolt was called loose.
 
     Raises
     ------
@@ -90,12 +90,12 @@ def _require_own_weight(campaign: Campaign, *, rounding: float = 1e-3) -> None:
 
 
 def _no_line(campaign: Campaign, group: TermGroup, at: Integers, bolts: PointTable | None) -> str | None:
-    """A doubt where terms that this program ordered fill a face or a body; None where they follow lines.
+    """Warning if terms that were ordered by this program fill a face or a body; None if they follow lines.
 
     Raises
     ------
     ConfigError
-        Where something ties them to their neighbours.
+        If they do not follow lines and are coupled to their neighbours.
     """
     assert group.xyz is not None
     if not _ordered_here(group) or all(map(is_line, np.split(group.xyz, at + 1))):
@@ -120,7 +120,7 @@ def _no_line(campaign: Campaign, group: TermGroup, at: Integers, bolts: PointTab
 
 
 def _ordered_here(group: TermGroup) -> bool:
-    """Whether nobody but this program said in which order the terms follow one another."""
+    """Whether the order of the terms was determined by this program, not by the user."""
     select = group.config.select
     return select.box is not None or select.along is not None or select.boundary is not None
 
@@ -137,7 +137,7 @@ def _breaks(group: TermGroup) -> Integers:
 
 
 def _split(campaign: Campaign, group: TermGroup, at: Integers) -> list[TermGroup]:
-    """The same terms as one group for each edge."""
+    """The terms of a group as one group per edge; ``at`` as of ``_breaks``."""
     assert group.xyz is not None
     parts = []
     for k, (a, b) in enumerate(pairwise([0, *(at + 1), group.count]), start=1):
@@ -151,7 +151,7 @@ def _split(campaign: Campaign, group: TermGroup, at: Integers) -> list[TermGroup
 
 
 def _preview(group: TermGroup) -> str:
-    """Where an edge begins and ends, and how far its terms are apart; nothing of a single one."""
+    """Note on ends and term spacing of an edge; empty for a single value."""
     assert group.xyz is not None
     assert group.arc_length is not None
     if group.count < 2:
@@ -164,7 +164,7 @@ def _preview(group: TermGroup) -> str:
 
 
 def _jumps(group: TermGroup, at: Integers) -> str:
-    """The steps that are none along an edge."""
+    """Text on the jumps between values."""
     assert group.xyz is not None
     assert group.arc_length is not None
     steps = np.diff(group.arc_length)
@@ -178,7 +178,7 @@ def _jumps(group: TermGroup, at: Integers) -> str:
 
 
 def _tied(campaign: Campaign, group: TermGroup, at: Integers, bolts: PointTable | None) -> str | None:
-    """What ties values on both sides of a jump, in words."""
+    """What couples values across a jump, in words; None if nothing does."""
     smoothing = group.config.smoothing
     if smoothing is not None and any(weight > 0 for i, weight in enumerate(smoothing) if i != len(smoothing) // 2):
         return "smoothing mixes values"
@@ -186,7 +186,7 @@ def _tied(campaign: Campaign, group: TermGroup, at: Integers, bolts: PointTable 
         return None
     assert group.xyz is not None
     steps = np.linalg.norm(np.diff(group.xyz, axis=0), axis=1)
-    # The hat of a bolt ends at the next bolt: a jump between two bolts at its very ends is in none.
+    # The hat of a bolt ends at the next bolt, so a jump whose two ends are bolts is in no hat.
     distance = np.linalg.norm(group.xyz[None] - bolts.xyz[:, None], axis=2)
     # Bolts of other edges do not count.
     nearest = np.argmin(distance, axis=1)[distance.min(axis=1) <= np.median(steps)]

@@ -1,4 +1,4 @@
-"""Global factors of a campaign's model: matrices of its further groups, and what became of a stored calibration."""
+"""Global factors of the model: matrices of calibration groups, damping and baselines of the operators, and use of a stored calibration."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from lrbc_cli.model.factors import FIELDS, Recipe, block, make_recipe, parted
 from lrbc_cli.model.fem import FeModel, hysteretic, proportional_damping
 from lrbc_cli.results.model import Boundary
 
-#: A share with a norm above this many times that of the model's own entries there is another matrix, or one in other units.
+#: Largest ratio of norms of a group's matrix and the model's entries at the same places; above it is another matrix, or in other units.
 LARGEST_SHARE = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationUse:
-    """What became of a stored calibration.
+    """Whether and how a stored calibration is used.
 
     Attributes
     ----------
     used : bool
     text : str
-        In words, for a person.
+        The same in words.
     key : str or None
-        Of what was stored.
+        Key of the stored calibration.
     factors : dict
-        Those in the model; empty where it is not used.
+        Factors contained in the model; empty if it is not used.
     stale : bool
-        Stored, but not fitting: worth a warning.
+        Stored but out of date: a warning is given.
     boundary : mapping
-        By parameter group what was identified beside the factors: a state that explains the calibration's measurement with them.
+        Values identified together with the factors, by parameter group.
     """
 
     used: bool
@@ -53,12 +53,12 @@ class CalibrationUse:
 def factor_groups(
     reader: ModelReader, operators: dict[str, sp.csc_array], lossy: Callable[[sp.csc_array], sp.csc_array]
 ) -> dict[str, dict[str, sp.csc_array]]:
-    """Matrices of the further groups of the calibration; ``lossy`` gives stiffness its loss factor.
+    """Matrices of the calibration groups, by group and operator; ``lossy`` adds the loss factor to a stiffness.
 
     Raises
     ------
     DataError
-        Where one cannot be a share of the model's matrix.
+        If one cannot be a part of the model's matrix.
     """
     calibration = reader.campaign.calibration
     found: dict[str, dict[str, sp.csc_array]] = {}
@@ -74,7 +74,7 @@ def factor_groups(
                     place=ref.group,
                     expected="a part of the model's matrix",
                 )
-            # Only entries that the model's matrix has can be a share of it; a few may have cancelled.
+            # A part has entries only where the model's matrix has some; a few may have cancelled.
             outside = abs(matrix).sum() - abs(matrix).multiply(abs(whole).sign()).sum()
             if outside > 1e-6 * abs(matrix).sum():
                 raise DataError(
@@ -90,10 +90,10 @@ def factor_groups(
 
 
 def _weigh_share(reader: ModelReader, ref: MatrixRef, name: str, operator: str, matrix: sp.csc_array, whole: sp.csc_array) -> None:
-    """Refuse a matrix that is far more than what the model has there; warn where the rest of the model is left without a positive diagonal.
+    """Refuse a part much larger than the model's entries there; warn if the rest of the model has negative diagonal entries.
 
-    A share of a sum of positive matrices has no diagonal entry above that of the sum. Prestress is not positive: a group may then lie a
-    little above the model, or against it, but not by factors.
+    A part of a sum of positive semidefinite matrices has no diagonal entry above that of the sum. With prestress, which is not positive, a
+    part may exceed the sum slightly or have the opposite sign, but not be larger by a factor.
     """
     there = abs(matrix).sign().multiply(abs(whole))
     share = float(norm(matrix) / norm(there))
@@ -117,7 +117,7 @@ def _weigh_share(reader: ModelReader, ref: MatrixRef, name: str, operator: str, 
 
 
 def with_loss(campaign: Campaign, acoustic: NDArray[np.bool_], K: sp.csc_array) -> sp.csc_array:
-    """What the loss factors of the fields make of a stiffness."""
+    """Stiffness with the loss factors of structure and air as imaginary part."""
     damping = campaign.model.damping
     if not isinstance(damping, ProportionalDamping):
         return K
@@ -125,13 +125,13 @@ def with_loss(campaign: Campaign, acoustic: NDArray[np.bool_], K: sp.csc_array) 
 
 
 def with_proportional(damping: ProportionalDamping, K: sp.csc_array, M: sp.csc_array, acoustic: NDArray[np.bool_]) -> sp.csc_array:
-    """The damping matrix; a loss factor makes the stiffness complex, not this."""
+    """Damping matrix ``alpha M + beta K`` by field; loss factors are in the stiffness instead."""
     structure, air = damping.structure, damping.acoustic
     return proportional_damping(K.real, M, acoustic, (structure.alpha, structure.beta), (air.alpha, air.beta))
 
 
 def left_behind(exported: sp.csc_array, campaign: Campaign) -> list[str]:
-    """Warn of springs that the stiffness matrix holds beside a damping of which their share is not known."""
+    """Warning if baselines are subtracted from the stiffness, but their part of the damping is unknown."""
     held = [name for name, group in campaign.parameters.items() if group.kind == "stiffness" and group.baseline]
     given = "a damping matrix" if isinstance(campaign.model.damping, MatrixRef) else "a complex stiffness matrix"
     if not held or (not isinstance(campaign.model.damping, MatrixRef) and not np.iscomplexobj(exported.data)):
@@ -144,15 +144,15 @@ def left_behind(exported: sp.csc_array, campaign: Campaign) -> list[str]:
 
 
 def without_springs(model: FeModel, exported: sp.csc_array, campaign: Campaign) -> FeModel:
-    """The model less what it was exported with of its terms (``baseline``), with the proportional damping of that.
+    """The model without the ``baseline`` of its terms, and without their proportional damping.
 
-    A spring that goes takes its damping along then, and the factors of a calibration scale the structure alone.
+    Then a spring that is lost takes its damping along, and factors of a calibration scale the structure only.
 
     Parameters
     ----------
     model : FeModel
     exported : (n, n) csc_array
-        Its stiffness before the loss factors of the campaign.
+        Its stiffness without the loss factors of the campaign.
     campaign : Campaign
     """
     terms, damping = model.terms, campaign.model.damping
@@ -168,12 +168,12 @@ def without_springs(model: FeModel, exported: sp.csc_array, campaign: Campaign) 
 
 
 def recipe_of(campaign: Campaign, model: FeModel) -> Recipe:
-    """How the operators depend on factors.
+    """How the operators depend on global factors.
 
     Raises
     ------
     ConfigError
-        Where the calibration asks for a factor of a field that the model does not have.
+        If the calibration names a factor that scales nothing in the model.
     """
     damping, acoustic = campaign.model.damping, model.is_acoustic
     coefficients = None
@@ -188,7 +188,7 @@ def recipe_of(campaign: Campaign, model: FeModel) -> Recipe:
 
 
 def require_fields(campaign: Campaign, recipe: Recipe) -> None:
-    """Refuse factors of a field that the model does not have."""
+    """Refuse factors of the calibration that scale nothing in the model."""
     if campaign.calibration is None:
         return
     for index, name in enumerate(campaign.calibration.factors):

@@ -1,4 +1,4 @@
-"""The parameter groups of a campaign: their terms, from DOFs, vectors or springs, and the bolts that own them."""
+"""Reads the parameter groups of a campaign: their rank-one terms from DOFs, vectors or springs, and the bolts that own them."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ class TermGroup:
     xyz : (k, 3) float array or None
         Position of each parameter [m].
     arc_length : (k,) float array or None
-        None of joints, which lie along no edge.
+        Arc length of each parameter along the edge [m]; None for joints.
     damping : GroupDampingConfig or None
-        How the damping tied to the stiffness begins; None where the terms are undamped.
+        Start value and bounds of the exponent of tied damping, eq. (33); None if the terms are undamped.
     beta, loss_factor : float
         Stiffness-proportional [s] and hysteretic damping of the terms.
     bolt : (k,) int array or None
-        Bolt that owns each parameter, -1 where none does; None where no bolt owns any.
+        Index of the bolt that owns each parameter, -1 if none does; None if bolts own none.
     """
 
     name: str
@@ -66,7 +66,7 @@ class TermGroup:
 
 @dataclass(frozen=True)
 class Terms:
-    """A group with its vectors, the bolt of each parameter by name, and whether all terms go to ground."""
+    """A group with its vectors (n, m), the bolt of each parameter by name, and whether all terms go to ground (None: some, or unknown)."""
 
     group: TermGroup
     left: sp.csc_array
@@ -76,10 +76,10 @@ class Terms:
 
 
 def _tied(config: GroupConfig, model: Damping | None, owned: bool) -> GroupDampingConfig | None:
-    """Damping tied to the stiffness of a group, whose terms bolts own or not; None where they are undamped.
+    """Damping tied to the stiffness of a group (``owned``: of joints); None if undamped.
 
-    Joints of a damped structure have damping too: without it resonances that strain them are sharper than any that is measured, and a fit
-    moves them to where no line is.
+    By default joints are damped as the structure: resonances that strain undamped joints would be sharper than measured ones, and a fit
+    would move them between lines.
     """
     if config.damping is not None or config.kind != "stiffness" or not owned:
         return None if config.damping == "none" else config.damping
@@ -96,10 +96,10 @@ def _damping_text(config: GroupConfig, damping: GroupDampingConfig | None, owned
 
 
 class GroupReader(ModelReader):
-    """Reads the bolts and the parameter groups."""
+    """Reads bolts and parameter groups."""
 
     def terms(self) -> tuple[list[Terms], LowRankTerms]:
-        """All groups."""
+        """All groups, and their terms side by side."""
         found: list[Terms] = []
         first = 0
         parts = Parts()
@@ -120,11 +120,11 @@ class GroupReader(ModelReader):
 
     @property
     def astray(self) -> set[str]:
-        """Responses whose places are in doubt, which is told of by itself: they lie more than a mesh size from any node."""
+        """Responses more than a mesh size from any node; other warnings report these."""
         return {name for (section, name), point in self.near.items() if section == "responses" and point.away > 1.0}
 
     def require_points(self) -> None:
-        """Refuse hammer and sensors that lie far outside the model, all at once: one slip moves all of them."""
+        """Refuse hammer and sensors far outside the model, in one error, because they mostly have one cause."""
         keys = list(self.near)
         if self.dofs is None or not keys:
             return
@@ -137,7 +137,7 @@ class GroupReader(ModelReader):
         require_near(np.array([point.place for point in self.near.values()]), names, self.dofs.xyz, file=self.campaign.path, place=place)
 
     def read_bolts(self) -> None:
-        """Read the bolts file, where there is one."""
+        """Read the bolts file if there is one."""
         file = self.campaign.bolts
         if file is not None:
             found = read_points(file)
@@ -145,7 +145,7 @@ class GroupReader(ModelReader):
             self.table(file)
 
     def owned(self, found: list[Terms]) -> tuple[PointTable | None, list[TermGroup]]:
-        """The bolts of the file, or those that terms name; and the groups with the bolts that own their parameters."""
+        """Bolts of the file, else those that terms name; and the groups with the indices of the bolts that own their parameters."""
         bolts, file = self.bolts, self.campaign.bolts
         if bolts is None or file is None:
             bolts = bolts_of_terms([(f.group.name, f.bolt, f.group.xyz) for f in found])
@@ -164,7 +164,7 @@ class GroupReader(ModelReader):
         return bolts, [replace(f.group, bolt=bolt) for f, bolt in zip(found, at, strict=True)]
 
     def group(self, name: str, config: GroupConfig, first: int) -> Terms:
-        """The terms of one group, from column ``first`` of the model's."""
+        """Terms of one group, which begin at column ``first`` of the terms of the model."""
         select, known = config.select, None if self.bolts is None else self.bolts.name
         ground: bool | None = None
         xyz: Floats | None
@@ -204,14 +204,14 @@ class GroupReader(ModelReader):
         )
         self.notes.append(
             f"parameters {name}: {config.kind}, {m} terms, {count} parameters"
-            # Jumps between edges are no length of one.
+            # With jumps between edges, the total is not the length of an edge.
             + (f", {along[-1]:.3f} m along the edge" if along is not None and count > 1 and _one_edge(xyz) else "")
             + _damping_text(config, damping, own.bolt is not None)
         )
         return Terms(group, left, right, own.bolt, ground)
 
     def _vectors(self, name: str, config: GroupConfig) -> tuple[sp.csc_array, sp.csc_array, Positions]:
-        """Left and right vectors of a group, and where they lie."""
+        """Left and right vectors (n, m) of a group, and their positions."""
         select = config.select
         first = select.vectors or select.left
         assert first is not None
@@ -234,7 +234,7 @@ class GroupReader(ModelReader):
         empty = np.flatnonzero((np.diff(left.indptr) == 0) | (np.diff(right.indptr) == 0))
         if empty.size:
             raise DataError(f"vector {empty[0]} of {name} is empty", file=first.path)
-        # A table in another order puts the DOFs elsewhere, not the terms.
+        # If the DOF table is in another order, the places of the DOFs are wrong, not those of the terms.
         dofs = None if self.disordered else self.dofs
         beside = None if dofs is None else beside_their_dofs(positions.xyz, (abs(left) + abs(right)).tocsc(), dofs.xyz)
         if beside:
@@ -242,9 +242,9 @@ class GroupReader(ModelReader):
         return left, right, positions
 
     def _bushings(self, name: str, file: Path, component: str | None) -> tuple[sp.csc_array, Floats, tuple[str, ...], bool | None]:
-        """Vectors of springs, where they lie, their bolts, and whether all go to ground."""
+        """Vectors (n, m) of springs, positions (m, 3), bolts, and whether all go to ground (None: some do)."""
         keys = ("parameters", name, "select")
-        # The campaign file is refused where it has bushings and no DOF table.
+        # A campaign file with bushings but without DOF table was refused before.
         assert self.dofs is not None
         table = read_bushings(file, None if self.bolts is None else self.bolts.name)
         self.table(file)
@@ -275,5 +275,5 @@ class GroupReader(ModelReader):
 
 
 def _one_edge(xyz: Floats | None) -> bool:
-    """Whether places follow one edge."""
+    """Whether positions follow one edge."""
     return xyz is not None and len(edges_of(xyz)) == 1 and is_line(xyz)

@@ -1,4 +1,4 @@
-"""From the campaign file to the full-order model: reads every input, resolves every DOF, says what it found."""
+"""From the campaign file to ``Inputs``: full-order model, parameter groups, responses and bolts, with notes and warnings on all files."""
 
 from __future__ import annotations
 
@@ -63,9 +63,9 @@ class Response:
     input : int
         Index of its excitation.
     node, direction : int or None
-        Node number of the model and direction as in universal files, for matching records; None where unknown.
+        Node of the model and direction as in universal files, by which records are matched; None if unknown.
     text : str
-        Where it was found.
+        Its place in words.
     """
 
     name: str
@@ -78,13 +78,13 @@ class Response:
 
     @property
     def unit(self) -> str:
-        """Of its FRF."""
+        """Unit of its FRF."""
         return f"{self.own_unit}/N"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Inputs:
-    """Everything that a campaign reads but the FRFs.
+    """Everything that a campaign reads except the measured FRFs.
 
     Attributes
     ----------
@@ -94,28 +94,29 @@ class Inputs:
     responses : tuple of Response
     excitations : tuple of str
     excitation_points : tuple
-        Node number and direction of each excitation, None where unknown.
+        Node and direction of each excitation, None if unknown.
     groups : tuple of TermGroup
     bolts : PointTable or None
     notes : tuple of str
-        What ``lrbc check`` prints about the files.
+        Printed by ``lrbc check``.
     warnings : tuple of str
     units_doubt : str or None
-        That of the warnings which only the mesh lets guess.
+        The warning that guesses wrong units from the mesh alone.
     places_doubt, springs_doubt : bool
-        Whether hammer and sensors seem to be given from another origin or in another numbering; springs, nearer to others' bolts.
+        Whether hammer and sensors seem to be given from another origin or in another numbering; springs, nearer to other bolts.
     hashes : dict
         SHA-256 of every file that was read, by its absolute path.
     recipe : Recipe
-        How the operators of ``model`` depend on global factors; one is what they are.
+        How the operators of ``model`` depend on global factors; factors of 1 give the operators as they are.
     shifts : (n_in, 2) int array or None
-        Columns of the model's loads that are derivatives to a shift of each hammer along its surface; None without ``nuisances.hammer``.
+        Columns of the loads that are derivatives with respect to offsets of each hammer along the surface; None without
+        ``nuisances.hammer``.
     calibration : CalibrationUse or None
-        Whether ``model`` contains the factors of a stored calibration; None as exported, or where the campaign has none.
+        Whether ``model`` contains the factors of a stored calibration; None if as exported, or if the campaign has none.
     read_with : str
-        See ``digests.surroundings``; empty where a stored calibration was not looked for.
+        See ``digests.surroundings``; empty if a stored calibration was not looked for.
     by_hand : mapping
-        Fields of the method that are given from Python, for experiments.
+        Fields of ``Method`` that are set from Python, for experiments.
     """
 
     campaign: Campaign
@@ -140,11 +141,11 @@ class Inputs:
 
     @cached_property
     def method(self) -> Method:
-        """How jobs are identified: the settings resolved, for `check`, `plan` and `update` alike."""
+        """Method of identification that results from the settings, for `check`, `plan` and `update` alike."""
         return self.resolved(self.campaign.update.reference is not None)
 
     def resolved(self, reference: bool) -> Method:
-        """The same with a reference job, which a plan takes for granted, or without."""
+        """Method of identification with or without a reference job; a plan assumes one."""
         return replace(
             resolve(self.campaign.update, Facts(reference, self.bolts is not None, any(group.bolt is not None for group in self.groups))),
             **self.by_hand,
@@ -152,7 +153,7 @@ class Inputs:
 
     @property
     def statistics(self) -> StatisticalModel:
-        """Of the method."""
+        """Statistical model of the method."""
         return self.method.statistics
 
     @property
@@ -168,12 +169,12 @@ class Inputs:
 
     @property
     def validation(self) -> NDArray[np.int64]:
-        """Indices of the others."""
+        """Indices of the validation channels: all other responses."""
         return np.setdiff1d(np.arange(len(self.responses)), self.used)
 
 
 class _Reader(GroupReader):
-    """Parts of the model, each from its section of the campaign file."""
+    """Reads loads and outputs, each from its section of the campaign file."""
 
     shifts: NDArray[np.int64] | None = None
 
@@ -207,7 +208,7 @@ class _Reader(GroupReader):
                 points.append(self.point(dof))
             if moving:
                 shifts.append(load_shift(self.campaign, self.dofs, dof, name) * point.scale)
-        # Derivatives to a shift follow the loads: the reduced model then holds for them too.
+        # Derivatives with respect to hammer offsets are further loads, so the reduced model is valid for them, too.
         self.shifts = len(columns) + np.arange(2 * len(shifts)).reshape(-1, 2) if moving else None
         return sp.hstack([*columns, *([shift_columns(shifts)] if moving else [])], format="csc"), points
 
@@ -224,12 +225,12 @@ class _Reader(GroupReader):
         return sp.vstack(rows, format="csc"), responses
 
     def slips(self, model: FeModel, responses: list[Response], groups: list[TermGroup], bolts: PointTable | None) -> Iterator[str]:
-        """Warnings of what contradicts itself."""
+        """Warnings about contradictions within the campaign."""
         named = [(response.name, response.input) for response in responses]
         return slips(self.campaign, model, named, groups, bolts, self.dofs, astray=self.astray)
 
     def response(self, point: ResponseConfig, name: str, acoustic: NDArray[np.bool_]) -> tuple[sp.csc_array, Response]:
-        """The row of one response, and what it is."""
+        """Output row (1, n) of one response, and its description."""
         excitations = list(self.campaign.excitation)
         row, (node, direction), text, is_pressure = self.output(point, name, acoustic)
         quantity = point.quantity or ("pressure" if is_pressure else "displacement")
@@ -277,7 +278,7 @@ class _Reader(GroupReader):
 
 
 def read_as_exported(campaign: Campaign) -> Inputs:
-    """Read model, terms, loads, outputs and bolts; a stored calibration is not looked for, see ``calibration.read_inputs``.
+    """Inputs of a campaign with the model as exported, without a stored calibration (for that see ``calibration.read_inputs``).
 
     Parameters
     ----------
@@ -290,9 +291,9 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     Raises
     ------
     DataError
-        Where a file is missing, damaged or inconsistent.
+        If a file is missing, damaged or inconsistent.
     ConfigError
-        Where the campaign file asks for a DOF that does not exist.
+        If the campaign file refers to a DOF that does not exist, or contradicts itself.
     """
     require_inputs_apart(campaign)
     reader = _Reader(campaign)
@@ -349,7 +350,7 @@ def _bolts_and_terms(reader: _Reader) -> tuple[list[Terms], LowRankTerms]:
 
 
 def _require_whole(campaign: Campaign, stiffness: MatrixFile, mass: MatrixFile) -> None:
-    """Refuse a list of entries that ends before the other matrix does: its size is that of what is left of it.
+    """Refuse a list of entries that is shorter than the other matrix: without a stated size, a truncated file gives a smaller matrix.
 
     Raises
     ------
@@ -357,7 +358,7 @@ def _require_whole(campaign: Campaign, stiffness: MatrixFile, mass: MatrixFile) 
     """
     source, sizes = campaign.model, [found.matrix.shape[0] for found in (stiffness, mass)]
     short, file = (stiffness, source.stiffness) if sizes[0] < sizes[1] else (mass, source.mass)
-    # A lumped mass may have nothing at the rotations of the last node.
+    # A lumped mass may have no entries at the rotations of the last node.
     if short.sized or short.labels is not None or max(sizes) - min(sizes) <= (len(COMPONENTS) if short is mass else 0):
         return
     raise DataError(
@@ -372,7 +373,7 @@ def _require_whole(campaign: Campaign, stiffness: MatrixFile, mass: MatrixFile) 
 
 
 def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, NDArray[np.bool_]]:
-    """With the mask of the pressures; fixed DOFs are left out."""
+    """Stiffness and mass without fixed DOFs, and (n,) mask of the pressures."""
     source = reader.campaign.model
     require_own(reader.campaign)
     came_through(read_before(reader.campaign.output, reader.campaign.jobs))
@@ -436,7 +437,7 @@ def _damping(reader: _Reader, K: sp.csc_array, M: sp.csc_array, acoustic: NDArra
     try:
         require_apart(reader.campaign.model, mass=M, damping=C)
     except DataError as error:
-        # It may be meant, with alpha = 1/s.
+        # It may be intended: alpha = 1/s.
         reader.warn(f"{error.problem}: {error.hint}")
     return C
 

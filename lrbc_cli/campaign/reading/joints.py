@@ -1,4 +1,4 @@
-"""Which bolt owns which parameter, and the vectors of springs between two nodes or to ground."""
+"""Joints: which bolt owns which parameter, and the vectors of springs between two nodes or to ground."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from lrbc_cli.model.selection import at_node
 #: Direction cosines below this are rounding of an axis.
 ROUNDING = 1e-9
 
-#: Springs that are told one by one.
+#: Largest number of springs that are named one by one.
 MOST_NAMED = 4
 
-#: What to do about a node that has coordinates and no DOFs.
+#: Hint for a node that has coordinates but no DOFs.
 HELD = (
     "it has coordinates, but no DOFs in the matrices: it was fixed when they were exported, and a fixed node neither moves nor loosens. "
     "Remove the boundary condition that holds it, and export the matrices again"
@@ -37,9 +37,9 @@ class Owners:
     Attributes
     ----------
     parameter : (m,) int array
-        Of each term.
+        Parameter of each term.
     bolt : (k,) tuple of str or None
-        Bolt of each parameter, empty where it has none; None where no bolt owns any.
+        Bolt of each parameter, empty if it has none; None if bolts own none.
     """
 
     parameter: Integers
@@ -49,7 +49,7 @@ class Owners:
 def owners(
     count: int, parameter: Sequence[str] | None, bolt: Sequence[str] | None, known: Collection[str] | None, file: Path | None
 ) -> Owners:
-    """Terms with one name of a parameter share it; where there are none, terms of one bolt do.
+    """Parameter of each term and bolt of each parameter: terms with the same parameter name share it; without names, terms of one bolt do.
 
     Parameters
     ----------
@@ -58,17 +58,17 @@ def owners(
     parameter, bolt : (m,) sequences of str or None
         Columns of a table.
     known : collection of str or None
-        Names of the bolts file: without a column ``bolt``, parameters with such a name belong to that bolt.
+        Names in the bolts file: without a column ``bolt``, a parameter with the name of a bolt belongs to it.
     file : Path or None
         For messages.
 
     Raises
     ------
     DataError
-        Where a parameter belongs to two bolts.
+        If a parameter belongs to two bolts.
     """
     own = bolt if bolt is not None else [name if known and name in known else "" for name in parameter or [""] * count]
-    # No name has a blank at its end.
+    # A trailing blank avoids collisions, as no name has one.
     labels = parameter if parameter is not None else [name or f"{k} " for k, name in enumerate(own)]
     order = {label: k for k, label in enumerate(dict.fromkeys(labels))}
     found = np.array([order[label] for label in labels], dtype=np.int64)
@@ -87,19 +87,19 @@ def owners(
 
 
 def bushing_vectors(table: BushingTable, dofs: DofTable) -> tuple[sp.csc_array, Floats]:
-    """Vectors b of springs, ``b bᵀ`` being the stiffness matrix of each, and where they lie.
+    """Vectors b of springs, with the stiffness matrix ``b bᵀ`` for each, and their positions.
 
     Returns
     -------
     (n, m) csc_array
-        ``sqrt(stiffness)`` times node a less node b in the local direction.
+        ``sqrt(stiffness)`` times the motion of node a minus that of node b in the local direction.
     (m, 3) float array
-        Middle of the two nodes, or the node [m].
+        Midpoint of the two nodes, or the node [m].
 
     Raises
     ------
     DataError
-        Where a node, or a component of it, does not exist.
+        If a node, or a component of it, does not exist.
     """
     rows: list[int] = []
     columns: list[int] = []
@@ -129,12 +129,12 @@ def require_free(table: BushingTable, dofs: DofTable, held: Integers) -> None:
     table : BushingTable
     dofs : DofTable
     held : int array
-        Nodes that have coordinates all the same.
+        Nodes with coordinates but without DOFs.
 
     Raises
     ------
     DataError
-        With all of them: another node in place of each would be the wrong mend.
+        If there are such springs; names all, since replacing single nodes would be the wrong remedy.
     """
     known = set(held.tolist())
     springs = list(zip(table.node_a.tolist(), table.node_b, table.bolt, table.lines, strict=True))
@@ -162,7 +162,7 @@ def require_free(table: BushingTable, dofs: DofTable, held: Integers) -> None:
 
 
 def _dof(table: BushingTable, dofs: DofTable, k: int, column: str, node: int, name: str) -> int:
-    """One DOF of a node."""
+    """Index of one DOF of a node; raises a DataError if it does not exist."""
     found = at_node(dofs, node, name)
     if found.size == 1:
         return int(found[0])
@@ -195,15 +195,14 @@ def _dof(table: BushingTable, dofs: DofTable, k: int, column: str, node: int, na
 
 
 def aside_text(table: BushingTable, dofs: DofTable, *, elements: float = 4.0) -> str:
-    """What to say of springs that hold their nodes where both turn as one rigid piece; empty where the nodes of all lie on their axes.
+    """Warning about springs whose nodes are not on the spring axis, so that they resist rigid rotations; empty if there are none.
 
     Parameters
     ----------
     table : BushingTable
     dofs : DofTable
     elements : float
-        Distance of all springs' nodes from the spring axis, in distances between neighbouring nodes, from which the table is of another
-        mesh.
+        If the nodes of all springs are farther from the axis than this multiple of the node spacing, the table is of another mesh.
     """
     place = {int(node): dofs.xyz[at] for at, node in enumerate(dofs.node.tolist()) if not dofs.is_acoustic[at]}
     arms = dict[int, float]()
@@ -220,7 +219,7 @@ def aside_text(table: BushingTable, dofs: DofTable, *, elements: float = 4.0) ->
     fix = "also resists when both its nodes rotate as one rigid body: join nodes on the axis, or export rigid arms to it"
     if 2 * count >= len(arms):
         xyz = np.unique(np.array(list(place.values())), axis=0)
-        # Nodes of one bolt lie a few elements apart, not half a structure.
+        # Nodes of one bolt are a few elements apart.
         if min(arms.values()) > elements * float(np.median(cKDTree(xyz).query(xyz, k=2)[0][:, 1])):
             return (
                 f"{text}, those of all. Probably table and DOF table are of different meshes: export both, and the matrices, from one model"
@@ -235,7 +234,7 @@ def aside_text(table: BushingTable, dofs: DofTable, *, elements: float = 4.0) ->
 
 
 def _joined(table: BushingTable, k: int) -> str:
-    """The bolt and the nodes of a spring, and other bolts that have one of these."""
+    """Bolt and nodes of a spring in words, with other bolts that have one of these nodes."""
     said, own = [], table.bolt[k]
     for node in (int(table.node_a[k]), table.node_b[k]):
         others = sorted({bolt for bolt, *ends in zip(table.bolt, table.node_a.tolist(), table.node_b, strict=True) if node in ends} - {own})
@@ -244,7 +243,7 @@ def _joined(table: BushingTable, k: int) -> str:
 
 
 def bolts_of_terms(groups: Sequence[tuple[str, Sequence[str] | None, Floats | None]]) -> PointTable | None:
-    """The bolts that groups name, in their order, each in the middle of its parameters; None where there are none.
+    """Bolts that groups name, in their order, each at the mean position of its parameters; None if there are none.
 
     Parameters
     ----------
@@ -254,7 +253,7 @@ def bolts_of_terms(groups: Sequence[tuple[str, Sequence[str] | None, Floats | No
     Raises
     ------
     ConfigError
-        Where the place of a bolt is not known.
+        If the position of a bolt is unknown.
     """
     places: dict[str, list[Floats]] = {}
     for _, bolts, xyz in groups:
@@ -274,13 +273,13 @@ def bolts_of_terms(groups: Sequence[tuple[str, Sequence[str] | None, Floats | No
 
 
 def joint_notes(bolts: PointTable, owned: Sequence[tuple[str, Sequence[str]]], ground: bool | None) -> list[str]:
-    """What was found, for ``lrbc check``.
+    """Note on bolts and their groups, for ``lrbc check``.
 
     Parameters
     ----------
     bolts : PointTable
     owned : sequence of (str, (k,) sequence of str)
-        Groups with owners.
+        Groups with the bolt of each parameter.
     ground : bool or None
         Whether all springs go to ground (True), none does (False), or some do or it is not known (None).
     """

@@ -1,4 +1,4 @@
-"""Whether every response can feel its excitation at all, and the band holds anything of the model."""
+"""Checks that each response is connected with its excitation, and that the band overlaps the frequencies of the model."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.problem.vectors import highest_omega
 
-#: Bands may end so many times above the highest frequency of the mesh.
+#: Largest ratio of the end of the band to the highest frequency of the mesh.
 BEYOND = 10.0
 
 
 def parts_of(model: FeModel) -> NDArray[np.int64]:
-    """(n,) number of the connected part that each DOF belongs to; matrices and terms connect."""
+    """(n,) number of the connected part to which each DOF belongs; entries of matrices and terms connect DOFs."""
     part = np.arange(model.size)
     # A term connects all DOFs of its two vectors.
     terms = sp.vstack([model.terms.left, model.terms.right], format="csc")
-    # One after the other: what the first has joined, later ones need not join again.
+    # One matrix after the other, so that later ones need not join what is joined already.
     for matrix, column in ((model.K, None), (model.C, None), (model.M, None), (terms, _first_rows(terms) % model.size)):
         row = part[matrix.indices % model.size]
         col = part[np.repeat(np.arange(model.size) if column is None else column, np.diff(matrix.indptr))]
@@ -36,7 +36,7 @@ def parts_of(model: FeModel) -> NDArray[np.int64]:
 
 
 def _first_rows(matrix: sp.csc_array) -> NDArray[np.int64]:
-    """Row of the first entry of each column, 0 where it is empty."""
+    """Row of the first entry of each column, 0 if it is empty."""
     first = np.zeros(matrix.shape[1], dtype=np.int64)
     some = np.diff(matrix.indptr) > 0
     first[some] = matrix.indices[matrix.indptr[:-1][some]]
@@ -44,7 +44,7 @@ def _first_rows(matrix: sp.csc_array) -> NDArray[np.int64]:
 
 
 def require_reach(model: FeModel, responses: list[str], excitations: list[str], input_of: list[int]) -> None:
-    """Refuse a response that nothing connects with its excitation: its FRF is zero whatever the parameters are.
+    """Refuse a response that is not connected with its excitation: its FRF is zero for all parameters.
 
     Parameters
     ----------
@@ -84,20 +84,21 @@ def _coupled(model: FeModel) -> bool:
     """Whether an entry of the matrices or a term couples structure and air."""
     air = model.is_acoustic
     entries = [matrix.tocoo() for matrix in (model.K, model.M, model.C)]
-    # A term joins all that its two vectors hold.
+    # A term connects all DOFs of its two vectors.
     ends = abs(model.terms.left) + abs(model.terms.right)
     joined = (ends.T @ air.astype(float) > 0) & (ends.T @ (~air).astype(float) > 0)
     return bool(joined.any()) or any(np.any(each.data[air[each.row] != air[each.col]]) for each in entries)
 
 
 def require_frequencies(model: FeModel, campaign: Campaign, dofs: DofTable | None) -> None:
-    """Refuse a band that goes on far beyond all that the mesh can do: lines there would only thin out those that count.
+    """Refuse a band that ends far above all frequencies of the mesh.
 
     Raises
     ------
     ConfigError
+        If the band is probably wrong.
     DataError
-        Where speed of waves and density tell that a matrix is wrong rather than the band.
+        If wave speed and density of the mesh show that a matrix is wrong instead.
     """
     highest = highest_omega(model.K, model.M) / (2.0 * np.pi)
     band = campaign.reduction.band

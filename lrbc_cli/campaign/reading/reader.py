@@ -1,4 +1,4 @@
-"""Reading the files of a model, and finding the DOFs that the campaign file speaks of."""
+"""Reads matrices and tables of a model, and finds the DOFs to which the campaign file refers."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ LABELS = {direction: label for label, direction in DIRECTIONS.items()}
 
 
 class Parts:
-    """Parts of the model that do not rest on each other: all are read, whatever is wrong with one."""
+    """Reads parts of the model that do not depend on each other, and collects the errors of all."""
 
     def __init__(self) -> None:
         self.errors: list[LrbcError] = []
 
     def read(self, part: Callable[[], T]) -> T | None:
-        """A part; None where it is wrong."""
+        """A part; None if reading it raised an error."""
         try:
             return part()
         except LrbcError as error:
@@ -81,61 +81,61 @@ class ModelReader:
         self.scaling: Scaling | None = None
         self.notes: list[str] = []
         self.warnings: list[str] = []
-        #: That of the warnings which only the mesh lets guess.
+        #: The warning that guesses wrong units from the mesh alone.
         self.units_doubt: str | None = None
         self.hashes: dict[str, str] = {}
         self.dofs: DofTable | None = None
-        #: Nodes that have coordinates, and no DOFs in the matrices or fixed ones only.
+        #: Nodes with coordinates but without free DOFs in the matrices.
         self.held = np.zeros(0, dtype=np.int64)
         self.bolts: PointTable | None = None
-        #: Node and component of each row as exported, and their number, which numbers of DOFs in files count.
+        #: Node and component of each row as exported, and the number of these rows, to which DOF numbers in files refer.
         self.labels: DofLabels | None = None
         self.rows = 0
-        #: Rows that are left, and the number among them of each row as exported; None where all are.
+        #: Indices of the rows kept, and new index of each exported row (-1: left out); None if all are kept.
         self.kept: NDArray[np.int64] | None = None
         self.row_of: NDArray[np.int64] | None = None
         self.n = 0
-        #: Points by coordinates, by their keys, and whether the rows of the DOF table seem to be in another order.
+        #: Points given by coordinates, by their keys, and whether the DOF table seems to be in another order than the matrices.
         self.near: dict[tuple[str, ...], NearPoint] = {}
         self.disordered = False
-        #: What is wrong with bolts beside their springs, by the names of the tables that say so.
+        #: Warnings about bolts far from their own springs, with the names of the tables concerned.
         self.beside: dict[str, list[str]] = {}
-        #: Whether all points seem to be given from another origin.
+        #: Whether all points seem to refer to another origin.
         self.moved = False
 
     def hash(self, path: Path) -> None:
-        """Note the hash of a file that was read."""
+        """Store the hash of a file that was read."""
         self.hashes[path.as_posix()] = file_hash(path)
 
     def table(self, path: Path) -> None:
-        """Note the hash of a table that was read, and whether it may have been cut."""
+        """Store the hash of a table that was read, and warn if it may have been truncated."""
         self.hash(path)
         if unfinished(path.read_bytes()):
             self.warn(f"{path.name}: the last line has no line break; if the file was truncated there, its last value is wrong")
 
     def warn(self, *warnings: str) -> None:
-        """Note warnings, each once: files are read as often as they are named."""
+        """Add warnings, each once, because a file is read as often as it is named."""
         self.warnings += [warning for warning in warnings if warning not in self.warnings]
 
     def load(self, ref: OperatorRef) -> MatrixFile:
-        """A square matrix as its file has it."""
+        """A square matrix as stored in its file."""
         found = read_matrix(ref.path, ref.group, ref.format or self.campaign.model.format, _arrays(ref))
         self.hash(ref.path)
         self.warn(*found.warnings)
         return found
 
     def number(self, found: Numbering) -> None:
-        """Take up what the rows are."""
+        """Adopt the numbering of the rows, with coordinates converted to metres."""
         self.dofs, self.labels, self.held = found.table, found.labels, found.spare
         if self.dofs is not None:
             self.dofs = replace(self.dofs, xyz=self.dofs.xyz * self.unit.length)
         self.notes += found.notes
         for path in found.files:
-            # A mesh may be binary, and has no lines.
+            # A binary mesh has no lines that could be truncated.
             (self.hash if b"\0\0" in head(path, 4096) else self.table)(path)
 
     def matrix(self, ref: OperatorRef, operator: str, group: str | None = None, found: MatrixFile | None = None) -> sp.csc_array:
-        """A square matrix, in the order of the model's rows; the share of a further group where named."""
+        """A square matrix in the order of the model's rows, in SI, without fixed DOFs; ``group``: share of a calibration group."""
         what = operator if group is None else f"{operator} of group {group}"
         found = found or self.load(ref)
         matrix = aligned(found, self.labels, self.rows, ref.path, what)
@@ -166,7 +166,7 @@ class ModelReader:
         return matrix if self.kept is None else matrix[:, self.kept][self.kept]
 
     def scale(self, K: sp.csc_array, M: sp.csc_array) -> tuple[sp.csc_array, sp.csc_array]:
-        """Stiffness and mass in SI; what is read after them is converted too."""
+        """Stiffness and mass converted to SI; everything read later is converted, too."""
         if self.unit == SI:
             return K, M
         if self.labels is None:
@@ -185,12 +185,12 @@ class ModelReader:
         return self.scaling.matrix(K, "stiffness"), self.scaling.matrix(M, "mass")
 
     def leave_out(self, fixed: NDArray[np.bool_]) -> None:
-        """Leave out rows from here on; numbers of DOFs in files still count them.
+        """Leave out fixed rows from here on; DOF numbers in files still refer to all exported rows.
 
         Parameters
         ----------
         fixed : (n,) bool array
-            Of the rows as exported.
+            Mask over the exported rows.
         """
         self.kept = np.flatnonzero(~fixed)
         self.row_of = np.where(fixed, -1, np.cumsum(~fixed) - 1)
@@ -201,7 +201,7 @@ class ModelReader:
             self.dofs = DofTable(node=self.dofs.node[at], component=self.dofs.component[at], xyz=self.dofs.xyz[at])
 
     def vectors(self, ref: MatrixRef, what: str) -> sp.csc_array:
-        """Real vectors, one column each, turned round where the file has them as rows."""
+        """(n, m) real vectors as columns; transposed if the file has them as rows."""
         found = read_vectors(ref.path, ref.group, ref.format, _arrays(ref))
         self.hash(ref.path)
         self.warn(*found.warnings)
@@ -223,7 +223,7 @@ class ModelReader:
         return matrix if self.kept is None else matrix[self.kept]
 
     def listed(self, path: Path) -> DofList:
-        """The DOFs of a list; its coordinates are those of the terms where there is no DOF table."""
+        """DOFs of a list, with coordinates of the DOF table or, without one, of the list [m]."""
         found = read_dof_list(path, None if self.bolts is None else self.bolts.name)
         if found.xyz is not None:
             found = replace(found, xyz=found.xyz * self.unit.length)
@@ -259,7 +259,7 @@ class ModelReader:
         return DofList(dofs, found.parameter, own, found.bolt)
 
     def term_dofs(self, name: str, config: GroupConfig) -> DofList:
-        """The DOFs of the terms of a group, with their places where they are known."""
+        """DOFs of the terms of a group, with their coordinates [m] if known."""
         select, campaign = config.select, self.campaign
         keys = ("parameters", name, "select")
         if select.dofs is not None:
@@ -286,7 +286,7 @@ class ModelReader:
         return DofList(dofs, xyz=table.xyz[dofs])
 
     def _at_nodes(self, table: DofTable, select: SelectConfig, keys: Sequence[str]) -> NDArray[np.int64]:
-        """DOFs of a list of nodes, in its order."""
+        """DOFs of a list of nodes, in the order of the list."""
         assert select.nodes is not None
         assert select.component is not None
         nodes = select.nodes
@@ -308,7 +308,7 @@ class ModelReader:
         return np.array(out, dtype=np.int64)
 
     def _in_space(self, table: DofTable, select: SelectConfig, keys: Sequence[str]) -> NDArray[np.int64]:
-        """DOFs of the nodes in a box, along a line or on the border of a field, in their order along their edges."""
+        """DOFs of the nodes in a box, along a line or on the border of a field, ordered along their edges."""
         unit, component = self.unit.length, select.component
         assert component is not None
         inside = table.xyz[table.component == component] / unit
@@ -347,7 +347,7 @@ class ModelReader:
             ) from None
 
     def _at_bolts(self, table: DofTable, component: str, radius: float, keys: Sequence[str]) -> DofList:
-        """DOFs of the nodes about the bolts, each with its bolt."""
+        """DOFs of the nodes within ``radius`` [m] of the bolts, each with its bolt."""
         if self.bolts is None:
             raise self.campaign.error("nodes near the bolts need the bolts", *keys, "near_bolts", expected="bolts: a CSV file name,x,y,z")
         unit = self.unit.length
@@ -381,7 +381,7 @@ class ModelReader:
         return DofList(dofs, xyz=table.xyz[dofs], bolt=tuple(self.bolts.name[b] for b in owner))
 
     def pick(self, point: PointConfig, *keys: str) -> tuple[int, str]:
-        """One DOF, and where it was found in words."""
+        """DOF of a point, and its place in words."""
         table, campaign = self.dofs, self.campaign
         if point.dof is not None:
             if point.dof >= self.rows:
@@ -431,14 +431,14 @@ class ModelReader:
         return dof, text
 
     def point(self, dof: int) -> Point:
-        """Node and direction of a DOF, None where unknown."""
+        """Node and direction of a DOF; None if unknown."""
         if self.dofs is None:
             return None, None
         return int(self.dofs.node[dof]), DIRECTIONS.get(str(self.dofs.component[dof]))
 
 
 def _farthest(bolts: PointTable, nodes: Floats, unit: float) -> str:
-    """The bolt that is farthest from all nodes, in words."""
+    """The bolt that is farthest from all nodes, in words; ``unit`` is the length unit of the campaign [m]."""
     away = cKDTree(nodes).query(bolts.xyz)[0]
     worst = int(np.argmax(away))
     return f"the nearest node to {bolts.name[worst]} is {away[worst] / unit:.4g} away"

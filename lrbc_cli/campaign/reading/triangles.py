@@ -1,4 +1,4 @@
-"""Matrices of which a file holds one triangle: completed where the campaign says so, refused elsewhere."""
+"""Matrices of which a file contains one triangle: completed if the campaign says so, refused otherwise."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.io.sparse import stored_triangle
 from lrbc_cli.model.coupling import asymmetry
 
-#: Relative asymmetry that rounding in a file may leave: six digits are the fewest that exporters write.
+#: Largest relative asymmetry attributed to rounding: exporters write at least six digits.
 ROUNDING = 1e-6
 
 
 def whole(
     matrix: sp.csc_array, ref: OperatorRef, operator: str, acoustic: NDArray[np.bool_] | None, what: str | None = None
 ) -> tuple[sp.csc_array, str | None]:
-    """The whole matrix, and what was done to it in words.
+    """The whole matrix, and a note on what was done to it (None if nothing).
 
     Parameters
     ----------
     matrix : (n, n) csc_array
         As stored.
     ref : OperatorRef
-        Its ``symmetric`` says what one triangle means.
+        Its ``symmetric`` states what a single triangle means.
     operator : str
         ``stiffness``, ``damping`` or ``mass``.
     acoustic : (n,) bool array or None
-        Pressures; coupling blocks may lie in one triangle.
+        Mask of the pressures; coupling blocks may be in one triangle.
     what : str or None
-        What messages call it; the operator where None.
+        Name of the matrix in messages; None: the operator.
 
     Raises
     ------
     DataError
-        Where one triangle is stored and the campaign does not say what that means, or what it says cannot be.
+        If one triangle is stored and the campaign does not state what that means, or if ``symmetric: true`` cannot be right.
     """
     what = what or operator
     triangle = stored_triangle(matrix, acoustic)
