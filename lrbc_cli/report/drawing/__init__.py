@@ -1,1 +1,1 @@
-"""Charts as data, and their back ends: SVG for the page, PNG for files."""
+"""Charts as data, their layout, and the back ends that draw them: SVG for the page, PNG, PDF and SVG files."""

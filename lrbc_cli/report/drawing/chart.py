@@ -1,4 +1,4 @@
-"""Charts as data: panels with axes and items. Drawn once as SVG for the page and once as PNG, by the same layout."""
+"""Charts as data: panels with axes and items. One layout serves all back ends, so that page and files show the same."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lrbc_cli.arrays import Floats
 
 @dataclass(frozen=True)
 class Axis:
-    """Range, label and ticks (value, text) of one direction; ``powers`` tells that values are decadic logarithms."""
+    """Range, label and ticks (value, text) of one axis; with ``powers`` the values are log10."""
 
     label: str
     low: float
@@ -23,7 +23,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Curve:
-    """A line through points; NaN interrupts it. An empty label keeps it out of the legend."""
+    """A line through points; NaN interrupts it. With an empty label it is not in the legend."""
 
     role: str
     x: Floats
@@ -62,7 +62,7 @@ class LevelLine:
 
 @dataclass(frozen=True, kw_only=True)
 class Marks:
-    """Symbols at points, or, where ``y`` is None, at the fraction ``at`` of the height."""
+    """Symbols at points or, if ``y`` is None, at the fraction ``at`` of the height."""
 
     role: str
     x: Floats
@@ -74,7 +74,7 @@ class Marks:
 
 @dataclass(frozen=True)
 class Note:
-    """A short text at ``x`` and the fraction ``at`` of the height: in its middle, at its end where it is rotated."""
+    """A short text at ``x`` and the fraction ``at`` of the height, which is its middle or, if rotated, its end."""
 
     role: str
     x: float
@@ -85,7 +85,7 @@ class Note:
 
 @dataclass(frozen=True)
 class Tiles:
-    """Filled rectangles, (n, 4) edges left, right, low, high; ``names`` are shown where one is pointed at."""
+    """Filled rectangles, (n, 4) edges left, right, low, high; ``names`` are shown under the pointer."""
 
     role: str
     edges: Floats
@@ -95,7 +95,7 @@ class Tiles:
 
 @dataclass(frozen=True, kw_only=True)
 class Word:
-    """A text with its middle at a point."""
+    """A text centred at a point."""
 
     role: str
     x: float
@@ -106,7 +106,7 @@ class Word:
     anchor: str = "middle"
 
 
-#: Words for the items that have labels, in the order of a legend.
+#: Kinds of labelled items, in the order of a legend.
 KINDS: dict[type[Item], str] = {Curve: "curve", Area: "area", Tiles: "tiles", Marks: "marks", LevelLine: "level", Span: "span"}
 
 Item = Curve | Area | Span | LevelLine | Marks | Note | Tiles | Word
@@ -116,7 +116,7 @@ Item = Curve | Area | Span | LevelLine | Marks | Note | Tiles | Word
 class Panel:
     """One pair of axes; ``weight`` is its share of the height.
 
-    ``title`` stands above panels that lie side by side; without ``grid`` the ticks have their labels only.
+    ``title`` is shown above panels that lie side by side; without ``grid`` only the labels of the ticks are drawn.
     """
 
     x: Axis
@@ -135,14 +135,14 @@ class Chart:
     ----------
     title, subtitle : str
     alt : str
-        What the figure shows, for readers who do not see it.
+        Description for readers who cannot see the figure.
     panels : tuple of Panel
     width, height : float
-        Of the plot without title and legend, in points.
+        Size of the plot without title and legend [points].
     beside : bool
-        The panels lie side by side.
+        Whether the panels lie side by side.
     left : float
-        Room for the labels at the left, in points.
+        Room for the labels at the left [points].
     """
 
     title: str
@@ -170,7 +170,7 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def number(value: float, digits: int = 6) -> str:
-    """Write a number as `format` does with ``g``, with a true minus sign."""
+    """Format a number like ``format(value, 'g')`` with `digits` digits and a true minus sign."""
     return f"{value:.{digits}g}".replace("-", "−")
 
 
@@ -188,7 +188,7 @@ def linear_axis(label: str, low: float, high: float, count: int = 6) -> Axis:
 
 
 def decade_axis(label: str, low: float, high: float) -> Axis:
-    """Return an axis for decadic logarithms, whole decades marked as powers of ten."""
+    """Return an axis for log10 values with whole decades marked as powers of ten."""
     if not np.isfinite([low, high]).all():
         low, high = 0.0, 1.0
     if high - low < 1.0:
@@ -201,7 +201,7 @@ def decade_axis(label: str, low: float, high: float) -> Axis:
 
 
 def span_of(arrays: Iterable[Floats]) -> tuple[float, float]:
-    """Return the smallest and largest finite value of all arrays; NaN where there is none."""
+    """Return the smallest and largest finite value of all arrays; NaN if there is none."""
     finite = [array[np.isfinite(array)] for array in arrays]
     values = np.concatenate([np.empty(0), *finite])
     return (float(values.min()), float(values.max())) if values.size else (float("nan"), float("nan"))

@@ -1,4 +1,4 @@
-"""Numbers as a reader wants to see them."""
+"""Formats numbers for the page and the charts; missing or infinite ones become a dash."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ MISSING = "–"
 
 
 def fixed(value: float | None, digits: int = 2) -> str:
-    """Write with a fixed number of decimals, thousands apart."""
+    """Format with a fixed number of decimals and separated thousands."""
     if value is None or not math.isfinite(value):
         return MISSING
     return f"{value:,.{digits}f}".replace(",", "\u202f").replace("-", "−")
 
 
 def signed(value: float | None, digits: int = 1) -> str:
-    """Write with its sign."""
+    """Format with a sign, also for positive numbers; without one if it rounds to zero."""
     if value is None or not math.isfinite(value):
         return MISSING
     text = f"{value:+.{digits}f}"
@@ -25,37 +25,37 @@ def signed(value: float | None, digits: int = 1) -> str:
 
 
 def shortened(name: str, limit: int) -> str:
-    """Write a name in at most so many characters."""
+    """Shorten a name to at most `limit` characters."""
     return name if len(name) <= limit else name[: limit - 1] + "…"
 
 
 def over_force(unit: str) -> str:
-    """Write the unit of an FRF, a quotient over a force, so that it can be read in one way: (m/s²)/N."""
+    """Format the unit of an FRF without ambiguity, with the response in parentheses: (m/s²)/N."""
     above, slash, below = unit.rpartition("/")
     return f"({above}){slash}{below}" if "/" in above and not above.startswith("(") else unit
 
 
 def count(value: float | None) -> str:
-    """Write a whole number, thousands apart."""
+    """Format a whole number with separated thousands."""
     return fixed(value, 0)
 
 
 def small(value: float | None) -> str:
-    """Write an error as 4.0e-4."""
+    """Format an error as 4.0e-4."""
     return (
         MISSING if value is None or not math.isfinite(value) else f"{value:.1e}".replace("e-0", "e-").replace("e+0", "e").replace("-", "−")
     )
 
 
 def figures(value: float | None, digits: int = 3) -> str:
-    """Write with significant digits; thousands apart where it is large."""
+    """Format with significant digits; the thousands of large numbers are separated."""
     if value is None or not math.isfinite(value):
         return MISSING
     return count(value) if abs(value) >= 10**digits else number(value, digits)
 
 
 def seconds(value: float | None) -> str:
-    """Write a duration with the unit that suits it."""
+    """Format a duration [s] with a suitable unit."""
     if value is None or not math.isfinite(value):
         return MISSING
     if value >= 7200.0:
@@ -69,27 +69,27 @@ def seconds(value: float | None) -> str:
 
 
 def percent(value: float) -> str:
-    """Write a probability in per cent without the sign, never as 0 or 100: what rounds to certainty is none."""
+    """Format a probability in per cent without the sign, never as 0 or 100, since rounding must not suggest certainty."""
     return {0: "<1", 100: ">99"}.get(whole := round(100.0 * value), str(whole))
 
 
 def probability(value: float | None) -> str:
-    """Write a probability."""
+    """Format a probability."""
     return MISSING if value is None else f"{percent(value)}\u00a0%"
 
 
 def inverse(value: float | None) -> str:
-    """Write a share below one as 1/86."""
+    """Format a share below one as 1/86."""
     if value is None or not math.isfinite(value) or value <= 0:
         return MISSING
     return figures(value) if value >= 0.1 else f"1/{figures(1 / value)}"
 
 
 def factor(value: float | None) -> str:
-    """Write a speed-up."""
+    """Format a speed-up."""
     return MISSING if value is None or not math.isfinite(value) else f"{figures(value)}\u00a0×"
 
 
 def change(initial: float | None, final: float | None, digits: int = 1) -> str:
-    """Write before → after."""
+    """Format a pair of numbers as before → after."""
     return f"{fixed(initial, digits)} → {fixed(final, digits)}"

@@ -1,4 +1,4 @@
-"""Where everything of a chart stands, in points from its top left corner; back ends only stroke, fill and write what is here."""
+"""Lays out a chart as shapes in points from its top left corner; back ends only stroke, fill and write these shapes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _GLYPH = 0.56  # mean width of a character in units of the font size
 
 @dataclass(frozen=True)
 class Line:
-    """A stroked line, (n, 2) points, NaN interrupts; ``label`` names curves for readouts."""
+    """A stroked line, (n, 2) points, interrupted by NaN; ``label`` names curves for readouts."""
 
     role: str
     points: Floats
@@ -68,7 +68,7 @@ Shape = Line | Fill | Symbols | Text | Mosaic
 
 @dataclass(frozen=True)
 class Frame:
-    """A panel's rectangle (left, top, right, bottom) with its axes and what lies inside."""
+    """A panel laid out: its rectangle (left, top, right, bottom), its axes, and the shapes inside."""
 
     box: tuple[float, float, float, float]
     panel: Panel
@@ -77,7 +77,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A chart laid out: the shapes around the panels (axes, title, legend), and the panels."""
+    """A chart laid out: the shapes around the panels (title, legend), and the panels."""
 
     width: float
     height: float
@@ -86,21 +86,21 @@ class Drawing:
 
     @property
     def shapes(self) -> list[Shape]:
-        """All of them, in the order in which they are drawn."""
+        """All shapes in the order in which they are drawn."""
         return [*self.around, *(shape for frame in self.frames for shape in frame.shapes)]
 
 
 def lay_out(chart: Chart, *, header: bool, title: bool = True) -> Drawing:
-    """Place everything.
+    """Compute all shapes of a chart.
 
     Parameters
     ----------
     chart
-        What to draw.
+        The chart to draw.
     header
-        Whether title, subtitle and legend belong to the picture (PNG) or stand beside it (page).
+        Whether title, subtitle and legend are part of the picture (files) or not (page).
     title
-        Whether that is more than the legend.
+        Whether this header has title and subtitle, or only the legend.
     """
     around: list[Shape] = []
     offset = _header(chart, around, title=title) if header else 0.0
@@ -113,7 +113,7 @@ def lay_out(chart: Chart, *, header: bool, title: bool = True) -> Drawing:
 
 
 def _boxes(chart: Chart, offset: float) -> list[tuple[Panel, tuple[float, float, float, float], bool]]:
-    """Return each panel's rectangle, and whether the labels of its x axis stand below it."""
+    """Return each panel with its rectangle, and whether the labels of its x axis are shown below it."""
     found = []
     total = sum(panel.weight for panel in chart.panels)
     top = offset + TOP
@@ -163,9 +163,9 @@ def _header(chart: Chart, shapes: list[Shape], *, title: bool) -> float:
 
 
 def swatch(role: str, kind: str, x: float, y: float) -> list[Shape]:
-    """Return what stands before a legend entry: 16 units wide, about the height ``y``."""
+    """Return the symbol before a legend entry: 16 points wide, centred at the height ``y``."""
     if role == "hatch":
-        # As in the corners of a cell.
+        # The same hatching as in the corners of a cell.
         ends = [((0, 0), (4, -4)), ((0, 4), (8, -4)), ((8, 4), (16, -4)), ((12, 4), (16, 0))]
         return [Line(role, np.array([[x + a, y + b] for a, b in pair])) for pair in ends]
     if kind == "tiles" and role == "known":
@@ -179,7 +179,7 @@ def swatch(role: str, kind: str, x: float, y: float) -> list[Shape]:
 
 def _scale(axis: Axis, values: Floats, start: float, end: float) -> Floats:
     scaled = start + (np.asarray(values, dtype=float) - axis.low) / (axis.high - axis.low) * (end - start)
-    # Infinite values (a free or clamped term) stop at the frame; NaN stays a gap.
+    # Infinite values (a free or clamped term) are drawn at the frame; NaN stays a gap.
     return np.clip(scaled, min(start, end), max(start, end))
 
 

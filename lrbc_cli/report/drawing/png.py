@@ -1,4 +1,4 @@
-"""Drawings as files by matplotlib: PNG, left alone where its content would not change, and PDF or SVG at the widths of journals."""
+"""Draws charts into files by matplotlib: PNG, only if the content has changed, and PDF or SVG in the widths of journals."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from lrbc_cli.report.drawing.style import STYLES
 from lrbc_cli.report.files import replace
 
 DPI = 120
-#: Widths of figures for print [mm]: a column, one and a half, two; none makes letters smaller than this share of their size on a screen.
+#: Widths of figures for print [mm] (1, 1.5 or 2 columns), and the least share of their size on a screen to which letters may shrink.
 WIDTHS, _LEAST_SCALE = (90.0, 140.0, 190.0), 0.78
 _KEY = b"lrbc-chart"
 _BACKEND = f"1 {DPI} {matplotlib.__version__} {sorted(STYLES.items())!r}"
@@ -35,7 +35,7 @@ _ALIGN: dict[str, Literal["left", "center", "right"]] = {"start": "left", "middl
 
 
 def draw(chart: Chart, file: Path) -> bool:
-    """Draw the chart into the file, unless it holds just this drawing already.
+    """Draw a chart into a PNG file, unless the file already contains this drawing.
 
     Returns
     -------
@@ -45,7 +45,7 @@ def draw(chart: Chart, file: Path) -> bool:
     Raises
     ------
     DataError
-        Where the file cannot be written.
+        If the file cannot be written.
     """
     drawing = lay_out(chart, header=True)
     digest = _digest(drawing)
@@ -60,18 +60,18 @@ def draw(chart: Chart, file: Path) -> bool:
 
 
 def publish(chart: Chart, file: Path) -> None:
-    """Draw the chart as PDF or SVG, by the name's ending: legend but no title, one of `WIDTHS`, fonts embedded or as outlines.
+    """Draw a chart as PDF or SVG, by the ending of the file: legend but no title, one of `WIDTHS`, fonts embedded or as outlines.
 
     Raises
     ------
     DataError
-        Where the file cannot be written.
+        If the file cannot be written.
     """
     drawing = lay_out(chart, header=True, title=False)
     points = [width / 25.4 * 72 for width in WIDTHS]
     scale = next((width for width in points if width >= _LEAST_SCALE * drawing.width), points[-1]) / drawing.width
     kind = file.suffix[1:]
-    # Without dates the same results give the same file.
+    # Without dates, the same results give the same bytes.
     metadata = {"Title": chart.title, **({"CreationDate": None} if kind == "pdf" else {"Date": None})}
     fonts: Any = {"pdf.fonttype": 42, "svg.fonttype": "path", "svg.hashsalt": "lrbc"}
     with matplotlib.rc_context(fonts), warnings.catch_warnings(), replace(file) as sink:
@@ -80,7 +80,7 @@ def publish(chart: Chart, file: Path) -> None:
 
 
 def _figure(drawing: Drawing, scale: float) -> Figure:
-    """The drawing, every unit of it ``scale`` points."""
+    """Figure of matplotlib with the drawing, enlarged by ``scale``."""
     unit = scale / 72
     figure = Figure(figsize=(drawing.width * unit, drawing.height * unit), dpi=DPI, facecolor="white")
     transform = Affine2D().scale(unit, -unit).translate(0, drawing.height * unit) + figure.dpi_scale_trans
@@ -92,12 +92,12 @@ def _figure(drawing: Drawing, scale: float) -> Figure:
 
 
 def is_current(chart: Chart, file: Path) -> bool:
-    """Tell whether the file is a whole PNG that says it was drawn from this chart."""
+    """Return whether a file is a complete PNG with the digest of this chart."""
     return _digest_in(file) == _digest(lay_out(chart, header=True))
 
 
 def _digest(drawing: Drawing) -> str:
-    """Hash everything that the picture depends on, to the last stroke."""
+    """Digest of everything that the picture depends on."""
     sink = hashlib.sha256(_BACKEND.encode())
     for shape in drawing.shapes:
         if isinstance(shape, Text):
@@ -149,7 +149,7 @@ def _artist(shape: Shape, transform: Transform, scale: float) -> Artist:
         case Mosaic():
             corners = shape.points[:, [[0, 1], [2, 1], [2, 3], [0, 3], [0, 1]]].reshape(-1, 2)
             codes = np.tile([Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY], len(shape.points))
-            # Neighbours share edges: without smoothing no line shows between them.
+            # Neighbours share edges; without antialiasing there is no visible line between them.
             return PathPatch(Outline(corners, codes), facecolor=style.light, edgecolor="none", antialiased=False, transform=transform)
         case Symbols():
             x, y = shape.points.T

@@ -1,4 +1,4 @@
-"""Deflection shapes as small multiples: the deformed structure, and measured points beside the model's."""
+"""Chart of the deflection shapes of a job: the deformed structure, with measured and modelled values at the responses."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from lrbc_cli.report.drawing.structure import Camera, broken, marks_at, scene_of
 from lrbc_cli.results.shapes import DeflectionShape, ShapesRecord
 from lrbc_cli.results.structure import StructureRecord
 
-#: The largest deflection as a share of the structure's size, and pictures in a row.
+#: Drawn size of the largest deflection relative to the structure, and number of pictures in a row.
 DEFLECTION, _COLUMNS = 0.1, 3
 _WIDTH, _LEFT = 640.0, 12.0
 
 
 def shape_label(shape: DeflectionShape) -> str:
-    """Return the name of a shape."""
+    """Return the label of a shape."""
     correlation = "" if np.isnan(shape.cosine) else f", FDAC {fmt.fixed(shape.cosine, 2)}"
     return f"{fmt.figures(shape.frequency_hz, 4)} Hz{correlation}"
 
 
 def points_of(record: StructureRecord, shapes: ShapesRecord, shape: DeflectionShape) -> Iterator[tuple[Floats, Floats, complex, complex]]:
-    """Place, direction, measured and modelled deflection of each response that has them; pressures point upwards."""
+    """Yield place, direction, measured and modelled deflection of each response that has them; pressures point upwards."""
     known = {point.name: point for point in record.responses}
     for index, name in enumerate(shapes.responses):
         point = known.get(name)
@@ -39,15 +39,15 @@ def points_of(record: StructureRecord, shapes: ShapesRecord, shape: DeflectionSh
 
 
 def fits(record: StructureRecord, shapes: ShapesRecord) -> bool:
-    """Whether shapes are those of the nodes that are drawn."""
+    """Return whether shapes belong to the nodes that are drawn."""
     return [len(field.xyz) for field in record.fields if field.field == "structure"] == [shapes.nodes] and bool(shapes.shapes)
 
 
 def shapes_chart(record: StructureRecord, shapes: ShapesRecord) -> Chart:
-    """Return all shapes of a job, each at the phase of its largest deflection; the record fits the structure."""
+    """Return the chart of all shapes of a job, each at the phase of its largest deflection; `shapes` must fit `record`."""
     (field,) = (field for field in record.fields if field.field == "structure")
     scene = scene_of(record)
-    # What is flat deflects out of the plane in which it is drawn.
+    # A flat structure deflects out of its plane, so a plan view would not show it.
     view = (Camera(-60.0, 25.0) if scene.plane else scene.camera).axes.T
     size = float(np.ptp(field.xyz, axis=0).max())
     pairs = np.array(field.lines, dtype=np.int64).reshape(-1, 2)

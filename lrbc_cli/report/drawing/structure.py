@@ -1,4 +1,4 @@
-"""The structure as lines, dots and symbols in space, seen by a camera; the same scene is drawn still and turned on the page."""
+"""The structure as a scene of lines, dots and symbols in space, and its projection; the page can rotate the same scene."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lrbc_cli.report.drawing.chart import Axis, Curve, Item, Marks, Panel, Word,
 from lrbc_cli.report.drawing.names import GLYPH, names_beside
 from lrbc_cli.results.structure import DrawnPoint, StructureRecord
 
-#: A structure is flat where it is thinner than this share of its size.
+#: A structure is flat if it is thinner than this share of its size.
 _FLAT = 0.02
 #: Room around the structure for names, in points, and the largest height of a picture.
 _MARGIN, _HIGHEST = 30.0, 430.0
@@ -23,14 +23,14 @@ _STUB = 0.05
 
 @dataclass(frozen=True)
 class Camera:
-    """Where the structure is seen from, in degrees: azimuth about z from x, elevation above the plane of x and y."""
+    """Direction of view [degrees]: azimuth about z from x, elevation above the x-y plane."""
 
     azimuth: float
     elevation: float
 
     @property
     def axes(self) -> Floats:
-        """(2, 3) directions to the right and upwards."""
+        """Unit vectors (2, 3) to the right and upwards in the picture."""
         a, e = np.radians([self.azimuth, self.elevation])
         return np.array([[-np.sin(a), np.cos(a), 0.0], [-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e)]])
 
@@ -46,18 +46,18 @@ class Ruler:
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """What is drawn of a structure.
+    """Everything that is drawn of a structure.
 
     Attributes
     ----------
     camera : Camera
-        Plan view of what is flat, else from the front and above.
+        Plan view of a flat structure, otherwise a view from the front and above.
     plane : str
-        The two coordinates of a plan view; empty of a view in space.
+        The two coordinates of a plan view; empty for a view in space.
     low, high : (3,) float arrays
         Corners of the box around the structure and what is placed on it, and around the air of a view in space [m].
     middle : (3,) float array
-        Of the structure alone [m].
+        Middle of the structure without air [m].
     segments : mapping of str to (k, 2, 3) float arrays
         Lines by role.
     dots : mapping of str to (n, 3) float arrays
@@ -65,7 +65,7 @@ class Scene:
         Excitations and responses with their roles.
     rulers : tuple of Ruler
     labels : mapping of str to str
-        What the roles are, for the legend.
+        Texts of the legend by role.
     """
 
     camera: Camera
@@ -137,13 +137,13 @@ def _camera(extent: Floats) -> tuple[Camera, str]:
     thin = extent <= _FLAT * extent.max()
     if not thin.any():
         return Camera(-60.0, 25.0), ""
-    # Of a beam the plane that is seen from above, else from the front.
+    # A beam is flat in two directions: seen from above if possible, else from the front.
     axis = 2 if thin[2] else int(np.flatnonzero(thin)[0])
     return (Camera(0.0, 0.0), "yz") if axis == 0 else (Camera(-90.0, 0.0), "xz") if axis == 1 else (Camera(-90.0, 90.0), "xy")
 
 
 def _ruler(axis: int, low: Floats, high: Floats) -> Ruler:
-    # The edges that lie in front, to the right and to the left of the first view.
+    # The edges in front, to the right and to the left in the first view.
     start = np.array([high[0] if axis == 1 else low[0], low[1], low[2]])
     end = start.copy()
     end[axis] = high[axis]
@@ -161,11 +161,11 @@ def panel_of(scene: Scene, width: float, left: float, extra: list[Item]) -> tupl
     Parameters
     ----------
     scene
-        What is drawn.
+        The scene to draw.
     width, left : float
-        Of the chart, and of the labels at its left, in points.
+        Width of the chart, and of the labels at its left [points].
     extra
-        Items to draw above all others.
+        Items drawn above all others.
     """
     view = scene.camera.axes.T
     corners = np.array(np.meshgrid(*zip(scene.low, scene.high, strict=True))).reshape(3, -1).T @ view
@@ -201,7 +201,7 @@ def marks_at(role: str, places: Floats, label: str, names: tuple[str, ...] = ())
 
 
 def mark_names(scene: Scene, bolts: Mapping[str, Floats], scale: float, limits: tuple[float, float], first: list[int]) -> list[Item]:
-    """Return the names of bolts, excitations and responses where there is room for them."""
+    """Return the names of bolts, excitations and responses for which there is room."""
     view = scene.camera.axes.T
     names = [*bolts, *(point.name for _, point in scene.marks)]
     places = np.array([*bolts.values(), *(point.position for _, point in scene.marks)]).reshape(-1, 3) @ view
@@ -214,7 +214,7 @@ def mark_names(scene: Scene, bolts: Mapping[str, Floats], scale: float, limits: 
 
 
 def _box(word: Word, scale: float) -> tuple[float, float, float, float]:
-    """Left, right, low and high edge of a word with its middle at a point, in points."""
+    """Left, right, low and high edge of a word centred at a point [points]."""
     half = 0.5 * GLYPH * word.size * len(word.text)
     return word.x * scale - half, word.x * scale + half, word.y * scale - 0.5 * word.size, word.y * scale + 0.5 * word.size
 
@@ -226,7 +226,7 @@ def layers(scene: Scene) -> list[tuple[int, str, Floats]]:
 
 
 def broken(segments: Floats) -> tuple[Floats, Floats]:
-    """(k, 2, 2) lines one after another, NaN between them."""
+    """Lines (k, 2, 2) as a single one, with NaN between them."""
     gap = np.full((len(segments), 1, 2), np.nan)
     x, y = np.concatenate([segments, gap], axis=1).reshape(-1, 2).T
     return x, y

@@ -1,4 +1,4 @@
-"""One table of colours and strokes for page and PNG; told apart by lightness, dash and shape as well as by hue."""
+"""Colours and strokes of all charts by role; roles differ in lightness, dash and shape as well as in hue."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class Style:
-    """Look of everything that plays one role in a chart.
+    """Look of all items with one role in a chart.
 
     Attributes
     ----------
     light, dark : str
-        Colours on white and on the dark page.
+        Colours on the light and on the dark page.
     width : float
-        Of lines, in chart units (points).
+        Width of lines [points].
     dash : tuple of float
-        Dash pattern in chart units; empty for solid.
+        Dash pattern [points]; empty for solid lines.
     marker : str
         Shape of marks: circle, ring, cross, plus, square, diamond, up, down, bar.
     size : float
-        Radius of marks in chart units.
+        Radius of marks [points].
     opacity : float
-        Of filled areas.
+        Opacity of filled areas.
     """
 
     light: str
@@ -56,9 +56,9 @@ _STEPS = (
 
 #: Steps of the two scales below.
 PROBABILITIES, COSINES = 10, 11
-# Probability of being loose: pale to dark on white, dark to bright on the dark page, so that grey tells as well.
+# Probability of being loose: pale to dark on the light page, dark to bright on the dark page, so that it is readable in grey too.
 _LOOSE = (("#e1e8ee", "#f0b65c", "#a33600"), ("#262d36", "#96641c", "#ff9b57"))
-# FDAC: the two signs differ in hue and in depth; nothing in common is the page's own colour.
+# FDAC: the two signs differ in hue and lightness; zero has the colour of the page.
 _FDAC = (("#e08a33", "#ffffff", "#0b4a86"), ("#b8660f", "#14181d", "#8fcbff"))
 
 
@@ -79,7 +79,7 @@ def luminance(colour: str) -> float:
 
 
 def _ink(colour: str) -> str:
-    """Return the ink, dark or light, that stands out more on a colour."""
+    """Return the ink, dark or light, with the higher contrast on a colour."""
     return "#14181d" if luminance(colour) > 0.19 else "#ffffff"
 
 
@@ -180,7 +180,7 @@ STEPS = len(_STEPS)
 
 
 def css() -> str:
-    """Return the colours as CSS custom properties, light and dark, and one class ``r-ROLE`` a role."""
+    """Return the colours as CSS custom properties, light and dark, and one class ``r-ROLE`` for each role."""
     light = "".join(f"--{role}:{style.light};" for role, style in STYLES.items())
     dark = "".join(f"--{role}:{style.dark};" for role, style in STYLES.items())
     classes = "".join(f".r-{role}{{color:var(--{role})}}" for role in STYLES)

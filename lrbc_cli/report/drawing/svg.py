@@ -1,4 +1,4 @@
-"""Drawings as inline SVG, coloured by the page's style sheet so that they suit light, dark and print."""
+"""Draws charts as inline SVG, with the colours of the page's style sheet for light and dark pages and print."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from lrbc_cli.report.drawing.layout import Drawing, Fill, Frame, Line, Mosaic, S
 from lrbc_cli.report.drawing.style import STYLES
 from lrbc_cli.report.html import Markup, figure, tag
 
-# Coordinates are written in tenths of a point as whole numbers: short, and finer than any screen.
+# Coordinates are written as whole numbers in tenths of a point: short, and finer than any screen.
 _SCALE = 10.0
-#: Height of letters in pixels, at least.
+#: Least height of letters [pixels].
 _LEAST = 9.05
 
-#: Charts that were drawn; so many are kept.
+#: Cache of the last charts drawn.
 _drawn = Remembered[Markup](2000)
 
 
@@ -31,12 +31,12 @@ def svg(chart: Chart) -> Markup:
 
 
 def drawn(chart: Chart, files: Markup | None = None, *, title: str | None = None, **attributes: str | bool | None) -> Markup:
-    """Return the chart as a figure under its title, or another one."""
+    """Return the chart as a figure with its own title or another one."""
     return figure(svg(chart), title or chart.title, chart.subtitle, files, **attributes)
 
 
 def with_rows(chart: Chart) -> Markup:
-    """Return the chart as two drawings side by side: the labels of its rows can stay where they are while the rest is scrolled."""
+    """Return the chart as two drawings side by side, so that the labels of its rows stay in place while the rest is scrolled."""
     drawing = lay_out(chart, header=False)
     rows = [shape for shape in drawing.around if isinstance(shape, Text) and shape.anchor == "end"]
     rest = tuple(shape for shape in drawing.around if not (isinstance(shape, Text) and shape.anchor == "end"))
@@ -53,13 +53,13 @@ def with_rows(chart: Chart) -> Markup:
 
 
 def least_width(drawing: Drawing) -> float:
-    """Width in pixels at which the smallest letters of a drawing have `_LEAST` pixels; narrower screens scroll it."""
+    """Width [pixels] at which the smallest letters of a drawing have `_LEAST` pixels; narrower screens scroll it."""
     sizes = [shape.size for shape in drawing.shapes if isinstance(shape, Text)]
     return math.ceil(drawing.width * _LEAST / min(sizes)) if sizes else 0.0
 
 
 def own_size(chart: Chart) -> str:
-    """Style of an element that holds a drawing at the size of its letters, however wide the page is."""
+    """CSS of an element that shows a drawing at the size of its letters, independent of the width of the page."""
     return f"max-width:{max(1.35 * chart.width, least_width(lay_out(chart, header=False))):.0f}px"
 
 
@@ -96,7 +96,7 @@ def _frame(frame: Frame) -> str:
     hit = Markup(f'<rect class="hit" x="{left}" y="{top}" width="{right - left}" height="{bottom - top}"/>')
     return tag(
         "g",
-        # Below the shapes, so that their titles show where they are pointed at.
+        # Below the shapes, so that the pointer reaches them and shows their titles.
         hit,
         shapes,
         class_="panel",
@@ -133,7 +133,7 @@ def markup_of(shape: Shape) -> str:
 def path(points: Floats) -> str:
     """Return SVG path data: absolute starts, relative steps, a new start after every NaN."""
     if len(points) == 2 and np.isfinite(points).all():
-        # Most lines are those of axes.
+        # A fast path for lines of two points: most belong to axes.
         x, y, end_x, end_y = (round(value * _SCALE) for value in points.ravel().tolist())
         return f"M{x} {y}l{end_x - x} {end_y - y}".replace(" -", "-")
     whole = np.asarray(np.isfinite(points).all(axis=1))
@@ -174,7 +174,7 @@ def _symbols(shape: Symbols) -> str:
 
 
 def outline(marker: str, r: int) -> str:
-    """Return a marker's outline as relative path data that starts at its centre."""
+    """Return the outline of a marker as relative path data that starts at its centre."""
     match marker:
         case "cross":
             return f"m{-r}-{r}l{2 * r} {2 * r}m0-{2 * r}l{-2 * r} {2 * r}"

@@ -1,1 +1,1 @@
-"""Figures and sections of the page, each built from records."""
+"""Charts, tables and sections of the page, each built from records."""

@@ -1,4 +1,4 @@
-"""Calibration of the reference model: its part of the page."""
+"""Section of the page on the calibration of the reference model: factors, misfit, FRFs, rounds."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from lrbc_cli.results.tables import Frf
 
 
 def serves(calibration: CalibrationRecord, campaign: CampaignRecord) -> bool:
-    """Whether the jobs of a campaign rest on it."""
+    """Whether the jobs of a campaign rest on this calibration."""
     return calibration.used and campaign.calibration in (None, calibration.key)
 
 
 def calibration_charts(calibration: CalibrationRecord, frf: Frf | None, campaign: CampaignRecord) -> list[Chart]:
-    """Return measured, initial and calibrated FRF of each response, those used first."""
+    """Return a chart of measured, initial and calibrated FRF for each response, used ones first; empty without FRFs."""
     if frf is None:
         return []
     names = sorted(frf.responses, key=lambda name: not campaign.response(name).used)
@@ -64,7 +64,7 @@ def calibration_parts(calibration: CalibrationRecord, frf: Frf | None, campaign:
 
 
 def _remarks(calibration: CalibrationRecord) -> Markup | None:
-    """Return the status where it did not converge, and notes on bounds and starts."""
+    """Return the status if the calibration did not converge, and notes on bounds and starts."""
     lines = list(calibration.notes)
     if not calibration.sealed:
         lines.insert(0, f"calibration.json is {UNSEALED}")

@@ -1,4 +1,4 @@
-"""The part of the page on the reduced model: its measured and its estimated error, in words and in charts."""
+"""Section of the page on the reduced model: measured and estimated errors as text and charts."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from lrbc_cli.report.parts.tables import names_of
 from lrbc_cli.results.job import Job
 from lrbc_cli.results.model import ReductionRecord
 
-#: What the kinds of certificate vectors are.
+#: Descriptions of the kinds of parameter vectors in the certificate.
 _STATES = {
     "free": "without the terms",
     "loose": "a hundredth of the local stiffness of the structure",
@@ -39,7 +39,7 @@ _STATES = {
 
 
 def certificate_parts(reduction: ReductionRecord, jobs: Sequence[Job] = ()) -> list[Markup | None]:
-    """Return the parts of the section; jobs that rest on another reduced model are named."""
+    """Return the parts of the section, with the names of jobs that rest on another reduced model."""
     low, high = (float(edge) for edge in reduction.band_hz)
     text = (
         f"{fmt.count(reduction.full_size)} → {fmt.count(reduction.size)} DOFs, {fmt.figures(low)} to {fmt.figures(high)} Hz, "
@@ -66,7 +66,7 @@ def certificate_parts(reduction: ReductionRecord, jobs: Sequence[Job] = ()) -> l
         parts.append(
             tag("p", tag("strong", f"The results of {names} rest on another reduced model"), ". Run `lrbc update` to identify them again.")
         )
-    # As many decimals as tell lines of a narrow band apart.
+    # Enough decimals to distinguish the lines of a narrow band.
     digits = max(1, math.ceil(2 - math.log10(high - low))) if high > low else 1
     charts = [chart for chart in (certificate_chart(reduction), trace_chart(reduction)) if chart is not None]
     pictures = [tag("div", drawn(chart), legend(chart)) for chart in charts]
@@ -88,12 +88,12 @@ def certificate_parts(reduction: ReductionRecord, jobs: Sequence[Job] = ()) -> l
 
 
 def _key(job: Job) -> str | None:
-    """Key of the reduced model that a job was identified with; None for the full model, and where nothing tells."""
+    """Key of the reduced model used for a job; None for the full model or if unknown."""
     return None if job.provenance.certificate is None else job.provenance.certificate.key
 
 
 def certificate_chart(reduction: ReductionRecord) -> Chart | None:
-    """Return the measured errors at lines outside the basis, per kind of parameter vector; None without held-out lines."""
+    """Return the measured errors at lines outside the basis by kind of parameter vector; None without such lines."""
     held_out, worst_error = reduction.certificate.held_out, reduction.certificate.worst
     if not held_out:
         return None
@@ -118,7 +118,7 @@ def certificate_chart(reduction: ReductionRecord) -> Chart | None:
 
 def trace_chart(reduction: ReductionRecord) -> Chart | None:
     """Return the estimated error over the band after each adaptive step; None without a trace."""
-    # Steps at held-out lines leave the estimate as it was.
+    # Steps at lines outside the basis do not change the estimate.
     steps = [step for step in reduction.trace if np.any(np.isfinite(step.estimate))]
     if not steps:
         return None
@@ -142,7 +142,7 @@ def trace_chart(reduction: ReductionRecord) -> Chart | None:
     alt = f"Estimated error over frequency after each of {len(steps)} adaptive steps, with the tolerance and the expansion points."
     panel = Panel(
         x=linear_axis("frequency [Hz]", x_low, x_high, 8),
-        # At the points themselves the estimate is next to nothing.
+        # The axis is cut below: at expansion points the estimate is almost zero.
         y=decade_axis("estimated relative error", max(low - 0.5, _log10(reduction.tolerance) - 5.0), high + 0.3),
         items=(*items, *curves),
     )

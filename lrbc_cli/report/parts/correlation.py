@@ -1,4 +1,4 @@
-"""Correlation of FRFs before and after: FDAC maps, FRAC and peak shifts."""
+"""Section of the page on the correlation of FRFs before and after updating: FDAC maps, FRAC, peak shifts, modes."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.model import CampaignRecord
 from lrbc_cli.results.tables import Fdac
 
-#: Side of an FDAC map in points.
+#: Side of an FDAC map [points].
 _SIDE = 215.0
-#: Maps in the page; further ones are files.
+#: Most maps on the page; further ones are only files.
 _MAPS = 12
 _LEVELS = ((0, "−1: opposite phase"), (2, "−0.6"), (COSINES - 3, "0.6"), (COSINES - 1, "1: same shape"))
 
 
 def fdac_chart(job: JobRecord, fdac: Fdac) -> Chart:
-    """Return the maps before and after side by side, each with its diagonal."""
+    """Return the FDAC maps before and after updating side by side, with their diagonals and the means on these."""
     f = fdac.frequency_hz
     edges = np.concatenate([[1.5 * f[0] - 0.5 * f[1]], 0.5 * (f[1:] + f[:-1]), [1.5 * f[-1] - 0.5 * f[-2]]])
     means = [_mean(np.diag(values)) for values in (fdac.initial, fdac.updated)]
@@ -54,7 +54,7 @@ def _mean(values: Floats) -> float:
 
 
 def _tiles(values: Floats, edges: Floats) -> list[Item]:
-    """Return one item a step of the scale; equal neighbours in a row are one rectangle."""
+    """Return one item for each step of the scale; equal neighbours in a row are merged to one rectangle."""
     steps = np.full(values.shape, -1)
     known = np.isfinite(values)
     steps[known] = np.clip(np.rint((values[known] + 1.0) / 2.0 * (COSINES - 1)), 0, COSINES - 1).astype(int)
@@ -67,7 +67,7 @@ def _tiles(values: Floats, edges: Floats) -> list[Item]:
 
 
 def correlation_parts(campaign: CampaignRecord, jobs: Sequence[JobRecord], maps: Mapping[str, Chart]) -> list[Markup | None] | None:
-    """Return the section's parts; None where no job has any figure of correlation."""
+    """Return the parts of the section; None if no job has a correlation."""
     shown = [(job, job.correlation) for job in jobs if job.correlation is not None]
     modes = _modes(jobs)
     if not shown and not maps and modes is None:
@@ -92,7 +92,7 @@ def correlation_parts(campaign: CampaignRecord, jobs: Sequence[JobRecord], maps:
 
 
 def _modes(jobs: Sequence[JobRecord]) -> Markup | None:
-    """Return natural frequencies and damping of the model before and after, a table for each job that has them."""
+    """Return tables of natural frequencies and damping before and after updating, one for each job that has them."""
     tables = []
     for job in jobs:
         if job.modes is None or not job.modes.pairs:
@@ -175,7 +175,7 @@ def _by_response(campaign: CampaignRecord, shown: Sequence[tuple[JobRecord, Corr
 
 
 def _shift(peaks: Sequence[Peak], model: Floats) -> float:
-    """Mean absolute shift [%] over the peaks matched both times, as the result's own mean is."""
+    """Mean absolute shift [%] over the peaks matched in both states, like the mean in the result file."""
     measured = np.array([peak.measured_hz for peak in peaks])
     both = np.isfinite(sum(_matched(peaks), np.zeros(len(peaks))))
     return 100.0 * float(np.mean(np.abs(model[both] / measured[both] - 1.0))) if both.any() else float("nan")

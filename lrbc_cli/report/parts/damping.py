@@ -1,4 +1,4 @@
-"""Identified damping: over the number of removed bolts where it is known, and as a table."""
+"""Section of the page on the identified damping: a chart over the number of removed bolts, if known, and a table."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from lrbc_cli.report.html import Cell, Markup, beside, table, tag
 from lrbc_cli.report.parts.tables import fold
 from lrbc_cli.results.job import JobRecord, Parameter
 
-#: Exponent p_damp by the number of removed bolts, as the paper states it for its SoundBox (Table 3).
+#: Exponent p_damp by the number of removed bolts, as stated by the paper for its SoundBox (Table 3).
 PAPER = {0: 0.0092, 4: 0.2606, 6: 1.8705, 10: 2.0591, 12: 2.5127, 15: 3.2690, 17: 3.0573}
 _SIGMAS = 1.96
 
 
 def interval(group: Parameter) -> tuple[float, float] | None:
-    """Return the 95 % interval of a group's exponent, inside its bounds; None where it is unknown."""
+    """Return the 95 % interval of the damping exponent of a group, limited to its bounds; None if unknown."""
     if group.damping_exponent is None or group.damping_exponent_std is None:
         return None
     low, high = (group.damping_exponent + sign * _SIGMAS * group.damping_exponent_std for sign in (-1.0, 1.0))
@@ -30,7 +30,7 @@ def interval(group: Parameter) -> tuple[float, float] | None:
 
 
 def damping_chart(jobs: Sequence[JobRecord], *, paper: bool) -> Chart | None:
-    """Return exponents over the number of removed bolts, with their intervals; None where fewer than two numbers are known."""
+    """Return exponents over the number of removed bolts, with intervals; None with fewer than two different numbers."""
     shown = [job for job in jobs if job.damped and job.removed is not None]
     if len({len(job.removed or ()) for job in shown}) < 2:
         return None
@@ -78,7 +78,7 @@ def _point(count: float, group: Parameter) -> str:
 
 
 def damping_parts(jobs: Sequence[JobRecord], chart: Chart | None, *, paper: bool) -> list[Markup | None] | None:
-    """Return the parts of the section; None where no damping was identified."""
+    """Return the parts of the section; None if no damping was identified."""
     made = damping_table(jobs, paper=paper)
     if made is None:
         return None
@@ -95,7 +95,7 @@ def damping_parts(jobs: Sequence[JobRecord], chart: Chart | None, *, paper: bool
 
 
 def damping_table(jobs: Sequence[JobRecord], *, paper: bool) -> Markup | None:
-    """Return the identified damping per job and group, beside the paper's (Table 3) where wanted; None where none was identified."""
+    """Return the identified damping by job and group, with that of the paper (Table 3) if `paper`; None if none was identified."""
     shown = [job for job in jobs if job.damped]
     if not shown:
         return None

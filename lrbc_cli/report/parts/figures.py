@@ -1,4 +1,4 @@
-"""The charts of the report, made from result files: stiffness profiles, misfit by channel, FRF overlays, errors of the reduced model."""
+"""Charts of the report for each job: stiffness profiles, misfit by response, FRF overlays."""
 
 from __future__ import annotations
 
@@ -33,22 +33,22 @@ from lrbc_cli.results.job import Bolt, JobRecord, Parameter
 from lrbc_cli.results.model import ResponseRecord
 from lrbc_cli.results.tables import Frf
 
-#: Below this ordinary coherence a measured line is shaded as doubtful.
+#: Measured lines with a coherence below this are shaded as doubtful.
 COHERENCE = 0.8
-#: How far computed curves may widen the magnitude axis beyond the measured one, in dB.
+#: Most that computed curves may widen the magnitude axis beyond the measured one [dB].
 _BEYOND_DB = 15.0
-#: FRFs with more lines than this are thinned for drawing, about what a figure can resolve.
+#: FRFs with more lines than this, about what a figure can resolve, are thinned for drawing.
 _DENSE = 2400
-#: Shares of the way to the edge that the layers of an open band reach; together they fade.
+#: Shares of the distance to the frame that the layers of an open band cover; together they look like a fading band.
 _FADES = (0.25, 0.5, 0.75, 1.0)
-#: Of the figures of a job in small, in points.
+#: Width of the small figures of a job [points].
 _WIDTH = 430.0
 _OUTSIDE = "outside: not observable"
 _STATES = {"measured": "measured", "initial": "initial model", "updated": "updated model"}
 
 
 def changes_of(job: JobRecord) -> str:
-    """Say in a few words what is known and what was found."""
+    """Return a short text on what is known and what was found in a job."""
     parts = []
     if job.removed is not None:
         parts.append(f"{len(job.removed)} bolt{'' if len(job.removed) == 1 else 's'} removed")
@@ -61,7 +61,7 @@ def changes_of(job: JobRecord) -> str:
 
 
 def profile_scales(jobs: Sequence[JobRecord]) -> dict[str, tuple[float, float]]:
-    """Return one range of whole decades for each group, over all jobs."""
+    """Return a common range of whole decades for the profiles of each group in all jobs."""
     scales = {}
     for name in dict.fromkeys(name for job in jobs for name in job.parameters):
         groups = [job.parameters[name] for job in jobs if name in job.parameters]
@@ -72,7 +72,7 @@ def profile_scales(jobs: Sequence[JobRecord]) -> dict[str, tuple[float, float]]:
             if values is not None
         ]
         low, high = span_of(arrays)
-        # A wide confidence band may widen the range by a decade, no more.
+        # A wide confidence band widens the range by at most one decade.
         bands = [values for group in groups for values in (group.lower95, group.upper95) if values is not None]
         lowest, highest = span_of([*bands, np.array([low, high])])
         low, high = max(low - 1.0, lowest), min(high + 1.0, highest)
@@ -81,11 +81,11 @@ def profile_scales(jobs: Sequence[JobRecord]) -> dict[str, tuple[float, float]]:
 
 
 def profile_chart(job: JobRecord, scales: dict[str, tuple[float, float]]) -> Chart | None:
-    """Return the identified profile of each group along its edge, bolts marked below (paper, Fig. 6), or its joints; None without any."""
+    """Return the identified values of each group along its edge, with bolts below (paper, Fig. 6), or of its joints; None without any."""
     groups = {name: group for name, group in job.parameters.items() if len(group.log10)}
     if not groups:
         return None
-    # Without a verdict no bolt is marked as loose.
+    # An unexplained job has no verdicts, so no bolt is marked as loose.
     bolts = (
         job.bolts
         if job.explained
@@ -144,7 +144,7 @@ def _profile_panel(group: Parameter, bolts: Sequence[tuple[Bolt, float]], scale:
             )
     x_label = "along the edge [m]" if group.arc_length is not None else "term"
     unit = f" [{group.unit}]" if group.unit else ""
-    # Room above for the names of loose bolts.
+    # Room for the names of loose bolts above.
     y = decade_axis(f"{title}{unit}", bottom, top)
     y = changed(y, ticks=tuple(tick for tick in y.ticks if scale[0] <= tick[0] <= scale[1]))
     return Panel(x=linear_axis(x_label, low - margin, high + margin), y=y, items=tuple(items))
@@ -153,7 +153,7 @@ def _profile_panel(group: Parameter, bolts: Sequence[tuple[Bolt, float]], scale:
 def _joint_panel(
     group: Parameter, owners: Sequence[str | None], bolts: Sequence[Bolt], scale: tuple[float, float], title: str, unsure: str
 ) -> Panel:
-    """Values of joints, a bar each: they lie along no edge."""
+    """Panel with a bar for each value of joints, which do not lie along an edge."""
     count, known = len(owners), {bolt.name: bolt for bolt in bolts}
     verdicts = [None if name is None or name not in known else known[name].verdict for name in owners]
     left, right = np.arange(count) - 0.38, np.arange(count) + 0.38
@@ -187,16 +187,16 @@ def _joint_panel(
         )
     y = decade_axis(f"{title}{f' [{group.unit}]' if group.unit else ''}", bottom, top)
     y = changed(y, ticks=tuple(tick for tick in y.ticks if scale[0] <= tick[0] <= scale[1]))
-    # Those with a stripe are looked for first.
+    # Names of bolts with a stripe are placed first, since readers look for them.
     first = [k for wanted in ("loose", "undecided") for k, verdict in enumerate(verdicts) if verdict == wanted]
     return Panel(x=Axis("bolt", -0.6, count - 0.4, _some(owners, first)), y=y, items=tuple(items))
 
 
 def _band(place: Floats, value: Floats, lower: Floats, upper: Floats, limits: tuple[float, float]) -> list[Item]:
-    """Return the confidence band; where it is open it fades from the value to the edge of the figure, and an arrow says so."""
+    """Return the confidence band; an open side fades from the value to the frame and is marked by arrows."""
     items: list[Item] = []
     open_below, open_above = (np.asarray(~np.isfinite(side)) for side in (lower, upper))
-    # The solid part ends at the value on a side that is open.
+    # On an open side the solid part ends at the value.
     items.append(Area("band", place, np.where(open_below, value, lower), np.where(open_above, value, upper), "95 % band"))
     for role, is_open, edge in (("open-down", open_below, limits[0]), ("open-up", open_above, limits[1])):
         where = np.flatnonzero(is_open & np.isfinite(value))
@@ -208,7 +208,7 @@ def _band(place: Floats, value: Floats, lower: Floats, upper: Floats, limits: tu
             for share in _FADES:
                 end = start + share * (edge - start)
                 items.append(Area("open", x, np.minimum(start, end), np.maximum(start, end)))
-        # One arrow in a few nodes, so that they stay apart.
+        # Only some nodes have an arrow, so that arrows do not overlap.
         every = max(1, len(place) // 17)
         arrows = where[where % every == 0] if every > 1 and (where % every == 0).any() else where
         inside = edge + (0.02 if edge == limits[0] else -0.02) * (limits[1] - limits[0])
@@ -217,7 +217,7 @@ def _band(place: Floats, value: Floats, lower: Floats, upper: Floats, limits: tu
 
 
 def _stretched(place: Floats, run: np.ndarray) -> Floats:
-    """Return the places of neighbours, half a step wider on both sides, so that one alone has a width as well."""
+    """Return the places of a run of neighbours, extended by half a step on both sides, so that a single one has a width too."""
     step = float(np.median(np.diff(place))) if len(place) > 1 else 0.1
     return np.concatenate([[place[run[0]] - 0.5 * step], place[run], [place[run[-1]] + 0.5 * step]])
 
@@ -232,7 +232,7 @@ def _half_pitch(along: Floats, length: float) -> float:
 
 
 def channel_chart(job: JobRecord) -> Chart | None:
-    """Return the mean misfit of every channel, a bar each, with what it was before; None without any."""
+    """Return bars of the misfit of every response, with that before updating; None without any."""
     found = {name: entry for name, entry in job.misfit_db.responses.items() if np.isfinite(entry.final)}
     if not found:
         return None
@@ -262,13 +262,13 @@ def channel_chart(job: JobRecord) -> Chart | None:
 
 
 def _bars(half: float, values: Floats) -> tuple[Floats, Floats]:
-    """A level about each whole number as one curve; NaN sets them apart."""
+    """Horizontal strokes of half width `half` at 0, 1, 2, ... and the heights `values` as one curve, separated by NaN."""
     place, nothing = np.arange(len(values)), np.full(len(values), np.nan)
     return np.column_stack([place - half, place + half, nothing]).ravel(), np.column_stack([values, values, nothing]).ravel()
 
 
 def _some(names: Sequence[str | None], first: Sequence[int] = ()) -> tuple[tuple[float, str], ...]:
-    """Names as ticks, a character apart, as many as there is room for: those ``first``, then one in so many of the others."""
+    """Names as ticks, as many as there is room for: those with the indices ``first``, then every n-th of the others."""
     letter = GLYPH * SMALL * (len(names) + 0.2) / (_WIDTH - Chart.left - RIGHT)
     half = [0.5 * letter * (len(name or "") + 1) for name in names]
     every = max(1, int(np.ceil(2.0 * max(half))))
@@ -285,9 +285,9 @@ def frf_chart(job: JobRecord, response: ResponseRecord, frf: Frf, tight: tuple[s
     Parameters
     ----------
     job, response, frf
-        Whose they are.
+        The job, the response, and all FRFs of the job.
     tight
-        Name and FRFs of the reference job, whose measurement stands beside.
+        Name and FRFs of the reference job, whose measurement is also drawn.
     """
     change = job.misfit_db.responses.get(response.name)
     used = response.used if change is None else change.used
@@ -311,17 +311,17 @@ def overlay_chart(
     Parameters
     ----------
     response
-        Which one.
+        The response to draw.
     frf
-        All of them.
+        FRFs of all responses.
     labels
-        What stands in the legend for ``measured``, ``initial``, ``updated``.
+        Texts of the legend for ``measured``, ``initial``, ``updated``.
     title, subtitle
-        Of the chart.
+        Titles of the chart.
     lines_hz
-        Lines to be marked at the foot.
+        Lines to mark at the bottom [Hz].
     tight
-        Name and FRFs of another measurement that stands beside.
+        Name and FRFs of another measurement that is also drawn.
     """
     frequency, columns = _thinned(frf.frequency_hz, frf.responses[response.name])
     empty = np.full(len(frequency), np.nan)
@@ -335,7 +335,7 @@ def overlay_chart(
     if tight is not None and response.name in tight[1].responses:
         other, found = _thinned(tight[1].frequency_hz, tight[1].responses[response.name])
         inside = (other >= frequency.min()) & (other <= frequency.max())
-        # Lines may be others than those of the job.
+        # Its lines may differ from those of the job.
         for items, values in ((magnitude, found["measured_db"]), (phase, _wrapped(found["measured_phase_deg"]))):
             items.append(Curve("tight-state", other[inside], values[inside], f"measured, {tight[0]}"))
     drawn = [(state, label) for state, label in labels.items() if np.isfinite(levels[state]).any()]
@@ -368,7 +368,7 @@ def _level_range(levels: dict[str, Floats]) -> tuple[float, float]:
 
 
 def _runs(x: Floats, where: np.ndarray) -> Floats:
-    """Return the (n, 2) edges of the runs of True, half a line wider on both sides."""
+    """Return the (n, 2) edges of the runs of True, extended by half a line on both sides."""
     half = 0.5 * float(np.median(np.diff(x))) if len(x) > 1 else 0.5
     padded = np.concatenate([[False], where, [False]])
     starts, ends = np.flatnonzero(padded[1:] & ~padded[:-1]), np.flatnonzero(padded[:-1] & ~padded[1:]) - 1
@@ -376,7 +376,7 @@ def _runs(x: Floats, where: np.ndarray) -> Floats:
 
 
 def _thinned(frequency: Floats, columns: Mapping[str, Floats]) -> tuple[Floats, dict[str, Floats]]:
-    """Thin very dense lines for drawing: per bucket the lines where each column is smallest and largest, so that no peak is lost."""
+    """Thin dense lines for drawing: keep the smallest and largest value of each column in each bucket, so that no peak is lost."""
     if len(frequency) <= _DENSE:
         return frequency, dict(columns)
     keep = {0, len(frequency) - 1}
@@ -390,7 +390,7 @@ def _thinned(frequency: Floats, columns: Mapping[str, Floats]) -> tuple[Floats, 
 
 
 def _wrapped(degrees: Floats) -> Floats:
-    """Wrap into ±180 degrees and cut the line where it jumps from one side to the other."""
+    """Wrap phases into ±180 degrees and interrupt the curve where it jumps from one side to the other."""
     wrapped = (degrees + 180.0) % 360.0 - 180.0
     wrapped[1:][np.abs(np.diff(wrapped)) > 180.0] = np.nan
     return wrapped

@@ -1,4 +1,4 @@
-"""The chart of an L-curve: what the weights of the penalty cost, and the corner at which one was chosen."""
+"""The chart of an L-curve: sums of squares of residuals and penalty for the weights tried, and the corner."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lrbc_cli.results.job import JobRecord
 
 
 def l_curve_chart(job: JobRecord) -> Chart | None:
-    """Return the L-curve of a job, its corner marked; None where the weight was given."""
+    """Return the L-curve of a job with its corner marked; None if the weight was given."""
     curve = job.l_curve
     if curve is None:
         return None
@@ -28,7 +28,7 @@ def l_curve_chart(job: JobRecord) -> Chart | None:
         subtitle = f"no corner: η = {number(curve.chosen, 3)} was used"
     margin = 0.12 * max(y_high - y_low, 1.0)
     y_axis = _axis("departures, Σ decades²", y_low - margin, y_high + margin)
-    # The ends tell which way the weight grows.
+    # Labels at both ends show in which direction the weight grows.
     for end, shift in ((0, 0.05), (len(eta) - 1, -0.05)) if len(eta) > 1 else ():
         height = float((y[end] - y_axis.low) / (y_axis.high - y_axis.low))
         items.append(Note("text", float(x[end]), height + shift, labels[end]))
@@ -47,7 +47,7 @@ def l_curve_chart(job: JobRecord) -> Chart | None:
 
 
 def _axis(label: str, low: float, high: float) -> Axis:
-    """Return a logarithmic axis; 1, 2 and 5 are marked where there are few decades."""
+    """Return a logarithmic axis; 1, 2 and 5 are marked if there are few decades."""
     if not np.isfinite([low, high]).all() or high - low > 2.0:
         return decade_axis(label, low, high)
     values = [digit * 10.0**k for k in range(int(np.floor(low)), int(np.ceil(high)) + 1) for digit in (1, 1.5, 2, 3, 5, 7)]

@@ -1,4 +1,4 @@
-"""The plan of a measurement: its figure, its table in the terminal and its part of the page."""
+"""The plan of a measurement: its chart, its tables on the terminal and its section of the page."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from lrbc_cli.results.store import read
 
 VERDICTS: tuple[Visibility, ...] = ("detectable", "marginal", "not detectable")
 
-#: Height of the panel of bolts and of a bar of the ranking [points]; bars beyond this number are left to the table.
+#: Height of the panel of bolts and of a bar of the ranking [points]; most bars, further responses are in the table only.
 _BOLTS, _BAR, _BARS = 190.0, 15.0, 40
-#: Characters of a response's name beside its bar.
+#: Most characters of the name of a response beside its bar.
 _NAME = 24
 _ALL = "with the planned responses and with all"
 #: What the columns of responses are.
 _BITS = "bits: information about the bolts that a response adds to the planned ones, or that is lost without it; alone: by itself"
-#: Share of a bolt's place that its bars fill.
+#: Share of the width of a bolt's place that its bars fill.
 _FILLED = 0.78
 
 
 def _along(plan: PlanRecord) -> list[list[PlannedBolt]]:
-    """Bolts edge by edge, in order along each; joints group by group."""
+    """Bolts edge by edge, ordered along each edge; joints group by group."""
     edges: dict[str | None, list[PlannedBolt]] = {}
     for bolt in plan.bolts:
         edges.setdefault(bolt.group, []).append(bolt)
@@ -51,12 +51,12 @@ def _draws(count: int) -> str:
 
 
 def _counts(plan: PlanRecord) -> str:
-    """Bolts by their words."""
+    """Numbers of bolts that are detectable, marginal and not detectable, as text."""
     return f"{plan.planned.detectable} detectable, {plan.planned.marginal} marginal, {plan.planned.not_detectable} not detectable"
 
 
 def _right(loss: PlannedLoss) -> str:
-    """Probability of a right verdict, its interval, and draws with it of all."""
+    """Probability of a right verdict as text, with its 95 % interval and the number of draws with this verdict if rehearsed."""
     if loss.rehearsal is None or loss.right95 is None:
         return _plain(loss.right, 2)
     low, high = loss.right95
@@ -64,19 +64,19 @@ def _right(loss: PlannedLoss) -> str:
 
 
 def _wrong_draws(bolt: PlannedBolt) -> tuple[str, str]:
-    """Draws in which it was called tight, and in which a tight bolt was called loose, of all, over the losses."""
+    """Numbers of draws, over all losses, in which the bolt was called tight and in which a tight bolt was called loose."""
     own = [loss.rehearsal for loss in bolt.losses if loss.rehearsal is not None]
     draws = sum(one.draws for one in own)
     return (f"{sum(one.tight for one in own)}/{draws}", f"{sum(one.alarms for one in own)}/{draws}") if draws else ("", "")
 
 
 def _alarmed(bolt: PlannedBolt) -> tuple[str, ...]:
-    """Tight bolts that its rehearsals called loose."""
+    """Tight bolts that were called loose in the rehearsals of this bolt."""
     return tuple(dict.fromkeys(name for loss in bolt.losses if loss.rehearsal is not None for name in loss.rehearsal.alarmed))
 
 
 def _wrong(plan: PlanRecord) -> str:
-    """Wrong verdicts among all, in words."""
+    """Text on the number of wrong verdicts among all."""
     missed, alarms = sum(one.missed for one in plan.by_loss), sum(one.alarms for one in plan.by_loss)
     verdicts = sum(one.verdicts for one in plan.by_loss)
     wrong = f"{missed + alarms} of {verdicts} verdicts of the rehearsals wrong"
@@ -84,7 +84,7 @@ def _wrong(plan: PlanRecord) -> str:
 
 
 def plan_chart(plan: PlanRecord) -> Chart:
-    """Return the probability of a right verdict on every bolt at each loss, and below it what every response is worth."""
+    """Return the probability of a right verdict on every bolt at each loss, and below it the information of every response."""
     shown = plan.responses[:_BARS]
     left = max(50.0, 16.0 + GLYPH * SMALL * max((len(fmt.shortened(entry.name, _NAME)) for entry in shown), default=1))
     count = sum(len(edge) for edge in _along(plan)) + 0.5 * (len(_along(plan)) - 1)
@@ -116,7 +116,7 @@ def _bolts(plan: PlanRecord, cell: float, weight: float) -> Panel:
         for index, bolt in enumerate(edge):
             for k, loss in enumerate(bolt.losses):
                 x = at + 0.5 * (1.0 - _FILLED) + k * bar
-                # What is never found keeps a visible foot.
+                # A bar of height zero stays visible.
                 height = max(0.0 if math.isnan(loss.right) else loss.right, 0.012)
                 boxes[loss.decades].append(((x, x + 0.92 * bar, 0.0, height), f"{bolt.name}, {_decades(loss.decades)}: {_right(loss)}"))
                 if loss.right95 is not None:
@@ -174,14 +174,14 @@ def _ranking(shown: Sequence[Worth], weight: float) -> Panel:
 
 
 def draw_plan(output: Path) -> Path | None:
-    """Draw ``plan.png`` from ``plan.json``; None where there is none.
+    """Draw ``plan.png`` from ``plan.json``; None if there is no plan.
 
     Raises
     ------
     DataError
-        Where the plan is damaged, or the figure cannot be written.
+        If the plan is damaged, or the figure cannot be written.
     """
-    # matplotlib takes a second to import.
+    # Imported here, since matplotlib takes a second to import.
     from lrbc_cli.report.drawing.png import draw
 
     plan = read(output / "plan.json", PlanRecord)
@@ -193,7 +193,7 @@ def draw_plan(output: Path) -> Path | None:
 
 
 def plan_text(output: Path) -> str:
-    """Return the plan as tables in plain ASCII; nothing where there is none."""
+    """Return the plan as tables in plain ASCII; empty if there is no plan."""
     plan = read(output / "plan.json", PlanRecord)
     if plan is None:
         return ""
@@ -281,7 +281,7 @@ def _columns(head: Sequence[str], rows: Sequence[Sequence[str]], left: int, last
 
 
 def _means(plan: PlanRecord) -> str:
-    """What the figures are."""
+    """Explanation of the numbers."""
     asked = f"right: probability that the bolt is called {'tight' if plan.tightened else 'loose'} if it alone has changed by this much"
     if not plan.rehearsed:
         return f"{asked}, by d' (linearised, not rehearsed)"
@@ -302,7 +302,7 @@ def _explained(plan: PlanRecord) -> str:
 
 
 def plan_parts(plan: PlanRecord) -> list[Markup | None]:
-    """Return the parts of the section: what it means, the figure, bolts, responses, excitations."""
+    """Return the parts of the section: explanation, chart, bolts, responses, excitations."""
     chart = plan_chart(plan)
     rows: list[list[str | Cell]] = [
         [

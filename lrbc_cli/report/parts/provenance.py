@@ -1,4 +1,4 @@
-"""What the results rest on: versions, machine, inputs by hash, resolved configuration."""
+"""Section of the page on what the results rest on: versions, machine, inputs by hash, resolved configuration."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lrbc_cli.results.model import CampaignRecord, ReductionRecord
 
 
 def provenance(campaign: CampaignRecord, jobs: Sequence[Job], reduction: ReductionRecord | None) -> list[Markup | None]:
-    """Return the parts of the section; what several jobs share is said once."""
+    """Return the parts of the section; entries that several jobs share appear once."""
     return [
         _settings(campaign, reduction),
         _versions(jobs, reduction),
@@ -68,7 +68,7 @@ def _inputs(jobs: Sequence[Job]) -> Markup | None:
             found.setdefault((path, digest), []).append(job.job)
     if not found:
         return None
-    # Where the files lay on the machine that read them is nobody's business.
+    # The common folder of the files on the machine that read them is not published.
     folders = {str(PurePath(path).parent) for path, _ in found}
     common = os.path.commonpath(folders) if all(map(os.path.isabs, folders)) else ""
     rows: list[list[str | Cell]] = [
@@ -79,7 +79,7 @@ def _inputs(jobs: Sequence[Job]) -> Markup | None:
 
 
 def _documents(title: str, documents: Mapping[str, dict[str, Any]], jobs: int) -> list[Markup]:
-    """Each of them once, with the jobs that share it."""
+    """Each different entry once, with the jobs that share it."""
     found: dict[str, list[str]] = {}
     for job, document in documents.items():
         if document:

@@ -1,4 +1,4 @@
-"""What a reader has to know beside the verdicts: validity, nuisances, noise, misfits, notes on jobs."""
+"""Section of the page on what qualifies the verdicts: validity, nuisance parameters, noise, misfits, notes on jobs."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _COLUMNS = (
     "errors, so this many lines count as one. Validation over used: how much worse the model reproduces the validation channels than the "
     "channels used (1: no worse); intervals and verdicts allow for errors of this many times the scatter."
 )
-#: A table of notes with more rows is folded away.
+#: Tables of notes with more rows than this are folded away.
 _MANY = 12
 
 
 def remarks_parts(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> list[Markup | None] | None:
-    """Return the parts of the section; None where there is nothing to say."""
+    """Return the parts of the section; None if there are none."""
     parts = [
         _validity(jobs),
         tag("p", _COLUMNS, class_="meta") if jobs else None,
@@ -92,7 +92,7 @@ def _nuisances(jobs: Sequence[JobRecord]) -> Markup | None:
 
 
 def _estimates(job: JobRecord) -> dict[tuple[str, str], Estimate]:
-    """By title, and by response or direction."""
+    """Nuisance parameters of a job by title, and by response or direction."""
     found = job.nuisances
     several = {("gain [dB]", of): entry for of, entry in found.gain_db.items()}
     several |= {("hammer offset [mm]", of): entry for of, entry in found.hammer_offset_mm.items()}

@@ -1,4 +1,4 @@
-"""Which bolts are loose, at a glance: a strip over all jobs, and a map of each job's edge."""
+"""Charts of the verdicts: a strip of all jobs and bolts, and a map of the bolts of each job."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ from lrbc_cli.report.places import along_the_edges
 from lrbc_cli.results.job import Bolt, JobRecord
 from lrbc_cli.results.model import CampaignRecord
 
-#: Size of a cell of the strip in points; it shrinks where there are many bolts.
+#: Width (largest and smallest) and height of a cell of the strip [points]; cells shrink if there are many bolts.
 _WIDE, _NARROW, _HIGH = 38.0, 13.0, 23.0
-#: The strip is no wider than this, as long as its cells can be read.
+#: Largest width of the strip [points], unless its cells would become too narrow to read.
 _WIDTH = 980.0
-#: A cell narrower than this has no room for the probability in figures.
+#: Least width of a cell that shows the probability as a number [points].
 _FIGURES = 22.0
 
 
 def level_of(bolt: Bolt) -> int | None:
-    """Return the step of the scale of probability: of the probability where there is one, else of the verdict; None if undecided."""
+    """Return the step on the scale of probability, from the probability if there is one, else from the verdict; None if undecided."""
     if bolt.probability_loose is not None:
         return min(int(bolt.probability_loose * PROBABILITIES), PROBABILITIES - 1)
     return {"loose": PROBABILITIES - 1, "tight": 0}.get(bolt.verdict)
 
 
 def strip_chart(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Chart | None:
-    """Return rows of jobs over columns of bolts along the edges: the loosening as it travels; None without bolts."""
+    """Return a table-like chart with a row for each job and a column for each bolt along the edges; None without bolts."""
     shown = [job for job in jobs if job.bolts]
     names = list(dict.fromkeys([*campaign.bolt_names, *(bolt.name for job in shown for bolt in job.bolts)]))
     edges = along_the_edges(names, shown)
     if not shown or not names:
         return None
-    # A gap of half a cell sets edges apart.
+    # Edges are separated by a gap of half a cell.
     column = {name: index + 0.5 * edge for edge, index, name in _numbered(edges)}
     count = len(names) + 0.5 * (len(edges) - 1)
     labels = [fmt.shortened(job.job, 30) for job in shown]
@@ -63,7 +63,7 @@ def strip_chart(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Chart | 
 
 
 def _cells(shown: Sequence[JobRecord], column: Mapping[str, float], cell: float) -> list[Item]:
-    """A cell for each bolt of each job: its colour, its sign, and its probability where there is room."""
+    """Cells of all bolts of all jobs: colour, sign, and the probability if there is room."""
     filled: dict[str, list[tuple[tuple[float, ...], str]]] = {}
     marks: dict[str, list[tuple[float, float]]] = {}
     words: list[Item] = []
@@ -110,7 +110,7 @@ def _cells(shown: Sequence[JobRecord], column: Mapping[str, float], cell: float)
 
 
 def verdict_key(jobs: Sequence[JobRecord]) -> list[Item]:
-    """Items that draw nothing but stand in the legend: what the colours mean."""
+    """Items without shapes that explain the colours in the legend."""
     bolts = [bolt for job in jobs for bolt in job.bolts]
     words = [(0, "tight"), (PROBABILITIES - 1, "loose")]
     if any(bolt.probability_loose is not None for bolt in bolts):
@@ -127,7 +127,7 @@ def _numbered(edges: Sequence[Sequence[str]]) -> list[tuple[int, int, str]]:
 
 
 def _hatching(boxes: Floats, cell: float) -> Curve:
-    """Diagonal lines over two corners of boxes (left, right, low, high), 4 points apart, clear of the text; NaN sets them apart."""
+    """Diagonal lines in two corners of boxes (left, right, low, high), 4 points apart, clear of the text and separated by NaN."""
     x: list[float] = []
     y: list[float] = []
     for left, right, low, high in boxes:
@@ -147,9 +147,9 @@ def _outlines(boxes: Floats) -> tuple[Floats, Floats]:
 
 
 def map_chart(job: JobRecord, among: Sequence[JobRecord] = ()) -> Chart | None:
-    """Return edges and joints seen from where they spread most, each bolt coloured by its probability of being loose; None without places.
+    """Return a map of edges and joints in the plane of their largest extent, bolts coloured by probability; None without positions.
 
-    Maps of several jobs (``among``) share one scale of colours in their legends.
+    Maps of several jobs (``among``) have a common legend of colours.
     """
     bolts = [bolt for bolt in job.bolts if np.isfinite(bolt.position).all()]
     lines = [
@@ -161,12 +161,12 @@ def map_chart(job: JobRecord, among: Sequence[JobRecord] = ()) -> Chart | None:
         return None
     points = np.concatenate([*lines, np.array([bolt.position for bolt in bolts])])
     spread = np.ptp(points, axis=0)
-    # The coordinates in which they lie apart; the lower one to the right.
+    # The two coordinates of largest extent; the first of them points to the right.
     across, up = sorted(np.argsort(-spread, kind="stable")[:2].tolist())
     flat = bool(min(spread[across], spread[up]) <= 0.12 * max(spread[across], spread[up]))
     if flat:
         across, up = (across, up) if spread[across] >= spread[up] else (up, across)
-    # Names have 7 points: at this width their letters are legible where two figures stand side by side.
+    # At this width, names of 7 points are legible if two figures are side by side.
     width, margin = 335.0, 16.0
     inner = width - 50.0 - RIGHT
     size = float(spread[across]) or 1.0
@@ -203,7 +203,7 @@ def map_chart(job: JobRecord, among: Sequence[JobRecord] = ()) -> Chart | None:
 
 
 def bolt_signs(bolt: Bolt, explained: bool) -> list[tuple[str, str]]:
-    """Return the roles that make up a bolt's symbol, from below, each with its letter where it is one."""
+    """Return the roles of a bolt's symbol from bottom to top, each with its letter, if it is one."""
     step = level_of(bolt) if explained else None
     on = "strong" if step is None else f"on{step}"
     signs = [("outside-dot" if bolt.outside else "unknown-dot" if step is None else f"p{step}", "")]
@@ -216,17 +216,17 @@ def bolt_signs(bolt: Bolt, explained: bool) -> list[tuple[str, str]]:
 
 
 def told(bolt: Bolt, explained: bool) -> str:
-    """Return what is shown where a bolt is pointed at."""
+    """Return the text shown when the pointer is on a bolt."""
     return sentence(bolt) if explained or bolt.outside else f"{bolt.name}: no verdict"
 
 
 def letter_size(letter: str) -> float:
-    """Return the size of a letter on a bolt's symbol, in points."""
+    """Return the size of a letter on the symbol of a bolt [points]."""
     return 7.0 if letter == NOT_COVERED else 8.5
 
 
 def bolt_items(bolts: Sequence[Bolt], places: Floats, *, explained: bool) -> list[Item]:
-    """Return the symbols of bolts at (n, 2) places, and what explains them in a legend."""
+    """Return the symbols of bolts at (n, 2) places, with the labels for the legend."""
     layers: dict[int, list[Item]] = {}
     for bolt, (x, y) in zip(bolts, places, strict=True):
         for layer, (role, letter) in enumerate(bolt_signs(bolt, explained)):
@@ -236,7 +236,7 @@ def bolt_items(bolts: Sequence[Bolt], places: Floats, *, explained: bool) -> lis
             layers.setdefault(layer, []).append(
                 Word(role=role, x=x, y=y, text=letter, size=letter_size(letter), bold=bold) if letter else mark
             )
-    # Where bolts stand close together, their signs are above the discs of others.
+    # Drawn layer by layer, so that no disc covers the sign of a close neighbour.
     items = [item for layer in sorted(layers) for item in layers[layer]]
     nothing, roles = np.empty(0), {item.role for item in items}
     items += [Marks(role="known-dot", x=nothing, y=nothing, label="ringed: known to be removed")] if "known" in roles else []

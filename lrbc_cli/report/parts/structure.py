@@ -1,4 +1,4 @@
-"""The picture of the structure: still, with the verdicts of a job, and turnable on a page."""
+"""The picture of the structure: a still chart with the verdicts of a job, and one that can be rotated on the page."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from lrbc_cli.results.structure import StructureRecord
 from lrbc_cli.updating.judging.clearance import sentence
 
 _WIDTH = 640.0
-#: Coordinates on the page are whole numbers, of which so many make the size of the structure.
+#: Coordinates on the page are whole numbers; the size of the structure is this number.
 _GRID = 10_000
 
-#: Shapes are put into the page up to about this many characters; those of further jobs are figures in their folders.
+#: Most characters of deflection shapes on the page, approximately; shapes of further jobs are only figures in their folders.
 _ROOM = 1_200_000
 
 _SHAPES = (
@@ -44,7 +44,7 @@ _ABOUT = (
 
 
 def structure_chart(record: StructureRecord, job: JobRecord | None = None, among: Sequence[JobRecord] = ()) -> Chart:
-    """Return the still picture, bolts coloured by the verdicts of a job; legends of several jobs (``among``) share one scale."""
+    """Return the still picture with bolts coloured by the verdicts of a job; jobs in ``among`` have a common legend."""
     scene = scene_of(record)
     view = scene.camera.axes.T
     found = _bolts(record, job)
@@ -77,8 +77,8 @@ def _bolts(record: StructureRecord, job: JobRecord | None) -> list[Bolt | None]:
 def structure_parts(
     record: StructureRecord, jobs: Sequence[JobRecord] = (), shapes: Mapping[str, ShapesRecord] | None = None
 ) -> list[Markup | None]:
-    """Return the turnable picture, with choosers of jobs and of deflection shapes; still where scripts do not run."""
-    # That which has something to show.
+    """Return the rotatable picture with menus of jobs and deflection shapes; it is still if scripts do not run."""
+    # Start with the first job that has a loose bolt.
     first = next((index for index, job in enumerate(jobs) if job.names("loose")), 0)
     shown = jobs[first] if jobs else None
     chart = structure_chart(record, shown, jobs)
@@ -124,7 +124,7 @@ def structure_parts(
 
 
 def _shape_controls() -> Markup:
-    """The chooser of a deflection shape; the script fills it with those of the job that is shown."""
+    """Menu of deflection shapes, which the script fills with those of the displayed job."""
     size = tag("input", type="range", name="size", min="0.2", max="3", step="0.2", value="1")
     return tag(
         "div",
@@ -139,7 +139,7 @@ def _shape_controls() -> Markup:
 def _data(
     record: StructureRecord, scene: Scene, jobs: Sequence[JobRecord], first: int, shapes: Mapping[str, ShapesRecord]
 ) -> dict[str, Any]:
-    """What the script draws; the mesh by the numbers of its nodes, which shapes move."""
+    """Data for the script; the mesh refers to node numbers, since deflection shapes move the nodes."""
     middle, size = 0.5 * (scene.low + scene.high), float((scene.high - scene.low).max())
 
     def whole(xyz: Floats) -> list[int]:
@@ -188,7 +188,7 @@ def _data(
 
 
 def _shape(record: StructureRecord, shapes: ShapesRecord, shape: DeflectionShape, whole: Callable[[Floats], list[int]]) -> list[Any]:
-    """A shape as bytes, 127 of them the largest deflection, and the responses: place, direction, measured and modelled value."""
+    """A shape as bytes scaled to 127 at the largest deflection, and its responses: place, direction, measured and modelled value."""
     bytes_of = [base64.b64encode(np.rint(127.0 * part).astype(np.int8).tobytes()).decode() for part in (shape.real, shape.imag)]
     points = [
         [*whole(at), *way.round(3).tolist(), *np.round([measured.real, measured.imag, modelled.real, modelled.imag], 3).tolist()]
@@ -198,7 +198,7 @@ def _shape(record: StructureRecord, shapes: ShapesRecord, shape: DeflectionShape
 
 
 def _shapes(bolt: Bolt, job: JobRecord) -> list[Shape]:
-    """A bolt's symbol about the origin."""
+    """Shapes of the symbol of a bolt about the origin."""
     shapes: list[Shape] = []
     for role, letter in bolt_signs(bolt, job.explained):
         size = letter_size(letter)
@@ -211,7 +211,7 @@ def _shapes(bolt: Bolt, job: JobRecord) -> list[Shape]:
 
 
 def structure_page(record: StructureRecord) -> str:
-    """Return a self-contained page with the turnable picture alone."""
+    """Return a self-contained page with only the rotatable picture."""
     heading = tag("header", tag("h1", record.campaign), tag("p", "The structure, its bolts, sensors and updated terms", class_="meta"))
     main = tag("main", tag("section", *structure_parts(record)))
     return document(f"{record.campaign} – the structure", heading, main, colours=css(), scripts=["structure.js"])

@@ -1,4 +1,4 @@
-"""The tables of the page: verdicts, bolts, misfit per response, damping, cost."""
+"""Tables of the page: verdicts, bolts, misfit by response, starts of the optimiser, cost."""
 
 from __future__ import annotations
 
@@ -14,47 +14,47 @@ from lrbc_cli.report.html import Cell, Markup, details, join, table, tag
 from lrbc_cli.results.job import Bolt, FailedJob, Job, JobRecord, ResponseMisfit
 from lrbc_cli.results.model import CampaignRecord, ReductionRecord
 
-#: The paper's own figures (Table 4 and Sec. 4.5), in seconds on its laptop; 23 762 line evaluations for four removed bolts.
+#: Numbers of the paper (Table 4 and Sec. 4.5): seconds on its laptop, and line evaluations for four removed bolts.
 PAPER = {"full_line": 0.206, "reduced_line": 0.00239, "basis": 417.82, "projection": 100.95, "total": 575.58, "evaluations": 23762.0}
 PAPER["full_total"] = PAPER["evaluations"] * PAPER["full_line"]
-#: Tables with more rows than this are folded away, but for the verdicts.
+#: Tables with more rows than this are folded away, except that of the verdicts.
 _LONG = 40
-#: Sign of a bolt outside: not covered by the identified terms.
+#: Sign of a bolt that is outside: not covered by the identified terms.
 NOT_COVERED = "n/c"
 _MARKS = {"loose": "✕", "undecided": "?", "tight": "·", "outside": NOT_COVERED}
-#: Verdicts in words, where a word of the result files is another.
+#: Words for verdicts that differ from those in the result files.
 WORDS = {"undecided": "inconclusive"}
-#: What the probability of a bolt is of; result files state that of any change too, which the page leaves to them.
+#: Meaning of the probability of a bolt; that of any change is in the result files only.
 OF_LOOSE = "posterior probability of being loose (change below the threshold)"
-#: What stands behind two columns.
+#: Explanation of two columns.
 COMPUTED = "how often the FRFs of the model were computed on all lines until the best fit was found"
 DAMPING = "exponent p_damp of eq. (33): the springs are damped 10^p_damp times as much as stated in the campaign file"
-#: What is said where nothing tells whether a record is as it was written.
+#: Text for a record without a digest, which may have been changed after it was written.
 UNSEALED = "not sealed"
 _UNSEALED = "written by an earlier version, or changed by hand: no digest shows that it is as it was written"
 
 
 def status_badge(job: Job) -> Markup:
-    """Return the status as a small coloured word, and another one where the result does not vouch for itself."""
+    """Return the status as a small coloured word, and another one if the result has no digest."""
     status = tag("span", job.status, class_=f"badge {job.status}", title=job.reason or None)
     return status if job.sealed else join([status, tag("span", UNSEALED, class_="badge stopped", title=_UNSEALED)], " ")
 
 
 def loose_of(job: JobRecord) -> str:
-    """Count the loose bolts among those that a term reaches, the inconclusive ones, which are no better than unknown, and the others."""
+    """Return a text with the number of loose bolts among those that a term reaches, and of inconclusive and outside bolts."""
     counts = [(len(job.names("undecided")), WORDS["undecided"]), (len(job.bolts) - len(job.observable), "outside")]
     return ", ".join([f"{len(job.names('loose'))} of {len(job.observable)} judged loose", *(f"{n} {what}" for n, what in counts if n)])
 
 
 def names_of(names: Sequence[str], order: Sequence[str] = ()) -> str:
-    """Return names in a row, their number first where they are many.
+    """Return a list of names as text, preceded by their number if there are many.
 
     Parameters
     ----------
     names
-        What to list.
+        Names to list.
     order
-        Where given, the names follow it, and three or more neighbours in it that are numbered in a row are written as a range.
+        Order of the names; three or more neighbours in it with consecutive numbers are written as a range.
     """
     if not names:
         return "none"
@@ -62,7 +62,7 @@ def names_of(names: Sequence[str], order: Sequence[str] = ()) -> str:
 
 
 def ranges(names: Sequence[str], order: Sequence[str] = ()) -> str:
-    """Return names in a row without their number; see `names_of`."""
+    """Return a list of names as text without their number; see `names_of`."""
     place = {name: index for index, name in enumerate(order)}
     known = sorted((name for name in names if name in place), key=place.__getitem__)
     runs: list[list[str]] = []
@@ -77,13 +77,13 @@ def ranges(names: Sequence[str], order: Sequence[str] = ()) -> str:
 
 
 def _next(name: str, further: int = 1) -> tuple[str, int]:
-    """Return the text before the number at a name's end, and that number so much further; a name without a number has no next."""
+    """Return the text before the number at the end of a name, and this number plus `further`; no number: there is no next name."""
     found = re.fullmatch(r"(.*?)(\d+)", name)
     return (found[1], int(found[2]) + further) if found else (name, further)
 
 
 def verdict_table(campaign: CampaignRecord, jobs: Sequence[Job], anchors: Mapping[str, str]) -> Markup:
-    """Return one row a job: what was found, how well, at what cost."""
+    """Return a table with a row for each job: verdicts, misfit and cost."""
     done = [job for job in jobs if isinstance(job, JobRecord)]
     bolts = any(job.bolts for job in done)
     known = any(job.removed is not None for job in done)
@@ -137,7 +137,7 @@ def verdict_table(campaign: CampaignRecord, jobs: Sequence[Job], anchors: Mappin
 
 
 def _loose_cells(campaign: CampaignRecord, job: JobRecord) -> list[str | Cell]:
-    """Judged loose, and inconclusive."""
+    """Cells with the bolts judged loose, and the inconclusive ones."""
     if not job.explained:
         return [Cell("no verdict: the model does not explain the measurement", class_="reason"), fmt.MISSING]
     if not job.bolts:
@@ -150,7 +150,7 @@ def _loose_cells(campaign: CampaignRecord, job: JobRecord) -> list[str | Cell]:
 
 
 def validation_misfit(job: JobRecord) -> str:
-    """Return the mean misfit over responses that the updating did not see, before → after."""
+    """Return the misfit of the validation channels, before → after."""
     unseen = [entry for entry in job.misfit_db.responses.values() if not entry.used and math.isfinite(entry.initial + entry.final)]
     if not unseen:
         return fmt.MISSING
@@ -158,12 +158,12 @@ def validation_misfit(job: JobRecord) -> str:
 
 
 def fold(made: Markup, title: str, rows: int) -> Markup:
-    """Fold a long table away."""
+    """Return a table, folded away if it is long."""
     return made if rows <= _LONG else details(f"{title} ({rows} rows)", made)
 
 
 def bolt_table(job: JobRecord) -> Markup | None:
-    """Return a row a bolt: verdict, probability, change, what is known; the notes below, each once. None without bolts."""
+    """Return a table with a row for each bolt (verdict, probability, change, true state), and its notes; None without bolts."""
     if not job.bolts:
         return None
     bolts = job.bolts
@@ -205,7 +205,7 @@ def bolt_table(job: JobRecord) -> Markup | None:
 
 
 def change_text(bolt: Bolt) -> str:
-    """The change of a bolt with its 95 % interval [decades]."""
+    """Return the change of a bolt with its 95 % interval [decades]."""
     if bolt.change is None:
         return fmt.MISSING
     sides = bolt.change_interval95
@@ -216,7 +216,7 @@ def change_text(bolt: Bolt) -> str:
 
 
 def sentence(bolt: Bolt) -> str:
-    """Say everything that is known and was found about a bolt, in one line."""
+    """Return everything that is known and was found about a bolt in one line."""
     truth = {True: "known to be removed", False: "known to be in place", None: ""}[bolt.removed]
     words = [f"{bolt.name}: {WORDS.get(bolt.verdict, bolt.verdict)}"]
     if bolt.outside:
@@ -232,7 +232,7 @@ def sentence(bolt: Bolt) -> str:
 
 
 def hits(jobs: Iterable[JobRecord]) -> str | None:
-    """Say how the verdicts compare with what is known, in jobs that are not tight by assumption; None where nothing is known."""
+    """Return how the verdicts agree with the true states, in jobs that are not assumed to be tight; None if none is known."""
     told = [job for job in jobs if job.explained and job.taken_as_tight is None]
     bolts = [bolt for job in told for bolt in job.bolts if bolt.removed is not None]
     removed: list[str] = [bolt.verdict for bolt in bolts if bolt.removed]
@@ -254,7 +254,7 @@ def hits(jobs: Iterable[JobRecord]) -> str | None:
 
 
 def misfit_table(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Markup | None:
-    """Return the misfit of every response and job; None where no job has any."""
+    """Return the misfit of every response and job; None if no job has any."""
     shown = [job for job in jobs if job.misfit_db.responses]
     names = list(
         dict.fromkeys([*(entry.name for entry in campaign.responses), *(name for job in shown for name in job.misfit_db.responses)])
@@ -279,7 +279,7 @@ def _misfit_cell(entry: ResponseMisfit | None) -> Cell:
 
 
 def starts_table(jobs: Sequence[JobRecord]) -> Markup | None:
-    """Return a row a job: which start was kept, its cost, and where the others ended; None where no job tells."""
+    """Return a row for each job: the start that was kept, its cost, and the ends of the others; None if no job has them."""
     rows: list[list[str | Cell]] = []
     for job in jobs:
         kept = next((start for start in job.optimiser.starts if start.kept), None)
@@ -323,7 +323,7 @@ def starts_table(jobs: Sequence[JobRecord]) -> Markup | None:
 
 @dataclass(frozen=True)
 class Account:
-    """Time spent on some jobs, reduction included, and what the full model would have taken; None where unknown."""
+    """Time spent on some jobs including the reduction, and the time that the full model would have taken; None if unknown."""
 
     jobs: int
     line_evaluations: float
@@ -332,12 +332,12 @@ class Account:
 
     @property
     def speed_up(self) -> float | None:
-        """How many times faster."""
+        """Ratio of the time of the full model to the time spent."""
         return None if self.full is None or not self.spent else self.full / self.spent
 
 
 def account(jobs: Sequence[Job], reduction: ReductionRecord | None) -> Account | None:
-    """Add up the jobs that say what they took; None where none does."""
+    """Sum of the times of the jobs that state them; None if none does."""
     done = [job for job in jobs if isinstance(job, JobRecord) and job.line_evaluations]
     if not done:
         return None
@@ -349,7 +349,7 @@ def account(jobs: Sequence[Job], reduction: ReductionRecord | None) -> Account |
 
 
 def cost_table(jobs: Sequence[Job], reduction: ReductionRecord | None, *, paper: bool) -> Markup | None:
-    """Return times against the full model, in seconds and in full lines, beside the paper's (Table 4) where wanted, or None."""
+    """Return times compared with the full model, in seconds and in full lines, with those of the paper (Table 4) if `paper`, or None."""
     whole = account(jobs, reduction)
     if reduction is None and whole is None:
         return None

@@ -1,1 +1,1 @@
-"""Whole sections of the page: its head, the verdicts, a part for each job, what to cite."""
+"""Sections of the page on all results: its head, the verdicts, the jobs, and the methods to cite."""

@@ -1,4 +1,4 @@
-"""A part for each job: what was found, its profile, its channels, its bolts and its FRFs."""
+"""Section of the page with a part for each job: finding, profile, misfit by response, bolts and FRFs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lrbc_cli.report.html import Markup, beside, join, tag
 from lrbc_cli.report.parts import tables
 from lrbc_cli.results.job import FailedJob, Job
 
-#: FRF figures are put into the page up to about this many characters; the others are linked.
+#: Most characters of FRF figures on the page, approximately; further ones are linked.
 _BUDGET = 4_000_000
 
 
@@ -35,7 +35,7 @@ def job_parts(content: Content) -> list[Markup | None] | None:
 
 
 def _filter(responses: Mapping[str, bool]) -> Markup:
-    """Which FRFs are shown; without scripts all of them are."""
+    """Menu that selects the FRFs to show; without scripts all of them are shown."""
     first = next(iter(responses))
     options = [tag("option", "all responses", value="")]
     options += [
@@ -66,7 +66,7 @@ def _job(content: Content, job: Job, frfs: Sequence[tuple[FrfFigure, Markup | No
             ("Misfit by channel", content.channels, ()),
             ("Map of the bolts", content.maps, ("map.png",)),
         )
-        # Along a straight edge, where it has one direction only, the map tells what the strip does.
+        # For a single straight edge, the map shows no more than the strip.
         if (chart := charts.get(name)) is not None and (charts is not content.maps or chart.panels[0].y.ticks)
     ]
     overview = tag("div", *sketches, tables.bolt_table(job), class_="overview")
@@ -92,7 +92,7 @@ def _job(content: Content, job: Job, frfs: Sequence[tuple[FrfFigure, Markup | No
 
 
 def _within_budget(frfs: Sequence[FrfFigure]) -> dict[str, list[tuple[FrfFigure, Markup | None]]]:
-    """Draw until the page is full: the first used response of every job, then the next; by job, None for what is left out."""
+    """Draw FRFs by job up to ``_BUDGET``: the first used response of every job, then the second, ...; None for those left out."""
     turn: dict[str, int] = {}
     order = []
     for index, entry in sorted(enumerate(frfs), key=lambda pair: (not pair[1].used, pair[0])):

@@ -1,4 +1,4 @@
-"""What a reader takes along: a paragraph on this campaign's method in its own numbers, and what to cite."""
+"""Section of the page with a paragraph on the method, in the numbers of this campaign, to quote in a report, and what to cite."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _measured(content: Content) -> str:
     used = [entry.name for entry in content.campaign.responses if entry.used]
     unseen = [entry.name for entry in content.campaign.responses if not entry.used]
     states = len(content.jobs)
-    # What the data are is quoted along with what was done to them.
+    # The description of the data is part of the paragraph.
     text = f"{said.rstrip('.')}. " if (said := content.campaign.description.strip()) else ""
     text += f"The data are FRFs of {states} state{'' if states == 1 else 's'} of the structure "
     text += f"({ranges([job.job for job in content.jobs])})"

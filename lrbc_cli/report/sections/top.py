@@ -1,4 +1,4 @@
-"""The head of the page: what was tested, what was found in a sentence, and in a sentence a job."""
+"""The head of the page: what was tested, one sentence on all results, and one for each job."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from lrbc_cli.report.parts.calibration import serves
 from lrbc_cli.report.parts.tables import UNSEALED
 from lrbc_cli.results.job import Job, JobRecord, Verdict
 
-#: What is said of a job of the campaign that the results do not have.
+#: Text for a job of the campaign without a result.
 NO_RESULT = "no result, not judged"
 
-#: Of a job whose files are there and cannot be used, without and with a result.
+#: Texts for a job whose files exist but cannot be used, without and with a result.
 CANNOT_BE_USED = "no verdict: its files cannot be used"
 EARLIER = "result of an earlier measurement; the present files cannot be used"
 
-#: Sentences beyond this number are folded away.
+#: Number of sentences shown; further ones are folded away.
 _SENTENCES = 24
 
 
@@ -61,7 +61,7 @@ def _sentence(content: Content, job: Job) -> Markup:
 
 
 def _files(content: Content) -> Markup | None:
-    """Measurements that cannot be used, and files that are nobody's, with what to do."""
+    """List of measurements that cannot be used and of files that belong to no job, with advice."""
     lines = [f"{name}: {problem}" for name, problem in content.unusable.items()] + list(content.passed_over)
     if not lines:
         return None
@@ -74,7 +74,7 @@ def _files(content: Content) -> Markup | None:
 
 
 def unsealed_text(names: Sequence[str]) -> str:
-    """Say what is not known of records that do not vouch for themselves."""
+    """Return the message on records without a digest."""
     return (
         f"Not sealed: {listing(list(names), 6)}. No digest shows that their content is as it was written: they were written by an older "
         "version or changed by hand. Run `lrbc update` to write results again; `lrbc reduce`, `lrbc plan` and `lrbc calibrate --force` "
@@ -91,7 +91,7 @@ def _guessed(reference: str | None) -> str:
 
 
 def campaign_sentence(content: Content) -> str:
-    """Say what was found in all jobs together; no silence may pass for an all-clear."""
+    """Return the finding of all jobs together; it also counts jobs without a verdict, so that none passes for an all-clear."""
     compared, judged, missing = _compared(content)
     if not compared and not missing:
         return "No job was compared with a tight state."
@@ -117,7 +117,7 @@ def campaign_sentence(content: Content) -> str:
 
 
 def _compared(content: Content) -> tuple[list[Job], list[JobRecord], list[str]]:
-    """Jobs that are compared with a tight state, those of them that have verdicts, and those that would be compared but have no result."""
+    """Jobs that are compared with a tight state, those of them with verdicts, and the names of those without a result."""
     compared = [job for job in content.jobs if not isinstance(job, JobRecord) or job.taken_as_tight is None]
     judged = [job for job in compared if isinstance(job, JobRecord) and job.explained and job.observable]
     return compared, judged, [name for name in content.missing if name != content.campaign.reference]
@@ -149,7 +149,7 @@ def _tiles(content: Content) -> Iterable[Markup]:
 
 
 def _loose(content: Content, judged: list[JobRecord], count: int) -> Markup:
-    """Which bolts are loose in some job."""
+    """Tile with the bolts that are loose in any job."""
     removed = [bolt for job in judged for bolt in job.observable if bolt.removed]
     loose = [job for job in judged if job.names("loose")]
     notes = [f"in {len(loose)} of {count} job{'' if count == 1 else 's'}"]
@@ -161,7 +161,7 @@ def _loose(content: Content, judged: list[JobRecord], count: int) -> Markup:
 
 
 def _open(content: Content, judged: list[JobRecord], count: int) -> Markup:
-    """What is neither loose nor tight, and jobs that say nothing."""
+    """Tile with the inconclusive bolts, and the jobs without verdicts."""
     bolts = [bolt for job in judged for bolt in job.observable]
     unsure = sum(bolt.verdict == "undecided" for bolt in bolts)
     names = tables.ranges(_union(judged, "undecided"), content.campaign.bolt_names) or "none"

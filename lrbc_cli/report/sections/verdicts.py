@@ -1,4 +1,4 @@
-"""The verdicts of all jobs: the strip, and a table with a row a job."""
+"""Section of the page with the verdicts of all jobs: the strip, and a table with a row for each job."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def verdict_parts(content: Content) -> list[Markup | None]:
         parts.append(tag("ul", *warned, class_="warning"))
     if content.strip is not None:
         hits = tables.hits(done)
-        # The picture keeps the size of its letters: it is as wide as its bolts need.
+        # The picture is as wide as its bolts need and is not scaled, so that its letters keep their size.
         drawing = tag(
             "div", with_rows(content.strip), class_="plot strip", style=own_size(content.strip), tabindex="0", role="group",
             aria_label="Verdicts",
