@@ -158,7 +158,7 @@ def test_the_plan_says_what_it_assumes(bare: Folder) -> None:
     assert said(tree, "each bolt tight or loose (mixture); loose below -0.35 decades")
     bare.run("plan", "--draws", "1", "--noise", "0.5", *auto, "--override", "update.approach=paper")
     tree = json.loads((bare.out / "plan.json").read_text())
-    assert said(tree, "model discrepancy 0.5 dB a line (--noise)")
+    assert said(tree, "model discrepancy 0.5 dB per line (--noise)")
     assert said(tree, "no drift between the jobs")
     assert said(tree, "normal, 0.35 decades; loose below -0.5 decades")
     linearised = planned(bare)

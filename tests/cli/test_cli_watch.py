@@ -174,9 +174,9 @@ def test_a_full_disk_loses_nothing(begun: Folder, tmp_path: Path) -> None:
         page = (folder.out / "report.html").read_bytes()
         process.rlimit(psutil.RLIMIT_FSIZE, (30_000, free[1]))
         shutil.copy(folder.path / "waiting" / "loose-2.csv", folder.data / "frf")
-        run.says("loose-2: the disk is full; the measurement is kept")
+        run.says("loose-2: the disk is full; make room on the disk of ")
         assert run.out.read_text() == ""
-        told = "loose-2 is measured and not judged, the disk is full: make room on the disk of "
+        told = "loose-2 is measured but not judged, the disk is full: make room on the disk of "
         run.until(lambda: told in outdated(folder.out / "report.html"))
         # Whole, and of the same size.
         assert len((folder.out / "report.html").read_bytes()) == len(page)
