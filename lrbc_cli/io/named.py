@@ -1,6 +1,6 @@
 """Recognises FRFs among named arrays: variables of MATLAB files, fields of their structures, data sets of HDF5 files of any origin.
 
-The MATLAB and HDF5 readers turn a file into ``Named``; here frequencies, FRFs, names, units and coherences are told by name and shape.
+The MATLAB and HDF5 readers turn a file into ``Named``; frequencies, FRFs, names, units and coherences are recognised here.
 """
 
 from __future__ import annotations

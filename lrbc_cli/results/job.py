@@ -218,7 +218,7 @@ class StartRecord(Record):
 
 
 class Optimiser(Record):
-    """How the cost was minimised."""
+    """Method, weight of the penalty and starts of the minimisation."""
 
     method: str
     regularisation: Gap
@@ -325,7 +325,7 @@ class FailedJob(_JobBase):
 
     @property
     def finding(self) -> JobFinding:
-        """What it says of the bolts."""
+        """Status and verdicts of the job, for summaries and exit codes."""
         return JobFinding(status="failed")
 
     @property
@@ -398,7 +398,7 @@ class JobRecord(_JobBase):
 
     @property
     def finding(self) -> JobFinding:
-        """What it says of the bolts."""
+        """Status and verdicts of the job, for summaries and exit codes."""
         tight = self.taken_as_tight
         return JobFinding(
             status=self.status,
