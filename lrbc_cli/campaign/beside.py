@@ -1,4 +1,4 @@
-"""Measurements that may lie about and are nobody's job."""
+"""Finds measurement files that belong to no job, and results without a job: nothing may be forgotten in an all-clear."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from lrbc_cli.results.store import read
 
 
 def passed_over(campaign: Campaign) -> list[str]:
-    """What to do about measurements in the watched folder and below it that are nobody's, in words."""
+    """Notes on measurements in and below the watched folder that belong to no job, with remedies."""
     if campaign.watch is None:
         return []
     return list(campaign.watch.passed_over({path for path, _ in input_files(campaign)}, campaign.output))
 
 
 def unnamed(campaign: Campaign, *, shown: int = 3) -> list[str]:
-    """Files beside those of the jobs, of the same kinds, that no job names: a measurement that is forgotten is an alarm that is missed."""
+    """Warnings about files in the folders of the measurements, with the same endings, that no job names (without watched folder)."""
     if campaign.watch is not None:
         return []
     known = {path.resolve() for path, _ in input_files(campaign)}
     results = campaign.output.resolve()
     kinds: dict[Path, set[str]] = {}
     files = [file for job in campaign.jobs.values() for file in job.all_files]
-    # Beside a file that is missing another one may be that one, under another name: its error says so.
+    # If a file is missing, another one in its folder may be that file renamed; its error says so.
     missing = {file.parent for file in files if not file.exists()}
     for file in files:
         if file.parent not in missing:
@@ -35,7 +35,7 @@ def unnamed(campaign: Campaign, *, shown: int = 3) -> list[str]:
     found = []
     for folder, suffixes in kinds.items():
         with suppress(OSError):
-            # What this program has written there is no measurement.
+            # Files written by this program are no measurements.
             entries = () if folder.resolve() == results else folder.iterdir()
             there = sorted(path for path in entries if path.suffix.lower() in suffixes and path.is_file())
             beside = [path.name for path in there if path.resolve() not in known and not path.name.startswith(HIDDEN)]
@@ -46,7 +46,7 @@ def unnamed(campaign: Campaign, *, shown: int = 3) -> list[str]:
 
 
 def outlived(campaign: Campaign) -> list[str]:
-    """Jobs with a result that is shown, of which the campaign has no job or the measurement no file any more, in words."""
+    """Notes on results in the report whose job or measurement file no longer exists."""
     record = read(campaign.output / "campaign.json", CampaignRecord)
     found = []
     for name in () if record is None else record.jobs:
@@ -62,7 +62,7 @@ def outlived(campaign: Campaign) -> list[str]:
 
 
 def unseen(campaign: Campaign) -> str:
-    """Why there may be measurements in a watched folder that are nobody's job; empty where there are none."""
+    """Reason why there may be measurements in the watched folder that belong to no job; empty if there is none."""
     watched = campaign.watch
     if watched is None:
         return ""

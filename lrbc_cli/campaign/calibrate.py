@@ -1,4 +1,4 @@
-"""Calibration of a campaign: factors on the reduced model, its error measured at them, a new reduced model where that is too large."""
+"""``lrbc calibrate``: identifies global factors of the model from one job, and reduces again at these factors if the error is too large."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Round:
-    """One reduced model, and what was found on it.
+    """One reduced model, and the factors identified with it.
 
     Attributes
     ----------
     misfit_db : float
-        Over all lines of the responses used.
+        Mean misfit over all lines of the responses used [dB].
     factors : dict
     held_out : tuple of HeldOut
         Errors of the reduced model at these factors.
@@ -61,13 +61,13 @@ class Round:
 
     @property
     def error(self) -> float:
-        """Largest of the errors."""
+        """Largest relative error of the reduced model at these factors."""
         return max(line.worst for line in self.held_out)
 
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationOutcome:
-    """A calibration.
+    """Result of a calibration.
 
     Attributes
     ----------
@@ -75,6 +75,7 @@ class CalibrationOutcome:
     rounds : tuple of Round
     measurement : Measurement
     selected : int array
+        Lines that entered the cost.
     initial, updated : (F, R) complex arrays
         FRFs of the model before and after, on all measured lines.
     reached : bool
@@ -82,7 +83,7 @@ class CalibrationOutcome:
     notes : tuple of str
     seconds : dict
     warnings : tuple of str
-        Those of the notes that a user has to act on.
+        Notes that the user has to act on.
     """
 
     fit: FactorFit
@@ -100,16 +101,16 @@ class CalibrationOutcome:
 def run_calibration(
     inputs: Inputs, folder: Path, *, force: bool = False, accept: bool = False, progress: Callable[[str], None] = lambda _: None
 ) -> tuple[CalibrationRecord, bool]:
-    """Calibrate, or keep what still fits; writes ``calibration.json`` and ``calibration/frf.csv``.
+    """Calibrate, or keep a stored calibration that is up to date; writes ``calibration.json`` and ``calibration/frf.csv``.
 
     Parameters
     ----------
     inputs : Inputs
-        As exported: without an earlier calibration.
+        With the model as exported, without an earlier calibration.
     folder : Path
-        Of the cache.
+        Folder of the cache of reduced models.
     force : bool
-        Calibrate again even where nothing changed.
+        Calibrate again even if nothing changed.
     accept : bool
         Accept a reduced model that misses its tolerance.
     progress : callable
@@ -117,18 +118,18 @@ def run_calibration(
     Returns
     -------
     CalibrationRecord
-        The content of ``calibration.json``.
+        Content of ``calibration.json``.
     bool
-        Whether it was kept.
+        Whether a stored calibration was kept.
 
     Raises
     ------
     ConfigError
-        Where the campaign has no calibration.
+        If the campaign has no calibration.
     DataError
-        Where the measurement is unusable.
+        If the measurement is unusable.
     NumericalError
-        Where the optimisation fails; an earlier calibration stays.
+        If the optimisation fails; an earlier calibration stays.
     """
     settings = require_calibration(inputs)
     stored = fitting(inputs).record
@@ -141,19 +142,19 @@ def run_calibration(
         output / "calibration" / "frf.csv", *frf_rows(inputs, outcome.measurement, outcome.selected, outcome.initial, outcome.updated)
     )
     record = write_sealed(output / FILE, calibration_record(inputs, outcome, parts, settings.job))
-    # The results that are there stay those of the jobs, but the report has to know the campaign.
+    # Results of jobs stay as they are, but the report needs the record of the campaign.
     if not (output / "campaign.json").is_file():
         write_campaign(output, inputs)
     return record, False
 
 
 def require_calibration(inputs: Inputs) -> Any:
-    """The block of the campaign file.
+    """The section ``calibration`` of the campaign file.
 
     Raises
     ------
     ConfigError
-        Where there is none.
+        If there is none.
     """
     settings = inputs.campaign.calibration
     if settings is None:
@@ -168,9 +169,9 @@ def require_calibration(inputs: Inputs) -> Any:
 def calibrate(
     inputs: Inputs, folder: Path, *, accept: bool = False, progress: Callable[[str], None] = lambda _: None, most: int = 4
 ) -> CalibrationOutcome:
-    """Find the factors, measure the error of the reduced model at them, and go on with a new one where it is too large.
+    """Identify the factors, measure the error of the reduced model at them, and repeat with a new reduced model if it is too large.
 
-    Each reduced model is built at the factors found on the one before, ``most`` of them. See ``run_calibration``.
+    Each reduced model is built at the factors of the round before, in at most ``most`` rounds. Parameters as of ``run_calibration``.
     """
     settings, tolerance = require_calibration(inputs), inputs.campaign.reduction.tolerance
     measurement = read_measurement(inputs, inputs.campaign.jobs[settings.job], settings.job)
@@ -228,26 +229,26 @@ def calibrate(
 
 
 def _gains(inputs: Inputs, fit: FactorFit) -> Gains | None:
-    """The gains at the end of a fit; None where its cost allows for none."""
+    """Gains at the end of a fit; None if its cost has none."""
     return None if fit.problem.gains is None else gains_of(inputs, *fit.gains(), shared=False)
 
 
 def _fitted(inputs: Inputs, problem: FactorProblem, theta: Floats | None) -> FactorFit:
-    """The fit from a place, with gains of the responses where the measurement has some."""
-    # Threads of BLAS wait for each other on matrices of a hundred rows.
+    """Fit from theta (None: the start values), with gains of the responses if they are accepted."""
+    # BLAS threads slow down algebra on matrices of a hundred rows.
     with single_threaded():
         return _lifted(inputs, fit_factors(problem, theta, max_iterations=inputs.campaign.update.max_iterations))
 
 
 def _lifted(inputs: Inputs, fit: FactorFit) -> FactorFit:
-    """The same with gains of the responses, where the measurement has some; the first round says, the others follow it.
+    """The fit with gains of the responses if they are accepted, which the first round decides for all.
 
-    Damping and stiffness of a boundary make up for gains in part: they are sought from the end of the fit without them.
+    Damping and stiffness of a boundary partly compensate for gains, so these are identified from the end of the fit without them.
 
     Raises
     ------
     NumericalError
-        Where the fit without them failed.
+        If the fit without gains failed.
     """
     problem = fit.problem
     if fit.solution.status == "failed":
@@ -274,21 +275,21 @@ def _lifted(inputs: Inputs, fit: FactorFit) -> FactorFit:
 
 
 class _Watch:
-    """Seconds by stage."""
+    """Time spent in each stage [s]."""
 
     def __init__(self) -> None:
         self.seconds = {"reduction": 0.0, "fit": 0.0, "certificate": 0.0}
         self._clock = time.perf_counter()
 
     def lap(self, stage: str) -> None:
-        """Count the time since the last call for this stage."""
+        """Add the time since the last call to this stage."""
         now = time.perf_counter()
         self.seconds[stage] += now - self._clock
         self._clock = now
 
 
 def first_problem(source: FrfSource, measurement: Measurement) -> tuple[FactorProblem, tuple[str, ...]]:
-    """What is fitted, on the reduced model of the exported matrices; and notes."""
+    """Problem of the first round, on the reduced model of the exported matrices, and notes."""
     inputs, stage = source.inputs, source.stage
     assert stage is not None
     settings, used = require_calibration(inputs), inputs.used
@@ -315,7 +316,7 @@ def first_problem(source: FrfSource, measurement: Measurement) -> tuple[FactorPr
 
 
 def _misfit(inputs: Inputs, measurement: Measurement, y: Complexes) -> float:
-    """Mean over the responses used [dB]."""
+    """Mean misfit of FRFs y (F, R) over the responses used [dB]."""
     return float(np.nanmean(mean_misfit(y, measurement.values)[inputs.used]))
 
 
@@ -331,7 +332,7 @@ def _errors(inputs: Inputs, stage: ReductionStage, reduced: Any, progress: Calla
 
 
 def calibration_record(inputs: Inputs, outcome: CalibrationOutcome, parts: dict[str, str], job: str) -> CalibrationRecord:
-    """The content of ``calibration.json``."""
+    """Content of ``calibration.json``."""
     fit, last = outcome.fit, outcome.rounds[-1]
     status, reason = fit.solution.status, fit.solution.reason
     if not outcome.reached:
@@ -371,7 +372,7 @@ def calibration_record(inputs: Inputs, outcome: CalibrationOutcome, parts: dict[
 
 
 def _values(inputs: Inputs, fit: FactorFit) -> dict[str, Any]:
-    """What was identified: factors, gains, hammer points and boundary."""
+    """Identified factors, gains [dB], hammer offsets [mm] and values of the boundary, as in ``calibration.json``."""
     problem, gains = fit.problem, _gains(inputs, fit)
     factors = {}
     for name, value in fit.factors.items():

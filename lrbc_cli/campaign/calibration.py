@@ -1,4 +1,4 @@
-"""The stored calibration: what it rests on, whether it still fits, and the model with its factors."""
+"""The stored calibration: digests of what it depends on, whether it is up to date, and inputs with its factors in the model."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from lrbc_cli.model.factors import with_factors
 from lrbc_cli.results.model import CalibrationRecord
 from lrbc_cli.results.store import read
 
-#: Increased whenever the same input would give other factors; that numbers and operators changed is told by ``NUMBERS``.
+#: Increased whenever the same input would give other factors; ``NUMBERS`` detects changes of numbers and operators.
 CALIBRATION_VERSION = 6
 
-#: What of the update's settings a calibration follows.
+#: Settings of ``update`` that a calibration uses.
 SETTINGS = ("responses", "lines", "residual", "loss", "loss_scale", "floor", "weights")
 
-#: What of the statistical model a calibration reads: no bolt is judged there.
+#: Parts of the statistical model that a calibration uses; those about bolts are not among them.
 STATISTICS = ("errors", "values", "resonances", "resolution", "limits", "calibration", "validation")
 
 #: Names of the key's parts in messages.
@@ -39,12 +39,12 @@ PARTS = {
 
 
 def key_parts(inputs: Inputs) -> dict[str, str]:
-    """Digest of what a calibration rests on, by what it is: of the model as exported, never of calibrated operators, paths or time stamps.
+    """Digest of each part on which a calibration depends: the model as exported, never calibrated operators, paths or time stamps.
 
     Raises
     ------
     DataError
-        Where the measurement cannot be read.
+        If the measurement cannot be read.
     """
     campaign = inputs.campaign
     calibration = campaign.calibration
@@ -53,7 +53,7 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
     job = campaign.jobs[calibration.job]
     reduced = cache.key_parts(inputs)
     groups = [{k: v for k, v in group.items() if k != "select"} for group in resolved["parameters"].values()]
-    # As for jobs: which terms share a value.
+    # As for jobs (``identity``): which terms share a value.
     shared = [group.parameter for group in inputs.groups if group.count < group.parameter.size]
     return {
         "model": digest(*[reduced[name] for name in ("operators", "groups", "loads", "outputs")], list(inputs.model.extras)),
@@ -81,15 +81,15 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Fitting:
-    """A stored calibration that fits, or why there is none.
+    """A stored calibration that is up to date, or the reason why there is none.
 
     Attributes
     ----------
     record : CalibrationRecord or None
     reason : str
-        In words, for a person.
+        In words.
     stored : bool
-        Whether there is one at all.
+        Whether any calibration is stored.
     """
 
     record: CalibrationRecord | None
@@ -98,7 +98,7 @@ class Fitting:
 
 
 def fitting(inputs: Inputs) -> Fitting:
-    """The stored calibration where it fits these inputs (as exported)."""
+    """The stored calibration, if it is up to date with these inputs (as exported)."""
     try:
         stored = read(inputs.campaign.output / FILE, CalibrationRecord)
     except DataError as error:
@@ -119,18 +119,18 @@ def fitting(inputs: Inputs) -> Fitting:
 
 
 def read_inputs(campaign: Campaign, *, calibration: bool) -> Inputs:
-    """Read everything but the FRFs, and put the factors of the stored calibration into the model, exactly when its key fits.
+    """Inputs of a campaign, with the factors of the stored calibration in the model if it is up to date.
 
     Parameters
     ----------
     campaign : Campaign
     calibration : bool
-        False leaves a stored calibration out, as ``--no-calibration`` does.
+        False ignores a stored calibration, as ``--no-calibration`` does.
 
     Returns
     -------
     Inputs
-        ``calibration`` says what became of it; None where the campaign has neither the block nor the file.
+        ``calibration`` states whether it is used; None if the campaign has neither that section nor the file.
 
     Raises
     ------
@@ -141,7 +141,7 @@ def read_inputs(campaign: Campaign, *, calibration: bool) -> Inputs:
 
 
 def with_stored_calibration(inputs: Inputs, *, calibration: bool = True) -> Inputs:
-    """The same of inputs as exported."""
+    """As ``read_inputs``, for inputs that were read as exported."""
     campaign = inputs.campaign
     inputs = replace(inputs, read_with=surroundings(campaign, calibration))
     if campaign.calibration is None:

@@ -1,4 +1,4 @@
-"""What ``lrbc check`` finds: sizes, symmetry, fields, coupling, mass, terms, records, the plan and what it will cost."""
+"""``lrbc check``: examines model, settings and measurements of a campaign, and predicts what ``lrbc update`` will do and cost."""
 
 from __future__ import annotations
 
@@ -44,18 +44,18 @@ from lrbc_cli.updating.statistics.lines import (
 
 @dataclass(kw_only=True)
 class Findings:
-    """Sections of text for a person, and the same as a tree for programs.
+    """Findings as sections of text, and the same as a tree for programs.
 
     Attributes
     ----------
     sections : dict of lists of str
     warnings : list of str
     errors : dict
-        By job.
+        Error of each job with an unusable measurement.
     jobs : list of JobPlan
     tree : dict
     predicted : dict or None
-        Memory and time of the reduction that is to be built.
+        Memory [bytes] and time [s] of the reduction, if it has to be done.
     """
 
     sections: dict[str, list[str]] = field(default_factory=dict)
@@ -69,24 +69,24 @@ class Findings:
 def check(
     inputs: Inputs, folder: Path, detailed: bool = False, pictured: bool = False, progress: Callable[[str], None] = lambda _: None
 ) -> Findings:
-    """Examine the inputs of a campaign; changes nothing.
+    """Examine the inputs of a campaign; changes no files.
 
     Parameters
     ----------
     inputs : Inputs
     folder : Path
-        Of the cache.
+        Folder of the cache of reduced models.
     detailed : bool
-        Say for every job which record is which response.
+        List the record of each response for every job.
     pictured : bool
-        The structure is drawn, so that nobody has to be told how.
+        The structure is drawn, so the hint on how to draw it is omitted.
     progress : callable
-        Takes a line of text at each step.
+        Receives one line of text per step.
 
     Returns
     -------
     Findings
-        Measurements that cannot be used are errors by job; everything else has raised already.
+        Unusable measurements are errors by job; all other errors were raised when the inputs were read.
     """
     out = Findings()
     out.sections["files"] = list(inputs.notes)
@@ -115,7 +115,7 @@ def check(
 
 
 def _tree(inputs: Inputs, out: Findings, decision: cache.CacheDecision) -> dict[str, Any]:
-    """The same for programs."""
+    """The findings as a tree for programs."""
     use, model = inputs.calibration, inputs.model
     return {
         "campaign": inputs.campaign.name,
@@ -234,7 +234,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         out.warnings += [*measurement.warnings, *_poor(inputs, name, measurement)]
         out.warnings += [f"job {name}: {text}" for text in pasted(measurement, names, inputs.statistics.validation)]
         empty, count = missed(measurement.frequency_hz, measurement.values[:, inputs.used], selected)
-        # Lines that are listed were chosen one by one.
+        # Listed lines were chosen individually, so they are not checked.
         if 2 * empty > count and isinstance(chosen_lines, EveryLine):
             sparse.append(f"{name} ({empty} of {count})")
         if straight := interpolated(measurement.values):
@@ -259,7 +259,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
 
 
 def _unclear(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[str]:
-    """Warnings of jobs whose peaks say little: one of each cause, by all of their peaks."""
+    """Warnings about jobs whose lines do not resolve the peaks, or whose coherence is low from some frequency on; one per cause."""
     rule, causes, told = inputs.statistics.resolution, dict[str, list[str]](), list[str]()
     if soft := {name: edge for name, found in readable.items() if (edge := soft_tip(found)) is not None}:
         ends, worst = [hz for hz, _ in soft.values()], max(own for _, own in soft.values())
@@ -269,7 +269,7 @@ def _unclear(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[str]:
         )
     peaks = {name: (found.frequency_hz, found.values[:, inputs.used]) for name, found in readable.items() if name not in soft}
     for name, own in peaks.items():
-        # That lines cover part of the band only is told, and what follows from it, as from rad/s for Hz, is not.
+        # If the lines cover part of the band only, another warning says so, and consequences (as of rad/s for Hz) are omitted.
         if covers(own[0], inputs.campaign.reduction.band) and (unclear := too_wide(own, rule=rule)):
             causes.setdefault(unclear.cause, []).append(name)
     for names in causes.values():
@@ -283,7 +283,7 @@ def _unclear(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[str]:
 
 
 def _few(inputs: Inputs, those: Sequence[tuple[Floats, Complexes]]) -> str:
-    """The responses, a third at most, without which the peaks of the others are clear; empty where there are none such."""
+    """Names of the responses (at most a third) without which the peaks of the others are resolved; empty if there are none."""
     rule = inputs.statistics.resolution
     sharp = np.sum([[unresolved(hz, own[:, [r]], rule).sharp.size for r in range(inputs.used.size)] for hz, own in those], axis=0)
     order = np.argsort(-sharp, kind="stable")
@@ -297,7 +297,7 @@ def _few(inputs: Inputs, those: Sequence[tuple[Floats, Complexes]]) -> str:
 
 
 def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], out: Findings, progress: Callable[[str], None]) -> str:
-    """Warn of what measurements show beside each other and beside the model; why they were not compared, empty where they were."""
+    """Add warnings from comparing measurements with each other and with the model; returns why they were not compared, if so."""
     out.warnings += _phaseless(inputs, readable)
     usable = {name: found for name, found in readable.items() if not normalised(found.values)}
     look = _looks(inputs, folder, usable, progress)
@@ -311,7 +311,7 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
 
 
 def _looks(inputs: Inputs, folder: Path, readable: dict[str, Measurement], progress: Callable[[str], None]) -> FirstLook:
-    """What measurements beside the model show; over a piece of the file without resonances errors of the model look like gains."""
+    """Comparison of measurements with the model, unless places are in doubt, or the band is a part of the file with few resonances."""
     if inputs.places_doubt:
         return FirstLook(note="measured and computed FRFs are compared once the places in the warnings are corrected")
     tight = readable.get(inputs.campaign.update.reference or "")
@@ -325,7 +325,7 @@ def _looks(inputs: Inputs, folder: Path, readable: dict[str, Measurement], progr
 
 
 def _poor(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[str]:
-    """Warnings of a band with few resonances, of which the reference job tells, of numbers with few digits, and of a single blow."""
+    """Warnings about few resonances in the band (reference job only), few digits, normalised FRFs, and single blows."""
     few = few_resonances(measurement.frequency_hz, measurement.values[:, inputs.used])
     if few is not None and name == inputs.campaign.update.reference and covers(measurement.frequency_hz, inputs.campaign.reduction.band):
         yield f"job {name}: {_few_text(inputs, measurement, few)}"
@@ -344,7 +344,7 @@ def _poor(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[str]:
 
 
 def _single(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[str]:
-    """A warning of a coherence that is 1 at every line: of a single blow it is, whatever the noise."""
+    """Warning about a coherence of 1 at every line, as of a single blow, whatever the noise."""
     table, told = measurement.coherence, np.isfinite(measurement.coherence)
     ones = np.flatnonzero(told.any(axis=0) & (~told | (table == 1.0)).all(axis=0))
     if ones.size and inputs.campaign.jobs[name].averages > 1:
@@ -356,7 +356,7 @@ def _single(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[str
 
 
 def _few_text(inputs: Inputs, measurement: Measurement, count: int) -> str:
-    """That the band is too narrow for verdicts, and how far the file reaches."""
+    """Text that the band is too narrow for verdicts, with the range of the file; ``count`` is the number of resonances."""
     axis, (low, high) = measurement.frequency_hz, inputs.campaign.reduction.band
     step = float(np.median(np.diff(axis))) if axis.size > 1 else 0.0
     ends = axis[0] - step * measurement.left_out[0], axis[-1] + step * measurement.left_out[1]
@@ -368,7 +368,7 @@ def _few_text(inputs: Inputs, measurement: Measurement, count: int) -> str:
 
 
 def _phaseless(inputs: Inputs, readable: dict[str, Measurement]) -> list[str]:
-    """A warning of jobs whose FRFs have lost their phases."""
+    """Warning about jobs whose FRFs have no phases; else empty."""
     bare = {name: found for name, own in readable.items() if (found := phaseless(own.values))}
     if not bare:
         return []
@@ -381,7 +381,7 @@ def _phaseless(inputs: Inputs, readable: dict[str, Measurement]) -> list[str]:
 
 
 def _other_chains(inputs: Inputs, readable: dict[str, Measurement]) -> list[str]:
-    """Warnings of jobs that were measured with another chain than the reference job, or more noise, before bolts are known."""
+    """Warnings about jobs measured with another chain than the reference job, or with more noise, without knowledge of the bolts."""
     reference = inputs.campaign.update.reference or ""
     tight, found = readable.get(reference), []
     for name, own in readable.items():
@@ -397,7 +397,7 @@ def _other_chains(inputs: Inputs, readable: dict[str, Measurement]) -> list[str]
 
 
 def _unvalidated(inputs: Inputs) -> list[str]:
-    """A warning where every response enters the cost, so that nothing tests what comes out, or where hardly one does."""
+    """Warning if all responses enter the cost, so that there are no validation channels, or if only a few do."""
     update, used = inputs.campaign.update, inputs.used.size
     if update.reference is not None and update.responses is not None and 0 < 2 * used < inputs.validation.size:
         return [
@@ -416,7 +416,7 @@ def _unvalidated(inputs: Inputs) -> list[str]:
 
 
 def _unwritable(output: Path) -> list[str]:
-    """A warning where results cannot be written."""
+    """Warning if results cannot be written; else empty."""
     there = next(path for path in (output, *output.parents) if path.exists())
     if there.is_dir() and os.access(there, os.W_OK | os.X_OK):
         return []
@@ -425,7 +425,7 @@ def _unwritable(output: Path) -> list[str]:
 
 
 def _once(texts: Sequence[str]) -> list[str]:
-    """Warnings that say the same of several files, each first, told once with the names of all."""
+    """Merge equal warnings about several files (each begins with the file name) into one with all names."""
     files: dict[str, list[str]] = {}
     for text in texts:
         name, colon, rest = text.partition(": ")
@@ -438,7 +438,7 @@ def _once(texts: Sequence[str]) -> list[str]:
 
 
 def _packed(notes: Sequence[str], width: int = 120) -> list[str]:
-    """Short notes side by side."""
+    """Short notes joined into lines of at most ``width`` characters."""
     lines: list[str] = []
     for note in notes:
         if lines and len(lines[-1]) + len(note) + 2 <= width:

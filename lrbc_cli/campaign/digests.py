@@ -1,4 +1,4 @@
-"""Digests of what results rest on: of values, of a measurement, and of all beside the input files that reading them depends on."""
+"""Digests (SHA-256) of values, files, settings and the program, by which results that are out of date are recognised."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CALIBRATION_FILE = "calibration.json"
 
 
 def digest(*parts: Any) -> str:
-    """SHA-256 of values: arrays, sparse matrices and what JSON holds; of what they are, not of how they are stored."""
+    """SHA-256 of values: arrays, sparse matrices, and objects by their ``repr``; independent of how arrays are stored."""
     h = hashlib.sha256()
     for part in parts:
         if hasattr(part, "nnz"):
@@ -39,12 +39,12 @@ def digest(*parts: Any) -> str:
 
 
 def key_of(parts: Mapping[str, str]) -> str:
-    """One key from digests of parts, in whatever order."""
+    """Key (32 digits) from the digests of parts, independent of their order."""
     return digest(sorted(parts.items()))[:32]
 
 
 def about_measurement(resolved: Mapping[str, Any], job: JobConfig, name: str) -> dict[str, Any]:
-    """What a job says of its measurement but the files themselves: those that records name by their position, as paths may change."""
+    """Settings of a job about its measurement, without paths: files named in ``records`` are replaced by their positions."""
     found = {key: value for key, value in resolved["jobs"][name].items() if key not in ("frf", "coherence", "repeats", "removed")}
     files = [file for files in job.measurements for file in files]
     for response, record in job.records.items():
@@ -58,7 +58,7 @@ def about_measurement(resolved: Mapping[str, Any], job: JobConfig, name: str) ->
 
 @cache
 def program() -> str:
-    """Of this program's sources and of the versions that it computes with: another one may read the same files otherwise."""
+    """Digest of the sources of this program and of the versions of its libraries."""
     h, root = hashlib.sha256(repr(versions()).encode()), Path(lrbc_cli.__file__).parent
     for path in sorted(root.rglob("*.py")):
         h.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
@@ -66,13 +66,13 @@ def program() -> str:
 
 
 def surroundings(campaign: Campaign, calibration: bool) -> str:
-    """Of what inputs are read with: the program, and the stored calibration with the measurement that tells whether it fits.
+    """Digest of what reading the inputs depends on besides their files: the program, the stored calibration and its measurement.
 
     Parameters
     ----------
     campaign : Campaign
     calibration : bool
-        A stored calibration is used where it fits.
+        A stored calibration is used if it is up to date.
     """
     job = None if campaign.calibration is None else campaign.jobs[campaign.calibration.job]
     files = [campaign.output / CALIBRATION_FILE, *([] if job is None else job.all_files)]
@@ -80,12 +80,12 @@ def surroundings(campaign: Campaign, calibration: bool) -> str:
 
 
 def origin(campaign: Campaign, read_with: str) -> str:
-    """Of all that a result comes from but its input files: ``surroundings``, and the settings but those that only judge."""
+    """Digest of everything on which a result depends except input files: ``surroundings``, and settings except those of the rule."""
     settings, given = campaign.resolved(), campaign.model_dump(by_alias=True, exclude_unset=True)
     for key in RULE:
         settings["update"].pop(key)
         given.get("update", {}).pop(key, None)
-    # A default that is written out may be told to be of no use.
+    # The keys given count, too, because a default that is written out can cause a warning.
     return digest(read_with, settings, _keys(given))
 
 
@@ -94,7 +94,7 @@ def _keys(value: Any) -> Any:
 
 
 def content_of(path: Path) -> str | None:
-    """SHA-256 of a file; None where it cannot be read, which is told where it is read."""
+    """SHA-256 of a file; None if it cannot be read (the reader reports that)."""
     try:
         return file_hash(path)
     except (DataError, OSError):

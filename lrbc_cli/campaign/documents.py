@@ -1,4 +1,4 @@
-"""The folders that are written to: whose the output folder is, and where the cache lies."""
+"""Output folder and cache folder: checks that the output belongs to this campaign, and finds the cache."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lrbc_cli.results.store import read
 
 
 def require_own_output(campaign: Campaign) -> None:
-    """Refuse an output folder with the results of another campaign: jobs of one name would pass for each other.
+    """Refuse an output folder with the results of another campaign, as jobs with equal names would be confused.
 
     Raises
     ------
@@ -34,16 +34,16 @@ def require_own_output(campaign: Campaign) -> None:
 
 
 def cache_folder(folder: Path | None) -> Path:
-    """The folder of the cache: as given, or the platform's user cache.
+    """Folder of the cache: as given, or in the user cache of the platform.
 
     Raises
     ------
     ConfigError
-        Where there cannot be such a folder.
+        If it cannot be used.
     """
     found = (folder or Path(platformdirs.user_cache_dir("lrbc", appauthor=False))).resolve()
     try:
-        # What look_up asks for: a name as long as any in the cache.
+        # The access that look_up makes, with a name of full length.
         (found / ("0" * 32) / "model.h5").is_file()
     except OSError as error:
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""The reduced model for other programs: second-order form without parameters, and state space at given ones."""
+"""Exports the reduced model for other programs: second-order form with separate terms, and state space at given parameters."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ ENCODING = "lrbc-reduced-model"
 
 
 def check_targets(files: Sequence[Path], inputs: Inputs, *, replace_foreign: bool = False) -> None:
-    """Refuse, before anything is computed, files that cannot become an export.
+    """Refuse, before anything is computed, target files that cannot be written.
 
-    An earlier export is replaced; another file that exists only with ``replace_foreign``.
+    An earlier export is replaced, another existing file only with ``replace_foreign``.
 
     Raises
     ------
     ConfigError
-        For an unknown ending, a folder, an input of the campaign, a file that is no export, and a place where nothing can be written.
+        For an unknown ending, a folder, an input of the campaign, a file that is no export, or a folder that cannot be written.
     """
     for file in files:
         check_ending(file)
@@ -57,12 +57,12 @@ def check_targets(files: Sequence[Path], inputs: Inputs, *, replace_foreign: boo
 
 
 def require_real(inputs: Inputs) -> None:
-    """Refuse a state space of a model that has none, before anything is computed.
+    """Refuse, before anything is computed, a state space of a model without real first-order form.
 
     Raises
     ------
     DataError
-        For a complex stiffness or damping matrix, and for a loss factor of a group.
+        For complex matrices, and for loss factors of the model or of a group.
     """
     config, name = inputs.campaign.model, complex_matrix(inputs.model)
     factors = [f"parameters.{group.name}.damping" for group in inputs.groups if group.damping is not None and group.loss_factor]
@@ -100,23 +100,23 @@ def export(
     first_order : bool
         Add the state space.
     replace_foreign : bool
-        Replace files that are no earlier exports.
+        Also replace files that are no earlier exports.
     job, assignments
         Parameters of the state space, as for ``simulate``; start values otherwise.
 
     Returns
     -------
     list of dict
-        For every file its name and what it holds.
+        Name and content of each file.
 
     Raises
     ------
     ConfigError
-        Where a file cannot be written, or parameters or job do not exist.
+        If a file cannot be written, or parameters or job do not exist.
     DataError
-        Where the job has no usable result.
+        If the job has no usable result.
     NumericalError
-        Where there is no real first-order form.
+        If there is no real first-order form.
     """
     check_targets(files, inputs, replace_foreign=replace_foreign)
     parameters = start_parameters(inputs, frf_source(inputs, stage, evaluation="auto"))
@@ -135,7 +135,7 @@ def export(
 
 
 def second_order(inputs: Inputs, stage: ReductionStage, parameters: Parameterisation) -> dict[str, Any]:
-    """The reduced model without parameters, and what belongs to it; see ``lrbc guide formats`` for the layout."""
+    """The reduced model with terms, start values, responses and certificate as a tree; layout: ``lrbc guide formats``."""
     reduction, model = stage.reduction, stage.reduction.model
     damped = [group for group in parameters.groups if group.damping]
     return {
@@ -186,7 +186,7 @@ def second_order(inputs: Inputs, stage: ReductionStage, parameters: Parameterisa
 
 
 def _terms(inputs: Inputs, model: ReducedModel, parameters: Parameterisation) -> dict[str, Any]:
-    """The low-rank terms, and how the parameters weigh them."""
+    """The low-rank terms: vectors (r, nt), weights (nt, k) of the parameters, and damping."""
     nt = model.terms
     weights = np.zeros((nt, sum(group.count for group in parameters.groups)))
     beta, loss_factor = np.zeros((2, nt))
@@ -227,9 +227,9 @@ def _responses(inputs: Inputs) -> dict[str, Any]:
 def _first_order(
     inputs: Inputs, stage: ReductionStage, parameters: Parameterisation, job: str | None, assignments: Sequence[str]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The state space as in the file, and what is said of it."""
+    """State space as in the file, and a summary (form, states, deviation, stability)."""
     theta = parse_values(assignments, parameters, parameters.initial if job is None else job_values(inputs, job, parameters))
-    # Without the derivatives of the loads to shifts of the hammer.
+    # Without the further loads for hammer offsets.
     model = replace(stage.reduction.model, B=stage.reduction.model.B[:, : len(inputs.excitations)])
     system = state_space(model, parameters.polynomial(theta), inputs.campaign.reduction.band)
     form = "explicit" if system.E is None else "descriptor"
@@ -255,7 +255,7 @@ def _excitations(inputs: Inputs) -> dict[str, Any]:
         load = inputs.model.B[:, [column]].indices
         air, motion = inputs.model.is_acoustic[load].any(), not inputs.model.is_acoustic[load].all()
         turns = direction is not None and direction > 3
-        # Sources of the air are in the exporter's own unit of an acoustic row.
+        # Acoustic sources have the unit in which the exporter writes acoustic rows.
         quantities.append("load" if air and motion else "acoustic source" if air else "moment" if turns else "force")
         units.append("" if air else "N m" if turns else "N")
         if point.vector is not None:

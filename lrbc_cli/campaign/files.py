@@ -1,4 +1,4 @@
-"""Every file that a campaign names, read by itself: what else is wrong where the model cannot be made."""
+"""Reads every file of a campaign by itself, to report all unusable files at once if the model cannot be read."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Reading = tuple[str, Callable[[], object]]
 
 
 def unusable_files(campaign: Campaign) -> dict[str, list[LrbcError]]:
-    """Errors of the files that cannot be read, by the key that names them, or by job; each message once.
+    """Errors of the files that cannot be read, by key of the campaign file or by job; each message once.
 
     Parameters
     ----------

@@ -1,11 +1,10 @@
-"""Digests of all numbers, and of the operators on them, in the code that results rest on: part of what they rest on, by stage.
+"""Digests of all numbers and operators in the code, by stage, so that results count as out of date when one of them changes.
 
-A number that is not among the settings, the statistical model or the decision rule changes results all the same. They are stored, because
-parsing the sources takes longer than judging a campaign anew; a test computes them and says what to write here. So no number can change
-without that what rested on the other one counts as out of date.
+This covers numbers outside the settings, the statistical model and the decision rule. The digests are stored here, because parsing the
+sources takes longer than judging a campaign anew; ``tests/test_constants.py`` computes them and says what to write here.
 """
 
-#: Of reduced models; of identifications and calibrations, which rest on reduced models, too; of judgements.
+#: For reduced models; for identifications and calibrations (which also depend on reduced models); for judgements.
 NUMBERS = {
     "reduction": "3feba67c13b6ab39",
     "identification": "9c4431b4847753cc",

@@ -1,4 +1,4 @@
-"""No command writes to a file that is an input: the one guard that all of them ask."""
+"""Prevents all commands from writing to files that are inputs of a campaign."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def _figures(*names: str) -> tuple[str, ...]:
     return tuple(f"{name}.{kind}" for name in names for kind in ("png", "pdf", "svg"))
 
 
-#: What commands write under the output folder: ``update``, ``calibrate``, ``reduce``, ``plan`` and ``report``; into a job's folder; into
-#: that of the calibration. A test compares it with what they leave.
+#: Files that ``update``, ``calibrate``, ``reduce``, ``plan`` and ``report`` write: in the output folder, in the folder of a job, in that of
+#: the calibration. A test compares these lists with the files written.
 IN_OUTPUT = RESULT_FILES
 IN_JOB = (
     "result.json",
@@ -37,7 +37,7 @@ Keys = tuple[str | int, ...]
 
 
 def input_files(campaign: Campaign) -> list[tuple[Path, Keys]]:
-    """Every file that the campaign names as an input, with its keys; the campaign file itself has none."""
+    """Every input file of the campaign, with its keys; the campaign file itself has none."""
     found: list[tuple[Path, Keys]] = [(campaign.path, ())]
     found += [(path, keys) for path, keys in _paths(campaign, ()) if keys != ("output",)]
     return found
@@ -58,7 +58,7 @@ def _paths(value: object, keys: Keys) -> Iterator[tuple[Path, Keys]]:
 
 
 class _Place:
-    """Where a path leads: two are compared many times, and looked up once."""
+    """Resolved path and inode of a file, looked up once for many comparisons."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.real = path, os.path.realpath(path)
@@ -66,7 +66,7 @@ class _Place:
             status = path.stat()
             self.node = (status.st_dev, status.st_ino) if status.st_ino else None
         except OSError:
-            self.node = None  # not there or out of reach: the names decide
+            self.node = None  # missing or inaccessible: compare names
 
     def same(self, other: _Place) -> bool:
         if self.node is not None and other.node is not None:
@@ -75,12 +75,12 @@ class _Place:
 
 
 def same_file(a: Path, b: Path) -> bool:
-    """Whether two paths name one file: links resolved, case folded where the file system does; files need not exist."""
+    """Whether two paths are the same file: links resolved, case ignored if the file system does; files need not exist."""
     return _Place(a).same(_Place(b))
 
 
 def folds_case(folder: Path) -> bool:
-    """Whether the file system of a folder takes names in capitals and small letters for one, as far as it can be told."""
+    """Whether the file system of a folder ignores case, as far as existing names show."""
     for at in (folder, *folder.parents):
         other = at.with_name(at.name.swapcase())
         if at.exists() and other != at:
@@ -97,7 +97,7 @@ def require_inputs_apart(campaign: Campaign) -> None:
     Raises
     ------
     ConfigError
-        Naming the key of the input, and the file of the results that it is.
+        Names the key of the input, and the result file that would replace it.
     """
     if campaign.watch is not None and same_file(campaign.watch.folder, campaign.output):
         raise campaign.error(
@@ -113,12 +113,12 @@ def require_inputs_apart(campaign: Campaign) -> None:
     inputs = [(_Place(path), keys) for path, keys in input_files(campaign)]
     parents = {place.path.parent.as_posix().casefold() for place, _ in inputs}
     for folder, names in folders:
-        # What is not there cannot be a link.
+        # A folder that does not exist contains no links.
         there = folder.is_dir() or folder.as_posix().casefold() in parents
         written = [_Place(folder / name) for name in names if there and "*" not in name]
         patterns = [name for name in names if "*" in name]
         for place, keys in inputs if there else ():
-            # A pattern can only hit a file of that name.
+            # A pattern matters only for inputs whose names match it.
             own = [_Place(folder / place.path.name) for name in patterns if fnmatchcase(place.path.name.casefold(), name)]
             for file in (*written, *own):
                 if file.same(place):
@@ -135,12 +135,12 @@ def _collision(campaign: Campaign, path: Path, keys: Keys, written: Path) -> Con
 
 
 def require_no_input(file: Path, campaign: Campaign, option: str) -> None:
-    """Refuse to write to an input of the campaign; one that is not there yet may be made.
+    """Refuse to write to an input of the campaign; an input that does not exist yet may be created.
 
     Raises
     ------
     ConfigError
-        Naming the key of the input.
+        Names the key of the input.
     """
     for path, keys in input_files(campaign) if os.path.lexists(file) else ():
         if same_file(file, path):
@@ -151,12 +151,12 @@ def require_no_input(file: Path, campaign: Campaign, option: str) -> None:
 
 
 def require_new(file: Path, option: str, agreed: str) -> None:
-    """Refuse to replace a file unasked.
+    """Refuse to replace an existing file.
 
     Raises
     ------
     ConfigError
-        Where it exists; ``agreed`` is the option that replaces it.
+        If it exists; ``agreed`` is the option that allows to replace it.
     """
     if os.path.lexists(file):
         raise ConfigError("this file already exists", file=file, place=option, expected="a new file", hint=f"{agreed} replaces it")

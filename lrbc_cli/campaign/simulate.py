@@ -1,4 +1,4 @@
-"""FRFs of the model at initial, given or identified parameters, reduced or full order."""
+"""``lrbc simulate``: FRFs of the model at start values, given or identified parameters, by the reduced or the full model."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from lrbc_cli.reduction.steps.grid import MAX_LINES, band_lines, require_in_band
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job
 
-#: Largest log10 value that is taken for a parameter.
+#: Largest magnitude of a log10 value that is accepted.
 MAX_LOG10 = 30.0
 
 
 def parse_lines(text: str | None, band: tuple[float, float]) -> Floats:
-    """Lines from ``START:STOP:STEP`` or ``33.3,71.7``; 1 Hz lines of the band where None, its ends where it holds none.
+    """Lines [Hz] from ``START:STOP:STEP`` or ``33.3,71.7``; None: the 1 Hz lines of the band, or its ends if there are none.
 
     Raises
     ------
     ConfigError
-        Where the text is neither, or lines lie outside the band.
+        If the text is neither, gives too many lines, or lines at or below 0 Hz.
     """
 
     def refuse(problem: str, found: object) -> ConfigError:
@@ -61,19 +61,19 @@ def parse_lines(text: str | None, band: tuple[float, float]) -> Floats:
 
 
 def parse_values(assignments: Sequence[str], parameters: Parameterisation, theta: Floats) -> Floats:
-    """Theta with ``group=VALUE`` or ``group=V1,V2,...`` (log10; inf clamps, -inf frees) and ``group.damping=VALUE`` put in.
+    """(size,) theta with values replaced by ``group=VALUE``, ``group=V1,V2,...`` (log10; inf clamps, -inf frees), ``group.damping=VALUE``.
 
     Raises
     ------
     ConfigError
-        Where a group is unknown or the number of values does not fit.
+        If a group is unknown, or values are no numbers, out of range, or of the wrong count.
     """
     theta = theta.copy()
     names = [group.name for group in parameters.groups]
     for text in assignments:
         name, equals, values = text.partition("=")
         group_name = name.strip()
-        # Names may hold dots themselves.
+        # Names of groups may contain dots.
         damped = group_name not in names and group_name.endswith(".damping")
         group_name = group_name.removesuffix(".damping") if damped else group_name
         if not equals or group_name not in names:
@@ -121,12 +121,12 @@ def parse_values(assignments: Sequence[str], parameters: Parameterisation, theta
 
 
 def job_values(inputs: Inputs, name: str, parameters: Parameterisation) -> Floats:
-    """Theta of a finished job.
+    """(size,) theta of a finished job.
 
     Raises
     ------
     ConfigError, DataError
-        Where the job is unknown, has no usable result, or belongs to other groups.
+        If the job is unknown, has no usable result, or has other parameter groups.
     """
     campaign = inputs.campaign
     campaign.require_job(name, "--job")
@@ -141,7 +141,7 @@ def job_values(inputs: Inputs, name: str, parameters: Parameterisation) -> Float
 
 
 def check_parameters(inputs: Inputs, job: str | None, assignments: Sequence[str]) -> None:
-    """Refuse a job or values that do not fit before anything is computed.
+    """Refuse, before anything is computed, a job or values that do not fit.
 
     Raises
     ------
@@ -172,17 +172,17 @@ def simulate(
     ----------
     inputs : Inputs
     folder : Path
-        Of the cache.
+        Folder of the cache of reduced models.
     out : Path
         ``.csv``, ``.uff`` or ``.h5``.
     job : str or None
-        Use its identified parameters; start values otherwise.
+        Job whose identified parameters are used; None: start values.
     lines, assignments
         See ``parse_lines`` and ``parse_values``.
     full : bool
-        Full order, one solve a line.
+        Use the full model, with one solve per line.
     replace : bool
-        Write to a file that exists; never to an input of the campaign.
+        Replace an existing file; inputs of the campaign are never replaced.
     accept : bool
         Accept a reduced model that misses its tolerance.
     progress : callable

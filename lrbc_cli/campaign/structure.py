@@ -1,4 +1,4 @@
-"""What is drawn of a structure: its nodes, thinned where there are many, and what the campaign places on them."""
+"""Data for the picture of a structure: its nodes, thinned if there are many, its edges, and bolts, loads, sensors and terms."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
 from lrbc_cli.results.structure import StructureRecord
 
-#: Nodes drawn at most.
+#: Largest number of nodes drawn.
 MOST = {"structure": 2200, "acoustic": 700}
 
-#: Edges that are compared with those of their neighbours at a time.
+#: Number of edges that are processed at a time.
 _CHUNK = 4096
 
 
 def structure_of(inputs: Inputs) -> StructureRecord:
-    """The structure as it is drawn; without a picture, and why, where nothing says where the nodes lie.
+    """Structure as it is drawn, or the reason why there is no picture.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def structure_of(inputs: Inputs) -> StructureRecord:
     Returns
     -------
     StructureRecord
-        Places in metres, rounded to a millionth of the model's size.
+        Coordinates in metres, rounded to a millionth of the model's size.
     """
     table, name = inputs.dofs, inputs.campaign.name
     if table is None:
@@ -66,7 +66,7 @@ def structure_of(inputs: Inputs) -> StructureRecord:
 
 
 def drawn_dofs(inputs: Inputs) -> Integers:
-    """(n, 3) translational DOFs of the nodes that are drawn of the structure, -1 where a node has none; empty without a picture."""
+    """(n, 3) translational DOFs of the n drawn nodes of the structure, -1 if a node lacks one; empty without a picture."""
     table = inputs.dofs
     none = np.zeros((0, 3), dtype=np.int64)
     if table is None:
@@ -87,7 +87,7 @@ def drawn_dofs(inputs: Inputs) -> Integers:
 
 
 def _field(K: sp.csc_array, table: DofTable, mask: Bools, field: str) -> tuple[dict[str, Any], str]:
-    """Nodes and lines of one field, and what was left out."""
+    """Nodes and lines of one field (DOFs of ``mask``), and a note if nodes were left out."""
     dofs = np.flatnonzero(mask)
     _, first, node = np.unique(table.node[dofs], return_index=True, return_inverse=True)
     xyz = table.xyz[dofs][first]
@@ -96,7 +96,7 @@ def _field(K: sp.csc_array, table: DofTable, mask: Bools, field: str) -> tuple[d
     note = "" if kept.size == xyz.shape[0] else f"{kept.size} of {xyz.shape[0]} {field} nodes are drawn"
     lines = np.zeros((0, 2), dtype=np.int64)
     if field == "structure":
-        # What the stiffness couples are neighbours, whatever program wrote the model; lines through the air would hide the structure.
+        # Neighbours are nodes coupled by the stiffness, for models of any program; lines through the air would hide the structure.
         row_of = np.full(table.size, -1)
         row_of[dofs] = group[node]
         entries = K.tocoo()
@@ -107,19 +107,21 @@ def _field(K: sp.csc_array, table: DofTable, mask: Bools, field: str) -> tuple[d
 
 
 def thinned(xyz: Floats, most: int) -> tuple[Integers, Integers]:
-    """Nodes on a coarser raster where there are too many.
+    """Thin out nodes on a coarser raster if there are too many.
 
     Parameters
     ----------
     xyz : (n, 3) float array
     most : int
+        Largest number of nodes kept.
 
     Returns
     -------
     (n,) int array
-        Which of the nodes kept stands for each.
+        Position in the second array of the node that represents each node.
     (m,) int array
-        The nodes kept, at most so many: of each cell the one nearest its middle. Cells are centred on the ends of the model.
+        Indices of the nodes kept, m at most ``most``: in each cell the one nearest to its centre. End cells are centred on the ends of
+        the model.
     """
     n = xyz.shape[0]
     group = np.arange(n)
@@ -136,7 +138,7 @@ def thinned(xyz: Floats, most: int) -> tuple[Integers, Integers]:
         at = (xyz - low) / size
         cell = np.rint(at)
         key = (cell[:, 0] * (count[1] + 1) + cell[:, 1]) * (count[2] + 1) + cell[:, 2]
-        # The nearest to the middle comes first in its cell.
+        # Sorted so that the node nearest to the centre comes first in its cell.
         order = np.lexsort((np.round(((at - cell) ** 2).sum(axis=1), 6), key))
         _, first, inverse = np.unique(key[order], return_index=True, return_inverse=True)
         kept = order[first]
@@ -145,13 +147,13 @@ def thinned(xyz: Floats, most: int) -> tuple[Integers, Integers]:
 
 
 def neighbours(xyz: Floats, pairs: Integers) -> Integers:
-    """Pairs of nodes without a third one that is nearer to both: the sides of elements without their diagonals.
+    """Pairs of coupled nodes without a common neighbour nearer to both (relative neighbours): sides of elements without diagonals.
 
     Parameters
     ----------
     xyz : (n, 3) float array
     pairs : (m, 2) int array
-        Nodes that are coupled, each pair once.
+        Coupled nodes, each pair once.
 
     Returns
     -------
@@ -178,7 +180,7 @@ def neighbours(xyz: Floats, pairs: Integers) -> Integers:
 
 
 def _place(table: DofTable, vector: sp.csc_array) -> dict[str, Any]:
-    """Where a load or a row of responses acts: the mean of its nodes, weighted by its entries, and the direction of its displacements."""
+    """Position of a load or output row (mean of its nodes, weighted by the entries) and direction of its displacements (or None)."""
     rows, values = vector.indices, np.real(vector.data)
     moving = np.isin(table.component[rows], COMPONENTS[:3])
     if moving.any():
@@ -190,7 +192,7 @@ def _place(table: DofTable, vector: sp.csc_array) -> dict[str, Any]:
 
 
 def _terms(inputs: Inputs, table: DofTable, group: TermGroup) -> dict[str, Any]:
-    """The terms of a group; springs are those of a table of bushings, in which a vector joins two nodes."""
+    """Terms of a group as drawn; ``springs`` holds the two ends of each spring of a table that joins two nodes."""
     springs = []
     if group.config.select.bushings is not None:
         left = inputs.model.terms.left

@@ -1,1 +1,1 @@
-"""Drafts a campaign file from the files of a folder: recognises them, finds their roles, and writes the text."""
+"""Drafts a campaign file from the files of a folder (``lrbc init --from``): ``recognise`` them, find their ``roles``, write a ``draft``."""

@@ -1,4 +1,4 @@
-"""The text of a campaign file for the files that were recognised, with what remains to be said as comments."""
+"""Writes the text of a campaign file for the recognised files, with open questions as comments."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from lrbc_cli.io.text.tables import read_dof_list, read_points, read_positions
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.frf import FrfRecord
 
-#: Damping of a model without any [1], at the middle of the band.
+#: Damping ratio at mid-band of a model without damping.
 ASSUMED_RATIO = 0.01
 
 #: Quantities by the beginning of a sensor's name.
@@ -45,24 +45,25 @@ QUANTITIES = {"acc": "acceleration", "bes": "acceleration", "mic": "pressure", "
 
 NO_DOFS = "  dofs: model/dofs.csv              # not found among the files"
 
-#: Places to fill in: letters, which no command takes for one.
+#: Place to be filled in; letters, so that every command refuses it.
 NOWHERE = "{near: [x, y, z], component: UZ}"
 
 
 @dataclass(kw_only=True)
 class Draft:
-    """A campaign file in the making.
+    """Draft of a campaign file.
 
     Attributes
     ----------
     folder : Path
-        Where it will lie.
+        Folder of the campaign file.
     found : FilesFound
     roles : Roles
     table : DofTable or None
     todo : list of str
-        What a person has to say or confirm.
+        What the user has to complete or confirm.
     recognised : list of str
+        What was recognised, in words.
     """
 
     folder: Path
@@ -73,7 +74,7 @@ class Draft:
     recognised: list[str] = field(default_factory=list)
 
     def path(self, path: Path) -> str:
-        """A path as the campaign file writes it."""
+        """A path as written in the campaign file, relative to its folder if possible."""
         try:
             text = Path(os.path.relpath(path.resolve(), self.folder.resolve())).as_posix()
         except ValueError:  # another drive
@@ -81,7 +82,7 @@ class Draft:
         return quoted(text)
 
     def matrix(self, found: MatrixFound) -> str:
-        """A reference to a matrix."""
+        """A reference to a matrix, as written in the campaign file."""
         if found.group is None and "#" not in found.path.name:
             return self.path(found.path)
         group = "" if found.group is None else f", group: {quoted(found.group)}"
@@ -129,7 +130,7 @@ class Draft:
         return "\n\n".join("\n".join(part) for part in [head, name, *sections] if part) + "\n"
 
     def _reference(self, jobs: dict[str, list[Path]]) -> tuple[str | None, list[str]]:
-        """The job that is most likely the tight state, and further ones."""
+        """Job that is most likely the tight state, and further tight states."""
         states = {name: f"{self.found.called(paths[0].parent)} {name if len(paths) > 1 else paths[0].stem}" for name, paths in jobs.items()}
         bolts = self._bolts()
         tight, numbered = tight_states(states, bolts)
@@ -147,7 +148,7 @@ class Draft:
         return reference, [name for name in tight if name != reference]
 
     def _bolts(self) -> set[str]:
-        """Names of the bolts, as far as tables hold them."""
+        """Names of the bolts in all tables."""
         names = set() if self.roles.bolts is None else set(read_points(self.roles.bolts).name)
         readers: dict[str, Callable[[Path], Any]] = {"bushings": read_bushings, "positions": read_positions, "terms": read_dof_list}
         for kind, read in readers.items():
@@ -229,7 +230,7 @@ class Draft:
         return f"{{node: {node}, component: {label}}}" if there.sum() == 1 else None
 
     def _responses(self, records: Sequence[FrfRecord]) -> tuple[list[str], list[str]]:
-        """Lines, and the names of the responses that have a place."""
+        """Lines of the section ``responses``, and the names of the responses that have a place."""
         lines, names, lost = list[str](), list[str](), list[tuple[str, FrfRecord, str]]()
         numbered = bool(records) and self._numbered(records)
         for number, record in enumerate(records, start=1):
@@ -289,7 +290,7 @@ class Draft:
         groups += [(_name(path.stem, "terms"), f"{{dofs: {self.path(path)}}}") for path in self.found.of("terms")]
         self.recognised += [f"terms: {', '.join(name for name, _ in groups)}"] if groups else []
         lines = ["parameters:"]
-        # Bushings are damped as the structure anyway.
+        # Bushings have the damping of the structure by default.
         damped = "damping" not in self.roles.operators
         tied = "    damping: {initial: 0.0}         # that of the structure times 10^p_damp"
         for name, select in groups or [self._edge()]:
@@ -306,7 +307,7 @@ class Draft:
         return lines
 
     def _bushings(self, path: Path) -> str:
-        """The selection, and whether the matrices hold these springs."""
+        """Selection of a table of springs, with a baseline if the matrices contain these springs."""
         held = holds_springs(path, self.roles, self.table)
         if held is None:
             self.todo.append(f"parameters: baseline: 1.0 if the stiffness matrix already contains the springs of {self.found.called(path)}")
@@ -319,7 +320,7 @@ class Draft:
         )
 
     def _edge(self) -> tuple[str, str]:
-        """Name and selection of the terms where no file holds them."""
+        """Name and selection of the terms if no file contains them."""
         edge = None
         if self.roles.bolts is not None and self.table is not None:
             edge = edge_near(read_points(self.roles.bolts).xyz, self.table)
@@ -365,7 +366,7 @@ class Draft:
         ]
 
     def _jobs(self) -> dict[str, list[Path]]:
-        """Files of each job: one, or those of one state that hold a record each."""
+        """Files of each job: one file, or all files with a single record of the same state."""
         states: dict[tuple[Path, str], list[Path]] = {}
         for path, frf in self.found.measurements.items():
             states.setdefault((path.parent, _state_of(path, frf.records)), []).append(path)
@@ -377,7 +378,7 @@ class Draft:
         return jobs
 
     def _job(self, paths: Sequence[Path]) -> str:
-        # `tight-2-coherence` is of `tight-2`, not of `tight`.
+        # The longest matching name counts: `tight-2-coherence` belongs to `tight-2`, not to `tight`.
         stems = {path.stem.lower() for path in self.found.measurements}
         of = {c: max((stem for stem in stems if stem in c.stem.lower()), key=len, default="") for c in self.found.coherences}
         own = [c for c, stem in of.items() if stem in (path.stem.lower() for path in paths)]
@@ -389,24 +390,24 @@ class Draft:
 
 
 def draft(folder: Path, found: FilesFound) -> Draft:
-    """A campaign file in a folder for what was found."""
+    """Draft of a campaign file in ``folder`` for the recognised files."""
     roles = roles_of(found)
     return Draft(folder=folder, found=found, roles=roles, table=table_of(found, roles))
 
 
 def quoted(text: str) -> str:
-    """A text as YAML reads it back, inside braces too."""
+    """A text quoted where YAML, also inside braces, would read it otherwise."""
     plain = re.fullmatch(r"[\w./-][\w./ -]*", text, re.ASCII) and text == text.strip() and isinstance(resolve_scalar(text), str)
     return text if plain and not text.startswith("-") else json.dumps(text, ensure_ascii=False)
 
 
 def _name(text: str, otherwise: str) -> str:
-    """A text as a name of the campaign file; letters lose their accents."""
+    """A text as a name in the campaign file, without accents."""
     return plain_name(text) or otherwise
 
 
 def _state_of(path: Path, records: Sequence[FrfRecord]) -> str:
-    """The state that a file with one record is named after: its name, or its folder's, without that of the record."""
+    """State of a file: its name without that of its single record, or the name of its folder if nothing remains."""
     channel = records[0].name.strip() if len(records) == 1 else ""
     if not channel or channel.lower() not in path.stem.lower():
         return path.stem

@@ -1,4 +1,4 @@
-"""What the files of a folder are, by their content, with the readers that read them later."""
+"""Recognises the files of a folder by their content, with the readers that will read them later."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from lrbc_cli.io.text.nodes import read_nodes
 from lrbc_cli.model.dofs import DofLabels
 from lrbc_cli.model.frf import FrfSet
 
-#: Files looked at, at most: a folder of measurements, no disk.
+#: Largest number of files, so that no whole disk is searched.
 MOST_FILES = 2000
 
-#: What is no input, whatever it holds.
+#: Endings of files that are no inputs.
 OTHERS = {".md", ".py", ".png", ".jpg", ".svg", ".pdf", ".yaml", ".yml", ".json", ".html", ".ipynb", ".log", ".sh", ".bat", ".m", ".docx"}
 
-#: Columns that a table must have, and may have beside them, to be of a kind; the first that fits.
+#: Kinds of tables with their required and optional columns; the first that fits counts.
 TABLES: tuple[tuple[str, set[str], set[str]], ...] = (
     ("dofs", {"dof", "node", "component", "x", "y", "z"}, set()),
     ("map", {"dof", "node", "component"}, set()),
@@ -40,7 +40,7 @@ TABLES: tuple[tuple[str, set[str], set[str]], ...] = (
 
 @dataclass(frozen=True)
 class MatrixFound:
-    """A matrix, and what it is called: its group, else its file."""
+    """A matrix with its file, its name in the file if any, and its DOF labels."""
 
     path: Path
     group: str | None
@@ -49,25 +49,24 @@ class MatrixFound:
 
     @property
     def name(self) -> str:
-        """Without endings."""
+        """Name in the file, else the file name without endings."""
         return self.group or self.path.name.split(".")[0]
 
 
 @dataclass(kw_only=True)
 class FilesFound:
-    """What was recognised, in the order of the paths.
+    """Recognised files of a folder, in the order of the paths.
 
     Attributes
     ----------
     folder : Path
-        Where it lies.
     matrices : list of MatrixFound
     tables : dict of lists of Path
-        By the kinds of ``TABLES``; ``nodes`` holds input files and meshes too, ``map`` other DOF maps.
+        By the kinds of ``TABLES``; ``nodes`` also contains input files and meshes, ``map`` other DOF maps.
     measurements : dict of FrfSet
     coherences : list of Path
     rest : dict
-        Why a file is none of these.
+        Reason why a file was not recognised, by path.
     """
 
     folder: Path
@@ -82,23 +81,23 @@ class FilesFound:
         return self.tables.get(kind, [])
 
     def called(self, path: Path) -> str:
-        """A file with its folder below that of all."""
+        """Path of a file relative to the folder."""
         return path.relative_to(self.folder).as_posix()
 
     @property
     def size(self) -> int:
-        """Rows of the model: of most square matrices, 0 where there is none."""
+        """Number of rows of the model: the most frequent size of square matrices, 0 if there are none."""
         sizes = [found.matrix.shape[0] for found in self.matrices if found.matrix.shape[0] == found.matrix.shape[1] > 1]
         return max(sizes, key=lambda n: (sizes.count(n), n), default=0)
 
 
 def recognise(folder: Path) -> FilesFound:
-    """Look at every file of a folder and of those in it.
+    """Recognise every file of a folder and its subfolders.
 
     Raises
     ------
     ConfigError
-        Where there is no such folder, or it holds too many files.
+        If there is no such folder, or it contains too many files.
     """
     if not folder.is_dir():
         there = folder.exists()
@@ -124,7 +123,7 @@ def recognise(folder: Path) -> FilesFound:
             )
         _look_at(path, found)
     for path in list(found.rest) if found.size else ():
-        # A map can only be told by the number of rows.
+        # A DOF map is recognised by its number of rows only.
         if can(partial(read_dof_map, path, found.size)):
             del found.rest[path]
             found.tables.setdefault("map", []).append(path)
@@ -149,13 +148,13 @@ def _look_at(path: Path, found: FilesFound) -> None:
     if can(lambda: read_coherence(path)):
         found.coherences.append(path)
     else:
-        # Of all readers the one that its ending promises.
+        # Report the error of the reader that fits the file's ending.
         promised = PROMISED.get(path.suffix.lower())
         found.rest[path] = (why.get(promised) if promised else None) or next(iter(why.values()), "")
 
 
 def _table_kind(path: Path) -> str | None:
-    """By the header of a table; None for what has none."""
+    """Kind of a table by its header; None if it has no known header."""
     try:
         start = head(path, 1 << 14)
         lines = [] if b"\0" in start else decode(start).splitlines()
@@ -170,7 +169,7 @@ def _table_kind(path: Path) -> str | None:
 
 
 def _frfs(path: Path, found: FilesFound) -> bool:
-    """Universal files, and HDF5 and MATLAB files that hold FRFs; text is taken for them last."""
+    """Take universal, HDF5 and MATLAB files with FRFs; text files are tried last (``_text_frfs``)."""
     start = head(path, 4096)
     if b"\0" not in start and not start.lstrip().startswith(b"-1"):
         return False
@@ -199,7 +198,7 @@ def _nodes(path: Path, found: FilesFound) -> bool:
     return True
 
 
-#: What reads files with an ending, where it says so.
+#: Reader of files with a given ending.
 PROMISED = {
     **dict.fromkeys((".csv", ".txt", ".asc"), _text_frfs),
     **dict.fromkeys((".mtx", ".gz", ".full", ".op4", ".pch"), _matrices),
@@ -207,7 +206,7 @@ PROMISED = {
 
 
 def can(read: Callable[[], object]) -> bool:
-    """Whether a file can be read so."""
+    """Whether a reader succeeds."""
     try:
         read()
     except LrbcError:

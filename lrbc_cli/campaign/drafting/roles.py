@@ -1,4 +1,4 @@
-"""Which role each file plays in a campaign: by its name, and by its content where that says more."""
+"""Assigns roles in a campaign to the recognised files, by name, and by content where that says more."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ from lrbc_cli.io.text.tables import read_positions, read_table
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
 from lrbc_cli.reduction.problem.vectors import highest_omega
 
-#: Names of operators, from whole names to parts of them.
+#: Names of operators: whole names, then parts of names.
 OPERATORS = {
     "stiffness": re.compile(r"^(k|kaax?|stif)$|stiff|steif|(^|[_\W])k([_\W]|$)|stif\d|\.sti(\.gz)?$", re.IGNORECASE),
     "mass": re.compile(r"^(m|maax?|mas)$|mass|(^|[_\W])m([_\W]|$)|\.mas(\.gz)?$", re.IGNORECASE),
     "damping": re.compile(r"^(c|d|caax?|baax?)$|damp|daempf|dämpf|visc|\.dmp(\.gz)?$", re.IGNORECASE),
 }
 
-#: Names of tight states, the surest first.
+#: Names of tight states, the most certain first.
 TIGHT = ("reference", "ref", "tight", "fest", "baseline", "fixed", "intact", "healthy", "nominal", "00", "000", "0")
 
-#: Words of a name that rule a tight state out, whatever else it says: something is loose, gone or damaged; coherences are no FRFs.
+#: Words in a name that exclude a tight state: something is loose, missing or damaged; or the file is a coherence.
 LOOSE = re.compile(
     "loos|lose|los$|lost|gel(oe|o)st|locker|slack|open|remov|missing|fehl|without|ohne|half|halb|hand$|partly|partial|teilw|free|frei|"
     "damag|defe[kc]t|broken|crack|not?$|non(serr|tight|fix)|desserr|nicht|un(?!it|damaged)|coh|koh"
 )
-#: In words joined by blanks: what comes behind may be about the bolts (French `non-serré`), or about how it was measured.
+#: Negation in words joined by blanks (French `non-serré`), unless it concerns the measurement.
 DENIED = re.compile(" non (?!lin|contact)")
-#: A bolt in words joined by blanks.
+#: A single bolt in words joined by blanks.
 ONE_BOLT = re.compile(" (b|bolt|screw|schraube|joint) ?0*[1-9][0-9]* ")
 
 BOLTS = re.compile("bolt|screw|schraub|joint|fastener", re.IGNORECASE)
@@ -49,7 +49,7 @@ HAMMER = re.compile("hammer|exc|force|kraft|impact|shaker|input|anreg|driv", re.
 
 @dataclass
 class PointFound:
-    """Where something is measured or hit."""
+    """Point at which something is measured or hit."""
 
     xyz: Floats
     component: str | None = None
@@ -58,22 +58,24 @@ class PointFound:
 
 @dataclass(kw_only=True)
 class Roles:
-    """What the files are in the campaign.
+    """Roles of the files in the campaign.
 
     Attributes
     ----------
     operators : dict of MatrixFound
         ``stiffness``, ``mass``, ``damping``.
     terms : list
-        Vectors of terms with the table of their positions.
+        Vectors of terms, each with the table of their positions.
     rows : MatrixFound or None
-        Output rows.
+        Output rows of responses.
     loads : list of MatrixFound
     bolts : Path or None
     points : dict of PointFound
+        Sensors and hammer points by name, in lower case.
     spare : list of str
-        Names of what has no role.
+        Files without a role.
     doubts : list of str
+        Guesses to be confirmed by the user.
     """
 
     operators: dict[str, MatrixFound] = field(default_factory=dict)
@@ -87,12 +89,12 @@ class Roles:
 
 
 def roles_of(found: FilesFound) -> Roles:
-    """Guess the roles; what was guessed by content alone, or against a name, is a doubt.
+    """Guess the roles of the files; guesses by content alone, or contrary to a name, are listed as doubts.
 
     Raises
     ------
     DataError
-        Where the files are those of two models.
+        If the files belong to several models.
     """
     _require_one_model(found)
     roles = Roles()
@@ -103,7 +105,7 @@ def roles_of(found: FilesFound) -> Roles:
 
 
 def _require_one_model(found: FilesFound) -> None:
-    """Refuse stiffness matrices of two sizes in files of their own: nothing tells to which of them tables and FRFs belong."""
+    """Refuse stiffness matrices of different sizes in separate files, as tables and FRFs could belong to any of them."""
     square = [matrix for matrix in found.matrices if matrix.matrix.shape[0] == matrix.matrix.shape[1]]
     named: dict[int, MatrixFound] = {}
     for matrix in square:
@@ -112,7 +114,7 @@ def _require_one_model(found: FilesFound) -> None:
     if len(named) < 2:
         return
     files = [{matrix.path for matrix in square if matrix.matrix.shape[0] == size} for size in named]
-    # A file that holds both is one model and a reduced one of it.
+    # A file that contains both has one model and a reduced one of it.
     if set.intersection(*files):
         return
     raise DataError(
@@ -127,7 +129,7 @@ def _require_one_model(found: FilesFound) -> None:
 
 
 def _same(one: MatrixFound, other: MatrixFound, digits: float = 1e-5) -> bool:
-    """Whether two files hold one matrix, as far as their digits tell."""
+    """Whether two matrices are equal within rounding of the files."""
     A, B = one.matrix, other.matrix
     return A.shape == B.shape and bool(abs(A - B).max() <= digits * abs(A).max())
 
@@ -142,17 +144,17 @@ def _operators(found: FilesFound, roles: Roles) -> None:
         elif first is not None:
             roles.doubts.append(f"{found.called(matrix.path)} contains the same matrix as {found.called(first.path)}: left out")
     for role, pattern in OPERATORS.items():
-        # A whole name counts before a part of one: K_x is no K.
+        # The shortest name counts: K before K_x.
         named = [m for m in square if pattern.search(m.name) or (m.group is None and pattern.search(m.path.name))]
         if named:
             taken[role] = min(named, key=lambda matrix: len(matrix.name))
             square = [matrix for matrix in square if matrix is not taken[role]]
     by_size = sorted(square, key=lambda m: -float(np.abs(m.matrix.diagonal()).max(initial=0.0)))
-    # Where names tell stiffness and mass, a further matrix may be a share of one of them as well as a damping.
+    # If stiffness and mass are known by name, a further matrix may be a part of one of them as well as a damping.
     wanted = [role for role in OPERATORS if role not in taken] if not {"stiffness", "mass"} <= set(taken) else []
     for role in wanted:
         if by_size:
-            # The stiffness has the largest entries, whatever the units.
+            # The stiffness has the largest entries in all systems of units.
             taken[role] = by_size.pop(0 if role == "stiffness" else -1)
             roles.doubts.append(f"model.{role}: chosen by the size of its entries; its name does not say so")
     other = [matrix for matrix in found.matrices if n not in matrix.matrix.shape]
@@ -182,12 +184,12 @@ def _vectors(found: FilesFound, roles: Roles) -> None:
         else:
             roles.spare.append(_called(found, matrix))
     roles.spare += [found.called(path) for path in positions]
-    # The first of each is the model's.
+    # The first file of each kind is used.
     roles.spare += [found.called(path) for kind in ("dofs", "nodes", "map") for path in found.of(kind)[1:]]
 
 
 def _named_points(found: FilesFound, roles: Roles) -> None:
-    """Tables of named points are bolts, or places of sensors and of the hammer."""
+    """Assign tables of named points to bolts, or to places of sensors and hammer."""
     records = {record.name.strip().lower() for frf in found.measurements.values() for record in frf.records}
     for path in (*found.of("points"), *found.of("named")):
         try:
@@ -215,38 +217,38 @@ def _called(found: FilesFound, matrix: MatrixFound) -> str:
 
 
 def tight_states(states: Mapping[str, str], bolts: Collection[str] = ()) -> tuple[list[str], list[str]]:
-    """Jobs that are named like a tight state in words, and those by a number such as 00; the surest first.
+    """Jobs named as tight state by a word, and those by a number such as 00; the most certain first.
 
     Parameters
     ----------
     states : dict of str
-        What file and folder call each job.
+        Names of folder and file of each job.
     bolts : collection of str
-        A name that holds one of theirs speaks of that bolt.
+        Names of bolts; a job whose name contains one is about that bolt.
     """
     found = list[tuple[int, int, int, str, bool]]()
     for name, text in states.items():
         words = words_of(name)
         told = next((word for word in TIGHT if word in words or (not word.isdigit() and word in _letters(words))), None)
         if told is not None and not names_loose(text, bolts):
-            # A whole name counts before a part of one, then the fewest further words.
+            # Order: fewest words in the name, then rank in ``TIGHT``.
             found.append((len(words), TIGHT.index(told), len(found), name, told.isdigit()))
     ordered = sorted(found)
     return [name for *_, name, number in ordered if not number], [name for *_, name, number in ordered if number]
 
 
 def names_loose(text: str, bolts: Collection[str] = ()) -> bool:
-    """Whether a name says that something is loose, or speaks of a single bolt."""
+    """Whether a name indicates that something is loose, or refers to a single bolt."""
     words = words_of(text)
     said = f" {' '.join(words)} "
-    # Bolts that are numbers only: so are repeats.
+    # Bolts named by numbers only are left out: repeats are numbered, too.
     own = [" ".join(words_of(bolt)) for bolt in bolts if not bolt.strip().isdigit()]
     loose = any(map(LOOSE.match, (*words, *_letters(words)))) or DENIED.search(f" {' '.join(_letters(words))} ")
     return bool(loose or ONE_BOLT.search(said)) or any(f" {bolt} " in said for bolt in own if bolt)
 
 
 def words_of(text: str) -> list[str]:
-    """Words and numbers of a name, small and without accents."""
+    """Words and numbers of a name, in lower case and without accents."""
     letters = "".join(c for c in unicodedata.normalize("NFKD", text.lower()) if not unicodedata.combining(c))
     return [word for word in re.split(r"[_\W]+", letters) if word]
 
@@ -256,7 +258,7 @@ def _letters(words: Sequence[str]) -> list[str]:
 
 
 def table_of(found: FilesFound, roles: Roles) -> DofTable | None:
-    """What the rows of the matrices are, and where, where the files say it; in the order of the stiffness."""
+    """DOF table in the order of the stiffness matrix; None if the files do not give it."""
     stiffness, tables, nodes = roles.operators.get("stiffness"), found.of("dofs"), found.of("nodes")
     if stiffness is None or not (tables or nodes):
         return None
@@ -271,7 +273,7 @@ def table_of(found: FilesFound, roles: Roles) -> DofTable | None:
 
 
 def units_of(roles: Roles, table: DofTable | None) -> list[str]:
-    """Systems of units that the model may be written in."""
+    """Possible systems of units of the model, see ``places.likely_units``."""
     matrices = [roles.operators[role].matrix for role in ("stiffness", "mass") if role in roles.operators]
     if table is None or len(matrices) < 2 or matrices[0].shape != matrices[1].shape:
         return ["SI"]
@@ -279,9 +281,9 @@ def units_of(roles: Roles, table: DofTable | None) -> list[str]:
 
 
 def holds_springs(path: Path, roles: Roles, table: DofTable | None) -> bool | None:
-    """Whether the stiffness matrix contains the springs of a table already; None where that cannot be told.
+    """Whether the stiffness matrix contains the springs of a table already; None if unknown.
 
-    A spring between two nodes of separate parts is the entry between them; one to ground is what a rigid translation leaves.
+    Springs between two nodes of separate parts are tested by the coupling entry, springs to ground by the force under a rigid translation.
     """
     if table is None or "stiffness" not in roles.operators:
         return None
@@ -300,7 +302,7 @@ def holds_springs(path: Path, roles: Roles, table: DofTable | None) -> bool | No
 
 
 def edge_near(bolts: Floats, table: DofTable) -> tuple[str, list[list[float]]] | None:
-    """Component and box of the line of nodes beside a row of bolts; None where the bolts are no row, or no node can turn there.
+    """Component and box of the line of nodes along a row of bolts; None if the bolts are no row, or no node has that rotation.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The DOF table of a model, from one table or from labels of the matrices, maps and coordinates of nodes."""
+"""Numbering of the matrix rows: the DOF table of a model, from one table, or from labels of matrices, maps and node coordinates."""
 
 from __future__ import annotations
 
@@ -23,42 +23,42 @@ from lrbc_cli.io.text.nodes import read_nodes
 from lrbc_cli.io.text.tables import is_dof_table, read_dof_table
 from lrbc_cli.model.dofs import COMPONENTS, DofLabels, DofTable
 
-#: DOFs below which, and share of all entries above which, it cannot be told: everything is everything's neighbour.
+#: Least number of DOFs, and largest share of non-zero entries, for tests of the order: otherwise all DOFs are neighbours.
 LEAST_DOFS, MOST_FILLED = 100, 0.3
 
-#: Entries of the matrix that are looked at: means of distances are known to a per cent.
+#: Number of matrix entries examined: enough for mean distances to one per cent.
 ENTRIES = 50_000
 
-#: DOFs that a matrix connects are next to each other: their median distance over that of any two, from which they are not.
+#: Ratio of the median distance of connected DOFs to that of any two DOFs above which they are no neighbours.
 FAR = 0.8
 
-#: Sorted otherwise they are nearer than this share of it: an order that has nothing to do with the mesh brings no DOFs together.
+#: Another order is reported if it reduces the mean distance of connected DOFs below this share.
 NEARER = 0.5
 
-#: A rigid translation meets no force but at supports: share of rows without any, in an order that is wrong, and in the right one.
+#: Share of rows without force under a rigid translation (none is loaded away from supports): at most in a wrong order, least in the right.
 FEW, MANY = 0.05, 0.3
 
-#: Elements that CalculiX expands to solids with nodes of its own: shells, beams, trusses, plane and axisymmetric ones.
+#: Elements that CalculiX expands to solids with its own nodes: shells, beams, trusses, plane and axisymmetric ones.
 _EXPANDED = re.compile(r"\*ELEMENT\b.*TYPE\s*=\s*(S\d|M3D|B\d|T[23]D|CP[SE]|CAX)", re.IGNORECASE)
 
 
 @dataclass(kw_only=True)
 class Numbering:
-    """What the rows of the model are.
+    """Meaning of the matrix rows.
 
     Attributes
     ----------
     table : DofTable or None
-        With places; None where they are not given.
+        Node, component and coordinates of each row; None without coordinates.
     labels : DofLabels or None
-        Node and component of each row, where anything says so.
+        Node and component of each row, if known.
     notes : list of str
     files : list of Path
-        What was read.
+        Files that were read.
     lacking : Path or None
-        The file of coordinates, where it lacks nodes of the matrices.
+        The file of coordinates, if it lacks nodes of the matrices.
     spare : (k,) int array
-        Nodes that have coordinates and no rows.
+        Nodes with coordinates but without rows.
     """
 
     table: DofTable | None = None
@@ -70,14 +70,14 @@ class Numbering:
 
 
 def numbering(source: Path | DofSource | None, stiffness: MatrixFile) -> Numbering:
-    """Find out what the rows are.
+    """Numbering of the rows of the stiffness matrix.
 
     Parameters
     ----------
     source : Path or DofSource or None
         ``model.dofs``.
     stiffness : MatrixFile
-        Its labels hold where no map is given.
+        Its labels are used if no map is given.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def numbering(source: Path | DofSource | None, stiffness: MatrixFile) -> Numberi
 
 
 def _mapped(path: Path, source: DofSource, n: int) -> tuple[DofLabels, tuple[str, ...]]:
-    """Labels of the rows, which may stand in the solver's order."""
+    """Labels of the rows from a map, and notes; ``source.order`` converts the order of the map to that of the solver."""
     if source.order is None:
         return read_dof_map(path, n, source.components)
     order = read_vectors(source.order).matrix
@@ -141,7 +141,7 @@ def _guess(n: int, nodes: int) -> str:
 
 
 def _place(found: Numbering, node: Integers, xyz: Floats, path: Path) -> None:
-    """Add the table; inner DOFs, which the FE program added by itself, lie in the middle."""
+    """Add the DOF table; internal DOFs, which the FE program added, are placed at the centre of all nodes."""
     labels = found.labels
     assert labels is not None
     order = np.argsort(node)
@@ -169,10 +169,10 @@ def _place(found: Numbering, node: Integers, xyz: Floats, path: Path) -> None:
 
 
 def added_nodes(K: sp.csc_array, found: Numbering) -> tuple[str, str]:
-    """A note on the nodes that have no coordinates, or a warning where they are ordinary ones; both empty where there are none.
+    """Note on internal nodes without coordinates, or warning if they are ordinary nodes; both empty if there are none.
 
-    At an ordinary node a rigid translation meets no force, at an incompatible mode it does. Nodes of expanded shells and beams are
-    ordinary ones that the FE program added.
+    At an ordinary node a rigid translation causes no force, at an incompatible mode it does. Nodes of expanded shells and beams behave as
+    ordinary ones, although the FE program added them.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def added_nodes(K: sp.csc_array, found: Numbering) -> tuple[str, str]:
 
 
 def aligned(found: MatrixFile, labels: DofLabels | None, n: int, path: Path, what: str) -> sp.csc_array:
-    """Matrix of a file with its rows and columns where the model has them.
+    """Matrix of a file with rows and columns in the order of the model.
 
     Raises
     ------
@@ -233,7 +233,7 @@ def aligned(found: MatrixFile, labels: DofLabels | None, n: int, path: Path, wha
 
 
 def order_doubt(K: sp.csc_array, dofs: DofTable, source: Path | DofSource | None = None) -> str | None:
-    """A warning where the rows are in another order than the table, in words.
+    """Warning if the rows are in another order than the DOF table; else None.
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ def order_doubt(K: sp.csc_array, dofs: DofTable, source: Path | DofSource | None
     dofs : DofTable
         Of n rows.
     source : Path or DofSource or None
-        What the table was made of.
+        Source of the table.
     """
     n = dofs.size
     if n < LEAST_DOFS or K.nnz > MOST_FILLED * n * n:
@@ -253,17 +253,17 @@ def order_doubt(K: sp.csc_array, dofs: DofTable, source: Path | DofSource | None
                 f"probably the rows of the matrices are in another order ({text}) than the DOF table: in the order of the table a rigid "
                 f"translation would cause forces at {1 - own:.0%} of all DOFs. Sort the table {text}, and renumber its column dof from 0"
             )
-    # What an FE program adds by itself lies anywhere.
+    # Internal DOFs have no real place.
     given = np.flatnonzero(~np.char.startswith(dofs.component, "INNER"))
     entries, xyz = K[given][:, given].tocoo(), dofs.xyz[given]
-    # Some of very many entries tell as much, the same ones for each order.
+    # A sample of very many entries suffices, the same one for each order.
     some = slice(None) if entries.nnz <= ENTRIES else np.random.default_rng(0).integers(entries.nnz, size=ENTRIES)
     connected = entries.row[some], entries.col[some]
     apart = _distances(xyz, *connected)
     anew = _sorted_anew(dofs, given, connected, float(apart.mean()), isinstance(source, DofSource))
     if anew is not None:
         return anew
-    # DOFs of one node tell nothing.
+    # Distances within one node are ignored.
     apart, usual = apart[apart > 0.0], float(np.median(_distances(xyz, *np.random.default_rng(0).integers(len(xyz), size=(2, 4096)))))
     if not apart.size or (near := float(np.median(apart))) < FAR * usual:
         return None
@@ -276,7 +276,7 @@ def order_doubt(K: sp.csc_array, dofs: DofTable, source: Path | DofSource | None
 
 
 def _sorted_anew(dofs: DofTable, given: Integers, connected: tuple[Integers, Integers], own: float, meshed: bool) -> str | None:
-    """That the rows of the table were sorted and numbered anew: sorted as they were, DOFs that the matrix connects lie much nearer."""
+    """Warning if the table was sorted and numbered anew: in another order, connected DOFs are much nearer to each other; else None."""
     places = dict(zip("xyz", dofs.xyz[given].T, strict=True))
     axes = [axis for axis, values in places.items() if np.ptp(values) > 0.0]
     orders = {
@@ -303,7 +303,7 @@ def _sorted_anew(dofs: DofTable, given: Integers, connected: tuple[Integers, Int
 
 
 def _solver_order(source: Path | DofSource | None) -> str | None:
-    """What an exported mapping of Ansys lacks, where that is one: Matrix Market files of its matrices are in the solver's order."""
+    """Hint if the source is an Ansys mapping without ``order``, as matrices in Matrix Market format are in the solver's order."""
     if not isinstance(source, DofSource) or source.map is None or source.order is not None:
         return None
     if not source.map.read_bytes()[:14].lower().startswith(b"%%matrixmarket"):
@@ -316,7 +316,7 @@ def _solver_order(source: Path | DofSource | None) -> str | None:
 
 
 def _at_rest(K: sp.csc_array, component: np.ndarray) -> float:
-    """Share of the rows at which a rigid translation meets no force, of those that it could move."""
+    """Share of the translational rows at which a rigid translation causes no force."""
     rest, all_rows = 0, 0
     for label in COMPONENTS[:3]:
         moved = (component == label).astype(float)
@@ -327,7 +327,7 @@ def _at_rest(K: sp.csc_array, component: np.ndarray) -> float:
 
 
 def _other_orders(dofs: DofTable) -> list[tuple[str, Integers]]:
-    """Usual orders of rows as permutations of the table's."""
+    """Usual orders of rows, as permutations of the table."""
     rank = np.array([COMPONENTS.index(label) if label in COMPONENTS else len(COMPONENTS) for label in dofs.component.tolist()])
     return [
         ("node by node", np.lexsort((dofs.component, rank, dofs.node))),
@@ -340,7 +340,7 @@ def _distances(xyz: Floats, one: Integers, two: Integers) -> Floats:
 
 
 def unfitting(lines: int, rows: int) -> str:
-    """What to do about a DOF table with so many lines beside matrices with so many rows."""
+    """Hint for a DOF table whose number of lines differs from the number of matrix rows."""
     other = "otherwise export matrices and DOF table of one model in one run"
     if lines > rows:
         return (

@@ -1,4 +1,4 @@
-"""What may be wrong with a model, or contradict itself in its campaign, although it can be used: said by every command that reads it."""
+"""Warnings about doubtful or contradictory, but usable models, and refusals of clearly wrong matrices; given by every command."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.problem.vectors import highest_omega
 from lrbc_cli.updating.unknowns.places import Edge, Joints, misplaced, spots
 
-#: Stiffness that no structure has: a penalty [N/m, or N/mm].
+#: Stiffness from which a diagonal entry is a penalty [N/m, or N/mm].
 PENALTY = 1e30
 
-#: A loss factor that no bolted structure reaches: it is given in per cent, it seems.
+#: Loss factor that no bolted structure reaches; larger values are probably in per cent.
 LARGE_LOSS = 0.5
 
-#: What matrices are called in files of several.
+#: Usual names of matrices in files of several.
 _NAMES = {
     "stiffness": ("k", "stiffness", "kaa", "kgg"),
     "mass": ("m", "mass", "maa", "mgg"),
     "damping": ("c", "d", "damping", "baa", "bgg"),
 }
 
-#: Digits in which the entries of two vectors agree that are the same.
+#: Number of digits in which equal entries agree.
 _DIGITS = 9
 
 
@@ -73,12 +73,12 @@ def doubts(model: FeModel) -> list[str]:
 def require_roles(
     K: sp.csc_array, M: sp.csc_array, source: ModelConfig, band_hz: tuple[float, float], labels: DofLabels | None = None
 ) -> None:
-    """Refuse stiffness and mass in each other's place, and a stiffness whose diagonal counts twice.
+    """Refuse exchanged stiffness and mass matrices, and a stiffness matrix whose diagonal counts twice.
 
     Raises
     ------
     DataError
-        Where no local frequency comes near the band, but all would if the two were exchanged.
+        If no local frequency is near the band, but with exchanged matrices frequencies reach it; or if the diagonal counts twice.
     """
     if labels is not None:
         require_single_diagonal(K, labels.component, source.stiffness.path, source.stiffness.group)
@@ -99,7 +99,7 @@ def require_roles(
 
 
 def require_mass(M: sp.csc_array, C: sp.csc_array, dofs: DofTable, source: ModelConfig) -> None:
-    """Refuse mass and damping in each other's place.
+    """Refuse exchanged mass and damping matrices.
 
     Raises
     ------
@@ -148,7 +148,7 @@ def require_own(campaign: Campaign) -> None:
 
 
 def _own_matrix(campaign: Campaign, name: str, ref: MatrixRef) -> str:
-    """What to write for the matrix that was named in place of another one."""
+    """Hint with the key for the right matrix, if one file contains several."""
     held = list[str]()
     with suppress(LrbcError):
         held = [found for found in matrix_names(ref.path) if found is not None]
@@ -161,7 +161,7 @@ def _own_matrix(campaign: Campaign, name: str, ref: MatrixRef) -> str:
 
 
 def require_apart(source: ModelConfig, **matrices: sp.csc_array) -> None:
-    """Refuse a last matrix, of the names of ``model``, that holds the numbers of another one.
+    """Refuse the last of ``matrices`` (by key of ``model``) if it contains the numbers of another one.
 
     Raises
     ------
@@ -184,7 +184,7 @@ def require_apart(source: ModelConfig, **matrices: sp.csc_array) -> None:
 
 
 def fixed_dofs(K: sp.csc_array, M: sp.csc_array) -> tuple[NDArray[np.bool_], str]:
-    """(n,) mask of DOFs that the export left as rows of zeros, or held with a penalty (Abaqus: 1e36), and what is said about them."""
+    """(n,) mask of fixed DOFs, exported as rows of zeros or with a penalty (Abaqus: 1e36), and a note on them."""
     empty = (np.abs(K).sum(axis=0) == 0) & (np.abs(M).sum(axis=0) == 0) & (np.abs(K).sum(axis=1) == 0) & (np.abs(M).sum(axis=1) == 0)
     held = np.abs(K.diagonal()) >= PENALTY
     counts = ((int(empty.sum()), "empty rows in both matrices"), (int(held.sum()), "a penalty on the diagonal"))
@@ -193,7 +193,7 @@ def fixed_dofs(K: sp.csc_array, M: sp.csc_array) -> tuple[NDArray[np.bool_], str
 
 
 def loss_factor(model: FeModel) -> float:
-    """Of a complex stiffness matrix, from its diagonal."""
+    """Loss factor of a complex stiffness matrix, from its diagonal."""
     return float(model.K.imag.diagonal().sum() / model.K.real.diagonal().sum())
 
 
@@ -225,14 +225,14 @@ def slips(
     *,
     astray: Collection[str] = (),
 ) -> Iterator[str]:
-    """Warnings, in words, each with what to do.
+    """Warnings about contradictions in settings, damping, responses, terms, springs and bolts, each with its remedy.
 
     Parameters
     ----------
     campaign : Campaign
     model : FeModel
     responses : sequence of (str, int)
-        Their names and inputs.
+        Names, and indices of the excitations.
     groups : sequence of TermGroup
     bolts : PointTable or None
     dofs : DofTable or None
@@ -252,7 +252,7 @@ def slips(
 
 
 def misread(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | None) -> bool:
-    """Whether damping, springs or start values are warned of, so that the model at the start values is none to compare with."""
+    """Whether there are warnings about damping, springs or start values, so that measurements cannot be compared with the model yet."""
     told = (*_damping(campaign, model), *held_springs(campaign, model, groups, dofs), *start_slips(campaign).values())
     return bool(told)
 
@@ -294,7 +294,7 @@ def _damping(campaign: Campaign, model: FeModel) -> Iterator[str]:
 
 
 def undamped_text(model: FeModel, groups: Sequence[TermGroup]) -> str | None:
-    """That nothing damps a model, which measured FRFs are to be compared with, and what to write; None where something does."""
+    """Warning if the model has no damping; else None."""
     own = any(group.beta or group.loss_factor or group.config.kind == "damping" for group in groups)
     if own or np.iscomplexobj(model.K.data) or model.C.count_nonzero():
         return None
@@ -315,21 +315,21 @@ def _least_ratio(alpha: float, beta: float, band_hz: tuple[float, float]) -> flo
 
 
 def _largest_ratio(alpha: float, beta: float, band_hz: tuple[float, float]) -> float:
-    """The largest: at one end of it."""
+    """Largest damping ratio of modes in the band, at one of its ends."""
     return max(0.5 * (alpha / (2.0 * np.pi * hz) + beta * 2.0 * np.pi * hz) for hz in band_hz)
 
 
 def structural_share(model: FeModel, band_hz: tuple[float, float], *, same: float = 1e-3, most: float = 0.9) -> float | None:
-    """Loss factor that a damping matrix is, being that share of the stiffness and more than critical from the middle of the band on.
+    """Loss factor, if the damping matrix is that share of the stiffness and would be overcritical as viscous damping; else None.
 
     Parameters
     ----------
     model : FeModel
     band_hz : (float, float)
     same : float
-        How much the share may differ from row to row.
+        Largest relative difference of the share from row to row.
     most : float
-        Share of the rows that have it: baselines are taken off the stiffness alone.
+        Least share of the rows that agree; not all do, as baselines are subtracted from the stiffness only.
     """
     stiffness, damping = (np.real(matrix.diagonal())[~model.is_acoustic] for matrix in (model.K, model.C))
     known = stiffness > 0.0
@@ -339,14 +339,14 @@ def structural_share(model: FeModel, band_hz: tuple[float, float], *, same: floa
     share = float(np.median(shares))
     if np.mean(np.abs(shares - share) <= same * share) < most or not 0.0 < share < LARGE_LOSS:
         return None
-    # Of a mode at omega the damping ratio is share * omega / 2.
+    # The damping ratio of a mode at omega would be share * omega / 2.
     return share if share * np.pi * float(np.sqrt(band_hz[0] * band_hz[1])) > 1.0 else None
 
 
 def _one_place(model: FeModel, responses: Sequence[tuple[str, int]], astray: Collection[str]) -> Iterator[str]:
-    """Responses that have one row and one input: what two sensors measured is compared with one FRF of the model.
+    """Warnings about responses with the same output row and excitation, so that two sensors are compared with one FRF.
 
-    Where a place is in doubt, the node that happens to be the nearest tells nothing, and no sensor is one too many.
+    Responses whose place is in doubt (``astray``) are left out, because their nearest node is meaningless.
     """
     seen: dict[tuple[object, ...], str] = {}
     for i, ((name, own), row) in enumerate(zip(responses, _columns(model.L.T.tocsc(), scaled=False), strict=True)):
@@ -360,7 +360,7 @@ def _one_place(model: FeModel, responses: Sequence[tuple[str, int]], astray: Col
 
 
 def _terms_twice(model: FeModel, groups: Sequence[TermGroup]) -> Iterator[str]:
-    """Groups that share vectors: nothing tells their values apart."""
+    """Warnings about groups that share terms, whose values cannot be distinguished."""
     left, right = _columns(model.terms.left), _columns(model.terms.right)
     owner: dict[tuple[object, ...], str] = {}
     shared: dict[tuple[str, str], int] = {}
@@ -377,7 +377,7 @@ def _terms_twice(model: FeModel, groups: Sequence[TermGroup]) -> Iterator[str]:
 
 
 def misplaced_bolts(groups: Sequence[TermGroup], bolts: PointTable | None) -> str | None:
-    """That all bolts, or more of them, would be reached by terms if the bolts file were read otherwise, in words; None where not."""
+    """Warning if terms would reach all or more bolts with other axes or another origin of the bolts file; else None."""
     otherwise = None if bolts is None else misplaced(_reaching(groups), bolts.xyz)
     if bolts is None or otherwise is None:
         return None
@@ -392,7 +392,7 @@ def misplaced_bolts(groups: Sequence[TermGroup], bolts: PointTable | None) -> st
 
 
 def _reaching(groups: Sequence[TermGroup]) -> list[Edge | Joints]:
-    """What can reach a bolt."""
+    """Stiffness groups that can reach a bolt, as edges or joints with placeholder values."""
     values: list[Edge | Joints] = []
     for group in groups:
         zero = np.zeros(group.count)
@@ -404,7 +404,7 @@ def _reaching(groups: Sequence[TermGroup]) -> list[Edge | Joints]:
 
 
 def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None) -> Iterator[str]:
-    """Bolts beside all terms: most of them, or so that they would lie at terms if they were read otherwise."""
+    """Warning if terms do not reach most bolts, or would reach more with other axes or another origin of the bolts file."""
     elsewhere = misplaced_bolts(groups, bolts)
     if elsewhere is not None:
         yield (
@@ -425,7 +425,7 @@ def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None) -> Iter
 
 
 def _columns(vectors: sp.csc_array, *, scaled: bool = True) -> list[tuple[bytes, bytes]]:
-    """Columns as what can be compared; up to a factor where ``scaled``."""
+    """Columns as bytes for comparison; up to a factor if ``scaled``."""
     vectors = vectors.sorted_indices()
     found = []
     for start, end in zip(vectors.indptr[:-1], vectors.indptr[1:], strict=True):

@@ -1,4 +1,4 @@
-"""Whether points lie where the model is, and whether coordinates and matrices are in the units that are stated."""
+"""Checks that points lie at the model, and that coordinates and matrices are in the stated units."""
 
 from __future__ import annotations
 
@@ -22,43 +22,43 @@ from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.selection import nearest, spacing
 from lrbc_cli.model.units import SI, USUAL_SYSTEMS, parse_system
 
-#: Speed that no wave in a mesh has [m/s]: in diamond it is 18 km/s, and sqrt(K_ii / M_ii) times the spacing of the nodes is a few times
-#: that of the material. A thousand times the speed in air, or in a thin plate, lies above.
+#: Largest possible wave speed in a mesh, ``sqrt(K_ii / M_ii)`` times the node spacing [m/s]: in diamond it is 18 km/s, and the estimate is
+#: a few times that of the material. A thousand times the speed in air, or in a thin plate, is above.
 FASTEST = 2e5
 
-#: Bounds of that speed from below, and of the mass of a node over the cube of the distance to its neighbours [kg/m³]: from thin sheets in
-#: coarse meshes to lead in fine ones.
+#: Least wave speed [m/s], and bounds of the mass of a node over the cube of the node spacing [kg/m³]: from thin sheets in coarse meshes to
+#: lead in fine ones.
 SLOWEST, LIGHTEST, HEAVIEST = 10.0, 0.3, 3e6
 
-#: Middle of what is possible, and a metre for the size of a structure: what comes nearest to them is named.
+#: Usual speed, density (geometric means of the bounds) and size of a structure [m], to rank possible causes.
 USUAL = np.array([(SLOWEST * FASTEST) ** 0.5, (LIGHTEST * HEAVIEST) ** 0.5, 1.0])
 
 MILLIMETRES = 1e-3
 
-#: A point lies at a node within this share of the distance to the next one.
+#: Largest distance of a point from a node at which it lies, as a share of the node spacing.
 AT_NODE = 0.05
 
-#: Axes that are exchanged, and the columns then.
+#: Exchanged axes, and the order of the columns.
 EXCHANGES = {"x and y": [1, 0, 2], "x and z": [2, 1, 0], "y and z": [0, 2, 1]}
 
-#: Sizes of the model beyond which no slip but that of the unit is likely.
+#: Distance from the model, in its sizes, beyond which only a wrong unit is likely.
 EVIDENT = 20.0
 
-#: Powers of ten that lie between usual units of stiffness and of mass.
+#: Powers of ten between usual units of stiffness and of mass.
 POWERS = (-12, -9, -6, -3, 3, 6, 9, 12)
 
-#: Weight densities typed as mass densities leave the acceleration of gravity [m/s², in/s²].
+#: Gravity [m/s², in/s²]: factor of a weight density that was entered as mass density.
 GRAVITIES = (9.80665, 386.0886)
 
-#: Decades within which speed, density and size of structures and meshes lie about the usual.
+#: Largest deviation of speed, density and size from the usual values [decades].
 MOST_OFF = 1.8
 
-#: Causes that come nearest to the usual by so many decades, of speed and density together, are told side by side.
+#: Causes are named together if their deviations (sum of speed and density) differ by less than this [decades].
 ALIKE = 0.7
 
 
 def extents(xyz: Floats) -> str:
-    """The box of points in words."""
+    """Bounding box of points [m] in words."""
     low, high = xyz.min(axis=0), xyz.max(axis=0)
     return ", ".join(f"{axis} {a:.4g} to {b:.4g}" for axis, a, b in zip("xyz", low, high, strict=True)) + " m"
 
@@ -72,25 +72,25 @@ def require_near(
     place: Callable[[Sequence[int]], str] | None = None,
     known: bool = True,
 ) -> None:
-    """Refuse points outside the model's box by more than the box is large.
+    """Refuse points farther from the model's bounding box than the size of that box.
 
     Parameters
     ----------
     points : (m, 3) float array
     names : (m,) sequence of (str, str)
-        What they are, such as ``bolt`` or ``response``, and their names.
+        Kind, such as ``bolt`` or ``response``, and name of each.
     model : (n, 3) float array
-        Points of the model [m]; without an extent they tell nothing.
+        Points of the model [m]; no check without an extent.
     file : Path
     place : callable or None
-        Where some of the points are given in it.
+        From indices of points to their keys in the file.
     known : bool
-        Whether ``model`` is all of it. Of a part, points may lie far away: then all of them must, and fit in millimetres.
+        Whether ``model`` is the whole model. If not, points may be far away, and are refused only if all are and would fit in millimetres.
 
     Raises
     ------
     DataError
-        With the likely cause, once for all of them.
+        One for all points, with the likely cause.
     """
     low, high = model.min(axis=0), model.max(axis=0)
     size = float(np.linalg.norm(high - low))
@@ -106,7 +106,7 @@ def require_near(
         return
     worst = int(far[np.argmax(distance[far])])
     hint = "correct the coordinates (order and direction of the axes, origin)"
-    # Any point near fits when it is divided: millimetres lie hundreds of sizes away.
+    # Points in millimetres are hundreds of sizes away; nearer points would fit after division as well, by chance.
     if distance[worst] > EVIDENT * size and away(points[far] * MILLIMETRES).max() <= size:
         hint = "these are probably millimetres: divided by 1000 they fit the model. Give coordinates in metres"
     elif away(points / MILLIMETRES).max() <= size:
@@ -145,9 +145,9 @@ def counted(names: Sequence[tuple[str, str]], some: Sequence[int]) -> str:
 
 @dataclass(frozen=True)
 class NearPoint:
-    """A point that is given by coordinates [m], the component that is meant, and the warning where it lies beside the nodes.
+    """A point given by coordinates [m], its component, and a warning if it is not at a node.
 
-    ``away`` is the distance to the nearest node over that to the next one: above 1 the point is meant to be elsewhere.
+    ``away`` is the distance to the nearest node over the node spacing; above 1 the coordinates are probably wrong.
     """
 
     place: Floats
@@ -157,26 +157,26 @@ class NearPoint:
 
 
 def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> tuple[list[str], bool]:
-    """Warnings of points beside the nodes: one where another origin, at a side or in the middle of the model, explains all of them.
+    """Warnings about points that are not at nodes; a single one if another origin (a side or the middle of the model) explains all.
 
     Parameters
     ----------
     dofs : DofTable
     points : sequence of NearPoint
     unit : float
-        Of the campaign's coordinates [m].
+        Length unit of the campaign [m].
 
     Returns
     -------
     list of str
     bool
-        Whether another origin does.
+        Whether another origin explains all.
     """
     told = [point.warning for point in points if point.warning]
     if len(told) < 2 or 2 * len(told) <= len(points):
         return told, False
     low, high = dofs.xyz.min(axis=0), dofs.xyz.max(axis=0)
-    # What leaves all points at nodes, or is the only one that leaves all of them within a mesh size.
+    # Accept a shift that puts all points at nodes, or the only one that puts all within a mesh size.
     fits: list[tuple[float, tuple[float, ...]]] = []
     for shift in product(*(sorted({0.0, a, 0.5 * (a + b), b}) for a, b in zip(low.tolist(), high.tolist(), strict=True))):
         away = []
@@ -198,7 +198,7 @@ def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> tu
 
 
 def require_unit(dofs: DofTable, points: Sequence[NearPoint], file: Path) -> None:
-    """Refuse hammer and sensors that all fall on one node, and lie at nodes of their own times the ratio of two units of length.
+    """Refuse hammer and sensors whose nearest node is the same for all, if the ratio of two length units puts them at different nodes.
 
     Raises
     ------
@@ -219,24 +219,24 @@ def require_unit(dofs: DofTable, points: Sequence[NearPoint], file: Path) -> Non
 
 
 def _nodes_at(dofs: DofTable, points: Sequence[NearPoint], times: float, share: float) -> set[int]:
-    """Nodes at which places lie that are multiplied, within this share of the spacing there; empty where one lies at none."""
+    """Nodes at which the points times a factor lie, within ``share`` of the node spacing; empty if one point is at no node."""
     found = [nearest(dofs, (times * point.place).tolist(), point.component) for point in points]
     near = [dof for dof, distance in filter(None, found) if distance <= share * spacing(dofs, dof)]
     return {int(dofs.node[dof]) for dof in near} if len(near) == len(points) else set()
 
 
 def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign: Campaign) -> str | None:
-    """Refuse coordinates in which waves would be faster than any are.
+    """Refuse coordinates with which the wave speed would be impossible.
 
     Returns
     -------
     str or None
-        Units in which the model is more likely written, where masses and distances say so although speeds do not.
+        Warning if the speed is possible, but the density is not.
 
     Raises
     ------
     DataError
-        Where the spacing of the nodes does not fit stiffness over mass: millimetres, or matrices in t, mm and s.
+        If the node spacing does not fit stiffness and mass, as with millimetres, or matrices in t, mm and s.
     """
     translations = np.isin(dofs.component, ("UX", "UY", "UZ"))
     source = campaign.model.dofs
@@ -261,7 +261,7 @@ def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign: C
 
 
 def frequencies_doubt(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign: Campaign) -> str | None:
-    """What makes a model whose frequencies are far too low one of a structure; None where its speed and density are those of one."""
+    """Likely mistake in a model whose frequencies are far too low; None if its wave speed and density are possible."""
     found = _speed_and_density(K, M, dofs, np.isin(dofs.component, ("UX", "UY", "UZ")))
     if found is None or (found[0] > SLOWEST and LIGHTEST < found[1] < HEAVIEST):
         return None
@@ -269,7 +269,7 @@ def frequencies_doubt(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign
 
 
 def likely_units(K: sp.csc_array, M: sp.csc_array, dofs: DofTable) -> list[str]:
-    """Systems of units in which the masses and distances of a model as exported are those of a structure; SI where they are in it."""
+    """Systems of units in which wave speed and density of an exported model are possible; only SI if they are possible in SI."""
     found = _speed_and_density(K, M, dofs, np.isin(dofs.component, ("UX", "UY", "UZ")))
     if found is None or (SLOWEST < found[0] < FASTEST and LIGHTEST < found[1] < HEAVIEST):
         return ["SI"]
@@ -282,18 +282,18 @@ def likely_units(K: sp.csc_array, M: sp.csc_array, dofs: DofTable) -> list[str]:
 
 
 def _speed_and_density(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, field: Bools) -> tuple[float, float, float] | None:
-    """Speed of waves [m/s], mass of a node over the cube of the distance to the next [kg/m³], and that distance [m], roughly."""
+    """Approximate wave speed [m/s], mass of a node over the cube of the node spacing [kg/m³], and that spacing [m]; None if unknown."""
     stiffness, mass = np.abs(K.diagonal())[field], np.real(M.diagonal())[field]
     places = np.unique(dofs.xyz[field], axis=0)
     if places.shape[0] < 2 or mass.mean() <= 0.0:
         return None
     spacing = float(np.median(cKDTree(places).query(places, k=2)[0][:, 1]))
-    # Means of the mass and medians of the stiffness: neither massless nodes nor penalties count.
+    # The mean mass and the median stiffness are insensitive to massless nodes and to penalties.
     return spacing * float(np.sqrt(np.median(stiffness) / mass.mean())), float(mass.mean()) / spacing**3, spacing
 
 
 def mistake_text(campaign: Campaign, matrix: str, factor: float) -> str:
-    """A matrix that is too large by a factor, in words, and what to write.
+    """Text on a matrix that is too large by a factor, with its remedy.
 
     Parameters
     ----------
@@ -319,19 +319,19 @@ def mistake_text(campaign: Campaign, matrix: str, factor: float) -> str:
 
 
 def likely_mistake(campaign: Campaign, dofs: DofTable, speed: float, density: float) -> str | None:
-    """What makes speed of waves, density and size of a model that is not possible as it stands those of a structure, and what to write.
+    """Likely mistakes (units, or a factor on a matrix) that give a model possible wave speed, density and size, with remedies.
 
     Parameters
     ----------
     campaign : Campaign
     dofs : DofTable
     speed, density : float
-        As the campaign has them [m/s, kg/m³].
+        As the campaign states the model [m/s, kg/m³].
 
     Returns
     -------
     str or None
-        None where nothing known comes near all three.
+        None if no known mistake explains all three.
     """
     found: list[tuple[float, str]] = []
     stated, size = campaign.unit_system, float(np.linalg.norm(np.ptp(dofs.xyz, axis=0)))
@@ -349,7 +349,7 @@ def likely_mistake(campaign: Campaign, dofs: DofTable, speed: float, density: fl
     text = "the coordinates of the DOF table are in millimetres, the matrices in metres: convert them, or export all in one system of units"
     add(text, speed * MILLIMETRES, density / MILLIMETRES**3, size * MILLIMETRES)
     for factor in (10.0**power for power in POWERS):
-        # Where none are stated, the units of all are the likelier slip.
+        # If no units are stated, wrong units of the whole model are more likely.
         handicap = ALIKE if stated == SI else 0.0
         for matrix, change in (("mass", (factor**0.5, 1.0 / factor)), ("stiffness", (factor**-0.5, 1.0))):
             text = mistake_text(campaign, matrix, factor)

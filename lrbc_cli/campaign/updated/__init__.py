@@ -1,1 +1,1 @@
-"""The updated model of a job in motion: its modes and its deflection shapes."""
+"""Modes and operational deflection shapes of the updated model of a job, for its result files."""

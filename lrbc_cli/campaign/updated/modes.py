@@ -1,4 +1,4 @@
-"""Natural frequencies of a job's model before and after updating, for its result file."""
+"""Natural frequencies and damping ratios of the model of a job before and after updating, paired by MAC, for its result file."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from lrbc_cli.remembered import Remembered
 
 log = logging.getLogger(__name__)
 
-#: Jobs start from the same reference state; so many states are kept.
+#: Modes of the last states; all jobs start from the same reference state.
 _modes = Remembered[Modes](8)
 
 
 def modes_tree(inputs: Inputs, stage: ReductionStage | None, result: Identification) -> dict[str, Any] | None:
-    """The key ``modes`` of ``result.json``; None without a reduced model. What drifted in a measurement is not in these modes."""
+    """The key ``modes`` of ``result.json``, without nuisance parameters; None without a reduced model, or if the modes are not found."""
     if stage is None:
         return None
     model, band = stage.reduction.model, inputs.campaign.reduction.band
@@ -60,7 +60,7 @@ def _mode(state: str, modes: Modes, index: int | None) -> dict[str, Any]:
 
 
 def polynomial(parameters: Parameterisation, theta: Floats) -> Complexes | Floats:
-    """(nt, 3) k, c and m of the terms, complex where their damping is hysteretic."""
+    """(nt, 3) stiffness, damping and mass of the terms; complex if their damping is hysteretic."""
     terms = parameters.polynomial(theta)
     loss = np.zeros_like(terms)
     kappa = parameters.scales(theta)

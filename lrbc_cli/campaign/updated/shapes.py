@@ -1,4 +1,4 @@
-"""Operational deflection shapes of a job's updated model at the nodes that are drawn, beside what was measured there."""
+"""Operational deflection shapes of the updated model of a job at the drawn nodes, with the measured motion of the sensors."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.updating.comparison.correlation import fdac, mean_spectrum, measured_values, quantity_weights, spectrum_peaks
 from lrbc_cli.updating.misfit.extended import ExtendedFrf
 
-#: Shapes of a job at most, and their digits.
+#: Largest number of shapes of a job, and number of their decimals.
 MOST, DIGITS = 6, 3
 
 
 def shapes_of(inputs: Inputs, stage: ReductionStage | None, result: Identification) -> ShapesRecord | None:
-    """Shapes at the largest peaks of the model's mean spectrum, for the excitation with most responses; None without a basis or a peak."""
+    """Shapes at the largest peaks of the model's mean spectrum, for the excitation with most responses; None without basis or peak."""
     if stage is None or stage.rows is None:
         return None
     load = int(np.bincount(inputs.input_of).argmax())
@@ -57,7 +57,7 @@ def shapes_of(inputs: Inputs, stage: ReductionStage | None, result: Identificati
 
 
 def displacements(inputs: Inputs, stage: ReductionStage, result: Identification, s: Complexes, load: int) -> Complexes:
-    """(F, k) displacements at the rows of the basis for a unit force at one load, with what drifted."""
+    """(F, k) displacements [m] at the rows of the basis for a unit force at one load, with nuisance parameters."""
     assert stage.rows is not None
     affine = AffineModel(stage.reduction.model, inputs.recipe, inputs.shifts)
     drifted = ExtendedFrf(affine, s, result.parameters, result.posterior.nuisances, np.arange(len(inputs.responses)))
@@ -75,12 +75,12 @@ def displacements(inputs: Inputs, stage: ReductionStage, result: Identification,
 
 
 def _unit(values: Complexes) -> complex:
-    """The largest size, at the phase at which the values are largest together."""
+    """Complex unit of a shape: the largest magnitude, with the phase at which the values are largest together."""
     size = float(np.abs(values).max(initial=0.0)) or 1.0
     return complex(size * np.exp(0.5j * np.angle(np.sum((values / size) ** 2))))
 
 
 def _parts(name: str, values: Complexes) -> dict[str, Floats]:
-    # Zero has no sign here.
+    # Adding 0.0 turns -0.0 into 0.0.
     real, imag = np.asarray(values.real, dtype=float), np.asarray(values.imag, dtype=float)
     return {f"{name}real": real.round(DIGITS) + 0.0, f"{name}imag": imag.round(DIGITS) + 0.0}

@@ -1,1 +1,1 @@
-"""Contradictions within a campaign, by kind: between its springs and the matrix, and in its settings."""
+"""Warnings about contradictions within a campaign, one kind per module: springs, places, numbering, materials, settings, names."""

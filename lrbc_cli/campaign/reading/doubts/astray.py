@@ -1,4 +1,4 @@
-"""Bolts beside their own springs, and places of terms beside their DOFs: read in other units, axes or orders, it seems."""
+"""Detects bolts far from their own springs, and terms far from their DOFs: wrong units, axes, origin or order of a table."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from lrbc_cli.io.text.bushings import BushingTable
 from lrbc_cli.io.text.tables import ROUNDING
 from lrbc_cli.model.dofs import DofTable, PointTable
 
-#: Springs of another bolt are nearer than the own ones by more than this factor: those of one place are not.
+#: Ratio of distances below which springs of another bolt are clearly nearer than the bolt's own.
 CLEARLY_NEARER = 0.5
 
-#: Pairs of names that tell enough.
+#: Largest number of examples in a message.
 _MOST = 4
 
 
 def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str], unit: float) -> str | None:
-    """What is wrong with bolts that lie beside their own springs and nearer to those of other bolts, in words.
+    """Warning if bolts are nearer to the springs of other bolts than to their own, or all shifted by one vector; else None.
 
     Parameters
     ----------
     bolts : PointTable
     springs : (m, 3) float array
-        Their places [m].
+        Positions of the springs [m].
     owner : (m,) sequence of str
-        The bolt of each.
+        Bolt of each spring.
     unit : float
-        Of the file's coordinates [m].
+        Length unit of the file [m].
     """
     names = [name for name in bolts.name if name in owner]
     xyz = bolts.xyz[[bolts.name.index(name) for name in names]]
@@ -48,15 +48,15 @@ def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str
 
     lost = np.flatnonzero(astray(xyz, CLEARLY_NEARER))
     middles = np.array([springs[mask].mean(axis=0) for mask in own])
-    # Places are written to a nanometre at most; more digits are rounding.
+    # Rounded to a nanometre; further digits are rounding errors.
     shift = np.median(middles - xyz, axis=0).round(9)
     added = ", ".join(f"{value / unit:.6g}" for value in shift + 0.0)
-    # One shift that puts every bolt nearer to its springs than the shift is long.
+    # Whether one shift puts every bolt much nearer to its springs.
     length = float(np.linalg.norm(shift))
     moved = np.linalg.norm(middles - xyz - shift, axis=1).max() < CLEARLY_NEARER * length
     origin = f"the places are probably given from another origin: add ({added}) to all of them"
     if not lost.size:
-        # Of bolts in a regular pattern the springs of others are no nearer then.
+        # In a regular pattern a common shift need not bring bolts nearer to other springs.
         far = moved and length > CLEARLY_NEARER * float(cKDTree(middles).query(middles, 2)[0][:, 1].min())
         return f"all bolts lie {length / unit:.3g} from their springs, by the same vector; {origin}" if far else None
     ways = {
@@ -64,7 +64,7 @@ def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str
         "the places are probably in millimetres: divide them by 1000": xyz * MILLIMETRES,
         **{f"{axes} are probably exchanged: exchange these columns": xyz[:, order] for axes, order in EXCHANGES.items()},
     }
-    # Or names that change places among themselves.
+    # Or the names of the bolts are permuted.
     ways |= {origin: xyz + shift} if moved else {}
     nearest_to = [names.index(owner[int(np.argmin(np.linalg.norm(springs - point, axis=1)))]) for point in xyz]
     if sorted(nearest_to) == list(range(len(names))):
@@ -79,19 +79,19 @@ def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str
 
 
 def stray_springs(table: BushingTable, places: Floats, bolts: PointTable, dofs: DofTable, unit: float, *, times: float = 3.0) -> str:
-    """What to say of a few springs that lie far from their bolts where all others lie at theirs; empty where there are none.
+    """Warning about a few springs far from their bolts while all others are at theirs; empty if there are none.
 
     Parameters
     ----------
     table : BushingTable
     places : (m, 3) float array
-        Of the springs [m].
+        Positions of the springs [m].
     bolts : PointTable
     dofs : DofTable
     unit : float
-        Of the file's coordinates [m].
+        Length unit of the file [m].
     times : float
-        As far as the farthest of the others, so many times, and a quarter of the way to the next bolt.
+        A spring is far if its distance exceeds this multiple of the largest among the others, and a quarter of that to the next bolt.
     """
     known = [k for k, bolt in enumerate(table.bolt) if bolt in bolts.name]
     if len(bolts.name) < 3 or len(known) < 4:
@@ -99,7 +99,7 @@ def stray_springs(table: BushingTable, places: Floats, bolts: PointTable, dofs: 
     own = bolts.xyz[[bolts.name.index(table.bolt[k]) for k in known]]
     away, next_bolt = np.linalg.norm(places[known] - own, axis=1), cKDTree(bolts.xyz).query(own, 2)[0][:, 1]
     order = np.argsort(away)
-    # A quarter at most: where more are far off, the bolts file or the whole table is wrong.
+    # At most a quarter of the springs: if more are far off, the bolts file or the whole table is wrong.
     near = order[: len(known) - len(known) // 4]
     far = [k for k in order[len(near) :].tolist() if away[k] > max(times * away[near].max(), 0.25 * next_bolt[k])]
     if not far:
@@ -118,7 +118,7 @@ def stray_springs(table: BushingTable, places: Floats, bolts: PointTable, dofs: 
 
 
 def _exchange_text(names: Sequence[str], nearest_to: Sequence[int], lost: Sequence[int]) -> str:
-    """That places are those of other bolts, by the bolt whose springs are nearest to each, and which names to change."""
+    """Text that positions are those of other bolts (``nearest_to``: index of the bolt with the nearest springs), with the remedy."""
     backwards = reversed_order(nearest_to)
     turned = ", ".join(f"{names[k]} at the springs of {names[nearest_to[k]]}" for k in lost[: _MOST if backwards else 8])
     if not backwards:
@@ -131,23 +131,24 @@ def _exchange_text(names: Sequence[str], nearest_to: Sequence[int], lost: Sequen
 
 
 def reversed_order(order: Sequence[int]) -> bool:
-    """Whether a row or a ring of four or more is numbered backwards, from whichever of them."""
+    """Whether a row or ring of four or more is numbered in reverse, with any starting point."""
     count, first = len(order), order[0]
     turned = [(first - k) % count for k in range(count)]
     return sum(k != other for k, other in enumerate(order)) > 2 and list(order) == turned
 
 
 def beside_their_dofs(places: Floats, vectors: sp.csc_array, model: Floats) -> str | None:
-    """What is wrong with places of terms most of which lie beside the DOFs that their vectors act on, in words.
+    """Warning if most terms are not at the DOFs on which their vectors act; else None.
 
-    They do where DOFs of other terms are nearer, or where they are farther away than the terms are from each other.
+    That is, DOFs of other terms are nearer, or the distances exceed the extent of the terms.
 
     Parameters
     ----------
     places : (m, 3) float array
+        Positions of the terms [m].
     vectors : (n, m) csc_array
     model : (n, 3) float array
-        Places of the DOFs [m].
+        Positions of the DOFs [m].
     """
     acted = [vectors.indices[start:end] for start, end in zip(vectors.indptr[:-1], vectors.indptr[1:], strict=True)]
     trees = [cKDTree(model[at]) for at in acted]

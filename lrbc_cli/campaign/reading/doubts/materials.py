@@ -1,4 +1,4 @@
-"""Numbers of materials: which was written in which unit, where a matrix is off by a factor, and one that was left out."""
+"""Likely mistakes in material data: the unit that explains a wrong factor on a matrix, and a missing density."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lrbc_cli.model.dofs import COMPONENTS, DofTable
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.units import UnitSystem
 
-#: Units in which densities, masses, moduli and stiffnesses are written [kg/m³, kg, Pa, N/m].
+#: Usual units of densities, masses, moduli and stiffnesses, in SI [kg/m³, kg, Pa, N/m].
 DENSITIES = {
     "kg/m³": 1.0,
     "g/cm³ or t/m³": 1e3,
@@ -25,21 +25,21 @@ MASSES = {"kg": 1.0, "g": 1e-3, "t": 1e3, "lbm": 0.45359237, "lbf s²/in": 175.1
 MODULI = {"Pa": 1.0, "MPa": 1e6, "GPa": 1e9, "psi": 6894.7573}
 STIFFNESSES = {"N/m": 1.0, "N/mm": 1e3}
 
-#: Density and modulus of steel [kg/m³, Pa]: numbers that everybody knows in the units that he works in.
+#: Density and modulus of steel [kg/m³, Pa], as familiar examples.
 STEEL = {"mass": 7850.0, "stiffness": 2.1e11}
 
 
 def material_cause(unit: UnitSystem, matrix: str, factor: float) -> str | None:
-    """In which units the numbers were, it seems, and what this system of units wants, with the number of steel.
+    """Text on the unit in which material data were probably given, and the unit required, with the value of steel.
 
     Parameters
     ----------
     unit : UnitSystem
-        As the campaign states it.
+        Stated by the campaign.
     matrix : str
         ``stiffness``, ``mass`` or ``damping``.
     factor : float
-        By which the matrix is too large.
+        Factor by which the matrix is too large.
 
     Returns
     -------
@@ -54,7 +54,7 @@ def material_cause(unit: UnitSystem, matrix: str, factor: float) -> str | None:
         whole, pieces, piece = "springs", STIFFNESSES, unit.force / unit.length
     else:
         return None
-    # What is too large by a factor was written in a unit that is smaller by it.
+    # A value that is too large by a factor was given in a unit smaller by that factor.
     wanted = _name(known, own) or f"{own:.4g} {next(iter(known))}"
     stated, steel = unit.text if unit.text == "SI" else f"`units: {unit.text}`", f"{STEEL[matrix] / own:.4g} for steel"
     first, second = _name(known, own / factor), _name(pieces, piece / factor)
@@ -71,7 +71,7 @@ def _name(known: Mapping[str, float], size: float) -> str | None:
 
 
 def massless_part(model: FeModel, dofs: DofTable | None, *, least: float = 0.1) -> Iterator[str]:
-    """That a share of the nodes has no mass in any direction: single ones carry constraints, a tenth of all and more is a part."""
+    """Warning if at least the share ``least`` of the nodes has no mass; a few massless nodes are normal, as they carry constraints."""
     if dofs is None:
         return
     moves = np.isin(dofs.component, COMPONENTS[:3])

@@ -1,4 +1,4 @@
-"""Names of bolts that a spreadsheet sorted apart from their places."""
+"""Detects names of bolts that were sorted in a spreadsheet without their coordinates."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lrbc_cli.model.dofs import PointTable
 
 
 def sorted_names(bolts: PointTable | None) -> Iterator[str]:
-    """A warning where bolts in a row are named in the order of an alphabet, 1, 10, 11 ... 2, and not in that of their numbers.
+    """Warning if the names of bolts in a row are in alphabetical order (1, 10, 11 ... 2) instead of that of their numbers.
 
     Parameters
     ----------

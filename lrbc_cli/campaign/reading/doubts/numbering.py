@@ -1,4 +1,4 @@
-"""Matrices whose rows are numbered otherwise than those of the stiffness."""
+"""Detects mass and damping matrices whose rows are numbered differently from those of the stiffness matrix."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ from lrbc_cli.campaign.reading.dof_source import LEAST_DOFS, MOST_FILLED
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable
 from lrbc_cli.model.fem import FeModel
 
-#: Nodes whose neighbours are looked at.
+#: Largest number of nodes whose neighbours are examined.
 _NODES = 2000
 
 
 def numbering_doubts(model: FeModel, dofs: DofTable | None) -> Iterator[str]:
-    """That mass or damping connect nodes that no two elements in a row connect, in words: their rows are others.
+    """Warnings if mass or damping connect most nodes with nodes beyond the neighbours of their neighbours in the stiffness matrix.
 
-    The matrices of one mesh connect the nodes of its elements. An entry of the stiffness may vanish by chance, as between the far corners
-    of two right-angled triangles, so that the nodes next to the neighbours count as well. Single masses and dampers connect what they
-    like: what is told holds for most nodes.
+    All matrices of one mesh connect nodes of common elements. Neighbours of neighbours are allowed, because an entry of the stiffness may
+    vanish by chance, as between far corners of two right-angled triangles. Single masses and dampers may connect any nodes.
 
     Parameters
     ----------
@@ -35,7 +34,7 @@ def numbering_doubts(model: FeModel, dofs: DofTable | None) -> Iterator[str]:
     meshed = _graph(model.K, node)
     some = spaced(meshed.shape[0], _NODES)
     reached = (meshed[some] @ meshed).tocoo()
-    # In a small or a dense model all are neighbours.
+    # In a small or dense model all nodes are neighbours.
     if reached.nnz > MOST_FILLED * reached.shape[0] * reached.shape[1]:
         return
     known = reached.row * np.int64(reached.shape[1]) + reached.col
@@ -54,7 +53,7 @@ def numbering_doubts(model: FeModel, dofs: DofTable | None) -> Iterator[str]:
 
 
 def _nodes(size: int, dofs: DofTable | None) -> Integers:
-    """(n,) number of the node of each row; structure and air may be numbered apart."""
+    """(n,) index of the node of each row; structure and air are separate, as they may use the same numbers."""
     if dofs is None:
         return np.arange(size)
     of = np.column_stack([dofs.node, dofs.component == ACOUSTIC_COMPONENT])
@@ -63,7 +62,7 @@ def _nodes(size: int, dofs: DofTable | None) -> Integers:
 
 
 def _graph(matrix: sp.csc_array, node: Integers) -> sp.csr_array:
-    """(N, N) ones where a matrix connects two nodes in either direction."""
+    """(N, N) adjacency matrix of N nodes: 1 where a matrix connects two nodes in either direction."""
     entries = matrix.tocoo()
     there = entries.data != 0
     row, column, count = node[entries.row[there]], node[entries.col[there]], int(node.max()) + 1

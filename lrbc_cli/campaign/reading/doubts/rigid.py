@@ -1,4 +1,4 @@
-"""Rigid motions that meet forces: coordinates of another model than the matrices, and numbers written with few digits."""
+"""Tests by rigid motions, which must cause no forces: coordinates of another model, too few digits, wrong diagonal, half structures."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from lrbc_cli.campaign.reading.places import EXCHANGES
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, COMPONENTS, DofTable
 
-#: Entries below this share of their row are rounding: element matrices that were rotated leave them.
+#: Entries below this share of their row are rounding errors, as rotated element matrices leave them.
 ROUNDING = 1e-9
 
 
 def digits_doubt(K: sp.csc_array, values: NDArray[np.number], component: NDArray[np.str_], *, most: int = 5, kinds: int = 20) -> str | None:
-    """A warning where rounding to few digits leaves forces that meet a rigid translation, in words.
+    """Warning if rounding to few digits leaves forces under a rigid translation; else None.
 
     Parameters
     ----------
     K : (n, n) csc_array
     values : (k,) array
-        Entries as the file has them.
+        Entries as stored in the file.
     component : (n,) array of str
     most : int
-        Digits.
+        Largest number of digits for a warning.
     kinds : int
-        Different numbers, at least: fewer have few digits because they are simple, as those of a chain.
+        Least number of different values; simple models, such as chains, have few digits without rounding.
     """
     size = np.abs(values[values != 0]).astype(float)
     digits = next((count for count in range(1, most + 1) if _has_digits(size, count)), 0)
     if not digits or np.unique(size).size < kinds or K.shape[0] < LEAST_DOFS:
         return None
-    # What springs or supports hold meets larger forces, what nothing holds meets none: half a unit of the last digit is rounding.
+    # At springs and supports forces are larger, elsewhere zero; up to half a unit of the last digit they are rounding errors.
     rounded = np.zeros(K.shape[0], dtype=bool)
     for label in COMPONENTS[:3]:
         moved = (component == label).astype(float)
@@ -52,17 +52,17 @@ def digits_doubt(K: sp.csc_array, values: NDArray[np.number], component: NDArray
 
 
 def _has_digits(size: Floats, digits: int) -> bool:
-    """Whether positive numbers have so many significant digits, or fewer."""
+    """Whether positive numbers have at most ``digits`` significant digits."""
     scaled = size / 10.0 ** (np.floor(np.log10(size)) + 1.0 - digits)
     return size.size > 0 and bool(np.all(np.abs(scaled - np.round(scaled)) <= 1e-6))
 
 
 def places_doubt(K: sp.csc_array, dofs: DofTable, *, most: float = 0.1) -> str | None:
-    """A warning where a rigid rotation meets forces at DOFs where a translation meets none, in words: the coordinates are others.
+    """Warning if a rigid rotation causes forces at DOFs where a translation causes none, so the coordinates are wrong; else None.
 
-    A stretched, mirrored or exchanged axis is a uniform strain, which meets forces on surfaces only. Translations alone are looked at:
-    the rotation about the normal of a shell may be held as the FE program likes. DOFs in axes of their own meet forces in a translation,
-    and beside DOFs of unknown kind nobody knows what a rotation is.
+    A stretched, mirrored or exchanged axis makes the rotation a uniform strain, with forces on surfaces only. Only translational rows are
+    tested, as FE programs stabilise the rotation about a shell's normal in different ways. DOFs in local axes are loaded by a translation,
+    and next to DOFs of unknown kind a rotation is not defined; both are left out.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def places_doubt(K: sp.csc_array, dofs: DofTable, *, most: float = 0.1) -> str |
     dofs : DofTable
         Of n rows.
     most : float
-        Share of those DOFs that may meet forces: at springs, constraints and loads of a model that is right some do.
+        Largest share of loaded DOFs in a correct model, at springs and constraints.
     """
     if dofs.size < LEAST_DOFS or K.nnz > MOST_FILLED * dofs.size**2:
         return None
@@ -103,21 +103,22 @@ def places_doubt(K: sp.csc_array, dofs: DofTable, *, most: float = 0.1) -> str |
 
 
 def require_single_diagonal(K: sp.csc_array, component: NDArray[np.str_], file: Path, place: str | None) -> None:
-    """Refuse a stiffness whose diagonal counts twice, as in U + U^T of a triangle U.
+    """Refuse a stiffness matrix whose diagonal counts twice, as in U + U^T of a triangle U.
 
-    Away from supports a rigid translation, or a constant pressure, meets no force; with the diagonal once more it meets the diagonal.
+    Away from supports a rigid translation, or a constant pressure, causes no force; with a doubled diagonal it causes the true diagonal.
 
     Parameters
     ----------
     K : (n, n) csc_array
     component : (n,) array of str
-        Of the rows.
+        Component of each row.
     file, place : Path, str or None
-        Of the matrix.
+        File of the matrix, and place in it.
 
     Raises
     ------
     DataError
+        If this holds for at least half of the rows.
     """
     twice, known = 0, 0
     diagonal = K.diagonal().real
@@ -141,12 +142,12 @@ def require_single_diagonal(K: sp.csc_array, component: NDArray[np.str_], file: 
 
 
 def rigid_doubts(K: sp.csc_array, dofs: DofTable) -> list[str]:
-    """What coordinates and held DOFs tell together, in words."""
+    """Warnings about coordinates of another model, and about planes of symmetry."""
     return [text for text in (places_doubt(K, dofs), symmetry_doubt(K, dofs)) if text is not None]
 
 
 def _resting(K: sp.csc_array, component: NDArray[np.str_], *, share: float = 1e-6) -> Bools:
-    """(n,) structural rows at which rigid translations meet no more than this share of the forces of their DOFs."""
+    """(n,) structural rows at which rigid translations cause forces of at most this share of the sum of magnitudes in the row."""
     rest: Bools = np.isin(component, COMPONENTS)
     for label in COMPONENTS[:3]:
         moved = (component == label).astype(float)
@@ -155,9 +156,9 @@ def _resting(K: sp.csc_array, component: NDArray[np.str_], *, share: float = 1e-
 
 
 def _turned(K: sp.csc_array, dofs: DofTable, xyz: Floats, rows: Bools, *, share: float = 1e-3) -> dict[str, float]:
-    """By axis, of the rows that a rigid rotation about it could load, those where it meets more than this share of the forces.
+    """Share of the rows that a rigid rotation about each axis loads by more than ``share`` of the sum of magnitudes, by axis.
 
-    Coordinates are written with five digits or more, of which an element has four.
+    Coordinates in files have at least five digits, of which four remain within an element.
     """
     entries, found = K.real.tocsr()[np.flatnonzero(rows)].tocoo(), {}
     away = xyz[entries.col] - xyz[rows][entries.row]
@@ -170,7 +171,7 @@ def _turned(K: sp.csc_array, dofs: DofTable, xyz: Floats, rows: Bools, *, share:
         force, size = (
             np.bincount(entries.row, each, minlength=int(rows.sum())) for each in (entries.data * motion, np.abs(entries.data * motion))
         )
-        # Entries that are the rounding of a rotated element matrix load nothing.
+        # Rows with rounding errors of rotated element matrices only are not counted.
         whole = np.bincount(entries.row, np.abs(entries.data), minlength=int(rows.sum()))
         loaded = size > ROUNDING * np.ptp(xyz, axis=0).max(initial=0.0) * whole
         if loaded.any():
@@ -179,9 +180,9 @@ def _turned(K: sp.csc_array, dofs: DofTable, xyz: Floats, rows: Bools, *, share:
 
 
 def symmetry_doubt(K: sp.csc_array, dofs: DofTable, *, most: float = 0.8, least: int = 3, flat: float = 1e-6) -> str | None:
-    """A warning where the nodes of an outer plane are held as a plane of symmetry holds them, in words: half of the structure is missing.
+    """Warning if the nodes of an outer plane are fixed as on a plane of symmetry, so that half of the structure is missing; else None.
 
-    A plane of symmetry with the normal x holds UX, ROTY and ROTZ, and leaves UY, UZ and ROTX; a clamped or a pinned border holds others.
+    A plane of symmetry with normal x fixes UX, ROTY and ROTZ, and leaves UY, UZ and ROTX free; clamped or pinned borders fix others.
 
     Parameters
     ----------
@@ -189,11 +190,11 @@ def symmetry_doubt(K: sp.csc_array, dofs: DofTable, *, most: float = 0.8, least:
     dofs : DofTable
         Of n rows.
     most : float
-        Share of the nodes of the plane that are held so: corners are held otherwise, too.
+        Least share of the nodes of the plane that are fixed so; corners may have further constraints.
     least : int
-        Number of such nodes.
+        Least number of such nodes.
     flat : float
-        Tolerance of the plane, over the extent.
+        Tolerance of the plane relative to the extent.
     """
     own = np.isin(dofs.component, COMPONENTS) & (K.diagonal() != 0.0)
     there = set(dofs.component[own].tolist())

@@ -1,4 +1,4 @@
-"""Settings that contradict each other or leave no room for a loose bolt."""
+"""Warnings about settings that contradict each other, or with which no bolt can be found loose."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lrbc_cli.method.rule import rule_of
 
 
 def setting_slips(campaign: Campaign) -> Iterator[str]:
-    """Warnings about settings, in words, each with what to do."""
+    """Warnings about settings, each with its remedy."""
     yield from _tight_states(campaign)
     lenient = lenient_text(campaign.update)
     if lenient:
@@ -24,7 +24,7 @@ def setting_slips(campaign: Campaign) -> Iterator[str]:
 
 
 def _coarse(campaign: Campaign, *, most: float = 0.05) -> Iterator[str]:
-    """A tolerance that lets FRFs of the reduced model err by more than half a decibel."""
+    """Warning about a tolerance that allows errors of about half a decibel or more in the reduced model."""
     tolerance = campaign.reduction.tolerance
     if tolerance > most:
         yield (
@@ -47,7 +47,7 @@ def _tight_states(campaign: Campaign) -> Iterator[str]:
 
 
 def lenient_text(update: UpdateConfig, *, most: float = -1.0) -> str:
-    """That a change that is given calls bolts tight that lost more than nine tenths; empty where it does not."""
+    """Warning if ``loose_change`` calls bolts tight that lost more than nine tenths of their stiffness; else empty."""
     if update.loose_change is None or update.loose_change >= most:
         return ""
     lost = 100.0 * (1.0 - 10.0**update.loose_change)
@@ -55,7 +55,7 @@ def lenient_text(update: UpdateConfig, *, most: float = -1.0) -> str:
 
 
 def _narrow_prior(update: UpdateConfig, *, most: float = 4.0) -> Iterator[str]:
-    """A prior so narrow that the change at which a bolt counts as loose lies ``most`` standard deviations off: one in 30 000 is there."""
+    """Warning if the threshold of a loose bolt is more than ``most`` standard deviations of the prior away (probability 1 in 30 000)."""
     change = rule_of(update).mixture_change
     if update.prior_std != "auto" and update.reference is not None and -change > most * update.prior_std:
         yield (
@@ -65,7 +65,7 @@ def _narrow_prior(update: UpdateConfig, *, most: float = 4.0) -> Iterator[str]:
 
 
 def _wide_nuisances(update: UpdateConfig, *, decibels: float = 3.0, kelvin: float = 40.0) -> Iterator[str]:
-    """Standard deviations of what drifts that no measuring chain and no room has, as if they were per cent and degrees."""
+    """Warnings about impossibly large standard deviations of nuisance parameters, probably in per cent or degrees."""
     gain, air = update.nuisances.gain, update.nuisances.temperature
     if gain is not None and gain > decibels:
         yield (
@@ -80,7 +80,7 @@ def _wide_nuisances(update: UpdateConfig, *, decibels: float = 3.0, kelvin: floa
 
 
 def start_slips(campaign: Campaign, *, far: float = 2.0) -> dict[str, str]:
-    """By group: start values, or bounds, of springs of a table that are no log10 of multiples of it, by ``far`` decades or as factors."""
+    """Warnings, by group, about start values or bounds of springs of a table that are no log10 of factors on the table."""
     found: dict[str, str] = {}
     for name, group in campaign.parameters.items():
         file, start, bounds = group.select.bushings, group.initial, group.bounds
@@ -101,7 +101,7 @@ def start_slips(campaign: Campaign, *, far: float = 2.0) -> dict[str, str]:
 
 
 def _ranges(campaign: Campaign) -> Iterator[str]:
-    """Start values and bounds of springs that are no log10 of multiples of the table; bounds between which no bolt is loose."""
+    """Warnings of ``start_slips``, and about bounds within which no bolt can become loose."""
     change, slips = rule_of(campaign.update).mixture_change, start_slips(campaign)
     yield from slips.values()
     for name, group in campaign.parameters.items():
@@ -119,7 +119,7 @@ def _ranges(campaign: Campaign) -> Iterator[str]:
 
 
 def guesses(campaign: Campaign) -> list[str]:
-    """What a person has not confirmed yet."""
+    """Warning about a guessed reference job that the user has not confirmed yet; else empty."""
     update = campaign.update
     if update.reference is None or not update.reference_guessed:
         return []

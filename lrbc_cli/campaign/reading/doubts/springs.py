@@ -1,4 +1,4 @@
-"""Springs of a table beside those that the stiffness matrix holds: in other units, twice, elsewhere or not at all."""
+"""Compares springs of a table with those in the stiffness matrix: in other units, contained twice, at other nodes, or missing."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from lrbc_cli.model.dofs import COMPONENTS, DofTable, PointTable
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.units import SI, USUAL_SYSTEMS, UnitSystem, parse_system
 
-#: Share of a spring's stiffness within which the matrix holds it.
+#: Largest relative difference of a spring's stiffness in matrix and table.
 HELD = 0.01
 
 
 def held_springs(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | None) -> Iterator[str]:
-    """What the matrix holds of the springs that are updated: in other units, twice, or not at all."""
+    """Warnings if the matrix contains the springs to be updated in other units, without stated baseline, or less than the baseline."""
     for group in groups:
         held = [] if dofs is None or group.config.select.bushings is None else _held(model, group, dofs)
         text = _unit_text(campaign, group, held)
@@ -41,7 +41,7 @@ def held_springs(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup]
 
 
 def half_grounded(model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | None) -> Iterator[str]:
-    """Springs of a table that go to ground, where springs of another table join the nodes of all of them, bolt by bolt, to others."""
+    """Warnings about springs to ground whose nodes, bolt by bolt, are joined to other nodes by the springs of another table."""
     if dofs is None:
         return
     alone: dict[str, dict[tuple[int, int], str]] = {}
@@ -68,9 +68,9 @@ def half_grounded(model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | 
 
 
 def lacking_springs(model: FeModel, group: TermGroup, dofs: DofTable | None, bolts: PointTable | None) -> str | None:
-    """Where the springs of a table are that the matrix does not hold as the table says, in words; None where that cannot be told.
+    """Hint on springs of a table that the matrix does not contain as stated; None if unknown. Used once a baseline is known to be missing.
 
-    Of translational springs to ground, by the forces that meet a rigid translation: for those who know already that something is missing.
+    Examines translational springs to ground, by the forces under a rigid translation.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def _absent(
     springs: tuple[Integers, Floats, Integers, Integers],
     force: Mapping[str, Floats],
 ) -> str:
-    """What to do about springs that the matrix lacks: DOFs and stiffness of all, which of them are lacking, and the parameter of each."""
+    """Hint on springs that the matrix lacks; ``springs``: DOF and stiffness of all, indices of those lacking, parameter of each."""
     rows, stated, lacking, parameter = springs
     if lacking.size == rows.size:
         shares = [force[str(dofs.component[row])] / k for row, k in zip(rows[lacking], stated[lacking], strict=True)]
@@ -143,10 +143,9 @@ def _absent(
 
 
 def _held(model: FeModel, group: TermGroup, dofs: DofTable) -> list[tuple[bool, Floats]]:
-    """What the matrix holds over what the table says, of translations and of rotations.
+    """Ratios of the stiffness in the matrix to that in the table, separately for translations (False) and rotations (True).
 
-    A rigid motion meets forces at springs to ground alone. Of a spring between two nodes that no element shares the matrix holds the
-    coupling of the two.
+    Springs to ground are found by the forces under a rigid motion, springs between two nodes without common element by the coupling entry.
     """
     K, left = model.K.real, model.terms.left[:, group.terms].tocsc()
     found: dict[bool, list[float]] = {False: [], True: []}
@@ -165,7 +164,7 @@ def _held(model: FeModel, group: TermGroup, dofs: DofTable) -> list[tuple[bool, 
 
 
 def turned_about(dofs: DofTable, row: int) -> Floats:
-    """A rigid rotation about the axis of a rotational DOF, through its node."""
+    """(n,) rigid rotation by 1 rad about the axis of a rotational DOF through its node."""
     axis = np.eye(3)[("ROTX", "ROTY", "ROTZ").index(str(dofs.component[row]))]
     motion = np.cross(axis, dofs.xyz - dofs.xyz[row])
     found = np.zeros(dofs.size)
@@ -175,7 +174,7 @@ def turned_about(dofs: DofTable, row: int) -> Floats:
 
 
 def _unit_text(campaign: Campaign, group: TermGroup, held: Sequence[tuple[bool, Floats]]) -> str | None:
-    """That the numbers of a table are in other units than the campaign states, by what the matrix holds of them."""
+    """Warning if the stiffnesses of a table are in other units than stated, by their ratios ``held`` to the matrix; else None."""
     expected = group.config.baseline or 1.0
     known = [(turns, float(np.median(share)) / expected) for turns, share in held if share.size and np.median(share) > 0.0]
     stated = campaign.unit_system
@@ -200,7 +199,7 @@ def _unit_text(campaign: Campaign, group: TermGroup, held: Sequence[tuple[bool, 
 
 
 def _thousands_text(campaign: Campaign, group: TermGroup, shares: Sequence[float]) -> str | None:
-    """That the numbers of a table are off by thousands, by what the matrix holds of them, though in no usual units."""
+    """Warning if the stiffnesses of a table are wrong by powers of a thousand, which fit no usual units; else None."""
     file, times = group.config.select.bushings, next((10.0**b for b in POWERS if shares and abs(shares[0] / 10.0**b - 1.0) < HELD), 1.0)
     if file is None or times == 1.0 or any(abs(share / times - 1.0) > HELD for share in shares):
         return None
@@ -223,7 +222,7 @@ def _name(unit: UnitSystem, turns: bool) -> str:
 
 
 def _exceeded(model: FeModel, group: TermGroup) -> bool:
-    """Whether a baseline takes more than the matrix holds on a term's own DOFs."""
+    """Whether a baseline is larger than the stiffness in the matrix at the DOFs of a term."""
     left, right = model.terms.left[:, group.terms], model.terms.right[:, group.terms]
     share = np.asarray((left.multiply(model.K.real @ right)).sum(axis=0)).ravel()
     norm = np.asarray((left.multiply(right)).sum(axis=0)).ravel() ** 2
