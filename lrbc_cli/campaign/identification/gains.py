@@ -52,7 +52,7 @@ class Gains:
         Parameters
         ----------
         elsewhere : (m, U) float array
-            Measured levels above those that the fit expects, on the lines that are not compared [dB]; NaN if unknown.
+            Measured levels above those that the fit expects, on the lines that are not compared [dB]; without values a gain is confirmed.
         """
         middle = np.array([_median(elsewhere if self.shared else elsewhere[:, at]) for at in range(self.values.size)])
         return np.asarray(np.isnan(middle) | (np.abs(middle - self.values) < errors.gain_shown * np.abs(self.values)))

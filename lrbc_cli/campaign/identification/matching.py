@@ -1,4 +1,4 @@
-"""Which record of the measured files each response of the campaign is."""
+"""Finds the record of each response in the measured files, and warns of records that were measured elsewhere."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from lrbc_cli.model.selection import nearest, spacing
 
 Wanted = str | int | RecordRef | FileRecordRef
 
-#: Share of the responses used that a job must hold to go on without the others.
+#: Least share of the responses used that a job must have to be identified without the others.
 LEAST_USED = 0.5
 
-#: Records at most in one message.
+#: Largest number of records in one message.
 _MOST = 12
 
 
 def describe(record: FrfRecord, several: bool = False) -> str:
-    """A record in words, with its file where there are several."""
+    """A record in words; with its file if ``several`` files were read."""
     parts = [record.name or "(no name)"]
     if record.response_node is not None:
         parts.append(f"node {record.response_node} direction {record.response_direction}")
@@ -40,7 +40,7 @@ def describe(record: FrfRecord, several: bool = False) -> str:
 
 
 def listed(frf: FrfSet) -> str:
-    """The records in one line."""
+    """All records in one line of text."""
     several = len({record.file for record in frf.records}) > 1
     return "; ".join(describe(r, several) for r in frf.records[:_MOST]) + (" ..." if len(frf.records) > _MOST else "")
 
@@ -66,7 +66,7 @@ def _named(record: FrfRecord, name: str) -> bool:
 
 
 def _asked(wanted: Wanted) -> Callable[[FrfRecord], bool]:
-    """Whether a record is the one that the campaign names."""
+    """Test whether a record is the one that the campaign names."""
     if isinstance(wanted, str):
         return lambda r: _named(r, wanted)
     if isinstance(wanted, int):
@@ -83,7 +83,7 @@ def _asked(wanted: Wanted) -> Callable[[FrfRecord], bool]:
 
 
 def _one(found: list[FrfRecord], how: str, response: Response, frf: FrfSet, inputs: Inputs) -> FrfRecord | None:
-    """The one record; where several hammer points are in the files, that over this response's own."""
+    """The only record found or, if the files contain several hammer points, that of the response's own; DataError if ambiguous."""
     if len(found) < 2:
         return found[0] if found else None
     node, direction = inputs.excitation_points[response.input]
@@ -111,17 +111,17 @@ def _one(found: list[FrfRecord], how: str, response: Response, frf: FrfSet, inpu
 
 
 def match_record(response: Response, wanted: Wanted | None, frf: FrfSet, inputs: Inputs) -> FrfRecord | None:
-    """The record of a response: by what the campaign says, else by name, else by node and direction.
+    """Record of a response: as the campaign states, else by name, by node and direction, or by reciprocity.
 
     Returns
     -------
     FrfRecord or None
-        None where the files have none.
+        None if the files contain none.
 
     Raises
     ------
     DataError
-        Where several records fit.
+        If several records fit.
     """
 
     def one(fits: Callable[[FrfRecord], bool], how: str) -> FrfRecord | None:
@@ -138,7 +138,7 @@ def match_record(response: Response, wanted: Wanted | None, frf: FrfSet, inputs:
     def fits(record: FrfRecord) -> bool:
         if record.response_node != response.node:
             return False
-        # Labels of one's own have no direction: then any motion of the node will do.
+        # A response without direction fits any record at its node that has one.
         if response.direction is None and record.response_direction == 0:
             return False
         if response.direction is not None and record.response_direction != response.direction:
@@ -151,7 +151,7 @@ def match_record(response: Response, wanted: Wanted | None, frf: FrfSet, inputs:
 
 
 def reciprocal(record: FrfRecord, response: Response, inputs: Inputs) -> bool:
-    """Whether a record is the response's FRF with hammer and sensor exchanged: of translations these are the same."""
+    """Whether a record is the FRF of the response with hammer and sensor exchanged, which is equal for translations."""
     node, direction = inputs.excitation_points[response.input]
     ends = (node, direction), (response.node, response.direction)
     if any(at is None or along not in (1, 2, 3) for at, along in ends):
@@ -160,12 +160,14 @@ def reciprocal(record: FrfRecord, response: Response, inputs: Inputs) -> bool:
 
 
 def matched(inputs: Inputs, job: JobConfig, name: str, frf: FrfSet) -> list[FrfRecord | None]:
-    """The record of each response, of its quantity; None where it has none and the job goes on without.
+    """Record of each response; None if it has none and the job can be identified without it.
 
     Raises
     ------
     DataError
-        Where a response has several records, one of another quantity, or none and cannot be missed.
+        If a response has several records, one of another quantity, or none although it is needed, or shares one with another response.
+    ConfigError
+        If the campaign refers to a file that is not among those of the job.
     """
     records: list[FrfRecord | None] = []
     files = [str(file) for files in job.measurements for file in files]
@@ -197,9 +199,9 @@ def matched(inputs: Inputs, job: JobConfig, name: str, frf: FrfSet) -> list[FrfR
 
 
 def _require_own(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRecord | None]) -> None:
-    """Refuse one record for two responses that the campaign gives to either.
+    """Refuse one record for two responses if the campaign states it for either of them.
 
-    Without a word on it one may serve two: by reciprocity, or under two names of one place.
+    If it does not, one record may serve two responses: by reciprocity, or with two names for one place.
     """
     seen: dict[int, Response] = {}
     for response, record in zip(inputs.responses, records, strict=True):
@@ -219,12 +221,12 @@ def _require_own(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRec
 
 
 def _require_used(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRecord | None], frf: FrfSet) -> None:
-    """Refuse a job that lacks a response of the cost, but for a few in a job that others are not compared with."""
+    """Refuse a job without a record of a response used, unless few are missing and no other job depends on it."""
     missing = [inputs.responses[i] for i in inputs.used if records[i] is None]
     if not missing:
         return
     update, calibration = inputs.campaign.update, inputs.campaign.calibration
-    # A name that no file knows is a slip, which the reference job tells.
+    # Jobs on which others depend need all records; a mistyped name is thus noticed in the reference job.
     leading = update.reference in (None, name) or name in update.baselines or (calibration is not None and calibration.job == name)
     asked = [response for response in missing if response.name in job.records]
     enough = len(missing) <= (1.0 - LEAST_USED) * inputs.used.size and len(missing) < inputs.used.size
@@ -232,7 +234,7 @@ def _require_used(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRe
         return
     response = (asked or missing)[0]
     wanted = job.records.get(response.name, inputs.campaign.responses[response.name].record)
-    # Those that are only reported lack their records, too.
+    # Responses that are not used are named, too.
     lacking = [
         response,
         *(other for other, record in zip(inputs.responses, records, strict=True) if record is None and other is not response),
@@ -245,18 +247,18 @@ def _require_used(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRe
         place=f"job {name}",
         expected=_wanted_text(wanted) if wanted is not None else f"a record named {response.name}" + _place_text(response),
         found=listed(frf),
-        # What was odd about the files may be why.
+        # Warnings about the files may give the reason.
         hint="; ".join([*frf.warnings, _which([response, *(other for other in lacking[1:] if other.name not in stated)], spare)]),
     )
 
 
 def unmatched(records: Sequence[FrfRecord | None], frf: FrfSet) -> list[str]:
-    """Names of the records that are none of those of the responses."""
+    """Names of the records that belong to no response."""
     return [record.name for record in frf.records if record.name and not any(record is other for other in records)]
 
 
 def _which(lacking: Sequence[Response], spare: Sequence[str]) -> str:
-    """How to say which records responses are, and which they may be where as many are left."""
+    """Hint how to state the records of responses without one, with likely records if as many are unassigned."""
     key, how = f"responses.{lacking[0].name}.record", "by name, number, node or file"
     if len(spare) != len(lacking):
         return f"give the record in {key} or in the job's records, {how}"
@@ -267,13 +269,13 @@ def _which(lacking: Sequence[Response], spare: Sequence[str]) -> str:
 
 
 def called(job: JobConfig) -> str:
-    """Its files in words."""
+    """Files of a job in words."""
     first, *others = job.measurements[0]
     return first.name + (f" and {len(others)} more" if others else "")
 
 
 def _miscounted(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -> str:
-    """What to say where all records that are selected by number have the names of other responses, each as many records away."""
+    """Warning if all records selected by number have names of other responses, each the same number of records away; else empty."""
     names = {r.name.lower() for r in inputs.responses}
     found = [
         (r, record)
@@ -294,7 +296,7 @@ def _miscounted(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None])
 
 
 def misplaced(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -> list[str]:
-    """Warn of records of other nodes than their responses, where most nodes of the files are those of the campaign."""
+    """Warnings about records of other nodes or directions than their responses, if most nodes in the files are those of the model."""
     if miscounted := _miscounted(inputs, job, records):
         return [miscounted]
     pairs = [(r, record) for r, record in zip(inputs.responses, records, strict=True) if record is not None and r.node is not None]
@@ -338,9 +340,9 @@ def misplaced(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -
 
 
 def _congruent(inputs: Inputs, own: list[tuple[Response, FrfRecord]], *, least: int = 4, same: float = 0.01) -> bool:
-    """Whether the nodes of the files are the campaign's places mirrored or turned: other nodes, as far apart from one another.
+    """Whether the nodes in the files are the places of the campaign mirrored or rotated: other nodes with equal mutual distances.
 
-    Numbers that a test gave its points are no places of the model: then distances have nothing in common.
+    If node numbers of the test are unrelated to the model, the distances differ. ``same``: tolerance relative to the extent of the model.
     """
     if inputs.dofs is None:
         return False
@@ -356,7 +358,7 @@ def _congruent(inputs: Inputs, own: list[tuple[Response, FrfRecord]], *, least: 
 
 
 def _places(dofs: DofTable, nodes: Sequence[int | None]) -> Floats | None:
-    """(k, 3) coordinates of nodes; None where one of them is not in the model."""
+    """(k, 3) coordinates of nodes [m]; None if one of them is not in the model."""
     at = [np.flatnonzero(dofs.node == node) for node in nodes]
     return None if any(node is None or not found.size for node, found in zip(nodes, at, strict=True)) else dofs.xyz[[int(f[0]) for f in at]]
 
@@ -370,9 +372,9 @@ def _mirrored(inputs: Inputs, job: JobConfig) -> str:
 
 
 def _in_metres(inputs: Inputs, point: PointConfig, node: int | None) -> str | None:
-    """That a point was given in metres where the campaign has millimetres, in words: a thousand times it lies at the node measured.
+    """Hint that a point was given in metres instead of millimetres, if 1000 times its coordinates lie at the measured node; else None.
 
-    The other way round it lies outside the model, which is refused.
+    The opposite mistake puts points outside the model, which is refused elsewhere.
     """
     if point.near is None or point.component is None or inputs.dofs is None:
         return None
@@ -385,11 +387,12 @@ def _in_metres(inputs: Inputs, point: PointConfig, node: int | None) -> str | No
 
 
 def require_signals(inputs: Inputs, records: list[FrfRecord | None], values: Complexes) -> None:
-    """Refuse records of responses that are used and hold zeros alone, all of them at once.
+    """Refuse records of responses used that contain only zeros.
 
     Raises
     ------
     DataError
+        One for all of them.
     """
     dead = [i for i in inputs.used if records[i] is not None and not np.any(np.abs(np.nan_to_num(values[:, i])) > 0)]
     if not dead:

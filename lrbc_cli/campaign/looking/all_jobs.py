@@ -58,7 +58,7 @@ def told_of_all(inputs: Inputs, found: Mapping[str, OfJob], reference: str) -> d
     found : mapping
         Findings by job.
     reference : str
-        Reference job; factors that it does not show are not shared by all.
+        Reference job; if it shows no factors, none are shared by all.
     """
     told = {name: of.told for name, of in found.items()}
     several = {name: of.offsets for name, of in found.items() if of.offsets}
@@ -88,7 +88,7 @@ def told_of_all(inputs: Inputs, found: Mapping[str, OfJob], reference: str) -> d
 
 
 def _agree(own: Offset, shared: Offset | None) -> bool:
-    """Whether the factor of a job is the shared one within their intervals, or differs from it by a power of frequency (so is wrong)."""
+    """Whether the factor of a job is the shared one within both intervals; also if powers differ, as one of the two must be wrong."""
     return shared is not None and (own.power != shared.power or abs(own.db - shared.db) <= max(MOST_REACH, own.half + shared.half))
 
 

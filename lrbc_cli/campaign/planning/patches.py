@@ -1,4 +1,4 @@
-"""Where a loose bolt loses stiffness in a rehearsal: in the terms that it owns, or in a patch along its edge, narrower than its hat."""
+"""Loss of stiffness at a loose bolt in a rehearsal: in the terms that it owns, or in a patch along its edge, narrower than its hat."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ def numbering(source: Path | DofSource | None, stiffness: MatrixFile) -> Numberi
     Raises
     ------
     DataError
-        If a file is wrong, nothing says what the rows are, or a node has no coordinates.
+        If a file is wrong, the meaning of the rows is unknown, or a node has no coordinates.
     """
     if source is None:
         return Numbering(labels=stiffness.labels)

@@ -104,7 +104,7 @@ def require_mass(M: sp.csc_array, C: sp.csc_array, dofs: DofTable, source: Model
     Raises
     ------
     DataError
-        Where a translation meets the damping of all its DOFs with one sign, as it meets a mass, and the mass cancels as a stiffness does.
+        If under a translation the entries of the damping matrix add up like those of a mass matrix, and those of the mass matrix cancel.
     """
     for label in COMPONENTS[:3]:
         at = np.flatnonzero(dofs.component == label)
@@ -124,12 +124,12 @@ def require_mass(M: sp.csc_array, C: sp.csc_array, dofs: DofTable, source: Model
 
 
 def require_own(campaign: Campaign) -> None:
-    """Refuse one matrix in two places of ``model``.
+    """Refuse one matrix for two operators of ``model``.
 
     Raises
     ------
     ConfigError
-        With the other matrices of the file, where it holds any.
+        Names the other matrices of the file, if there are any.
     """
     model, seen = campaign.model, dict[str, str]()
     for name in ("stiffness", "mass", "damping"):
@@ -198,7 +198,7 @@ def loss_factor(model: FeModel) -> float:
 
 
 def require_known_bolts(campaign: Campaign, bolts: PointTable | None) -> None:
-    """Refuse a bolt that is stated to be removed and does not exist.
+    """Refuse a stated removed bolt that does not exist.
 
     Raises
     ------
