@@ -15,6 +15,9 @@ from shared import shared
 
 from lrbc_cli import load
 
+#: Fast tests of plate and rigs take the same way.
+pytestmark = pytest.mark.slow
+
 GROUPS = {
     "axial": {"select": {"bushings": "data/bushings.csv", "component": "UZ"}},
     "rocking": {"select": {"bushings": "data/rocking.csv"}},
@@ -37,7 +40,6 @@ def folder() -> Folder:
 
 
 @pytest.mark.parametrize("job", ["ring", "single"])
-@pytest.mark.slow
 def test_one_loosened_joint_is_found_and_the_others_are_tight(folder: Folder, job: str) -> None:
     found = folder.result(job)
     assert found["status"] == "converged"
@@ -95,7 +97,6 @@ def test_the_reference_state_is_about_nominal(folder: Folder) -> None:
         assert max(abs(value) for value in group["log10"]) < 0.3
 
 
-@pytest.mark.slow
 def test_springs_that_no_response_feels_are_named(folder: Folder, tmp_path: Path) -> None:
     """Tight bolts are judged by those that are felt; losing the others would change nothing."""
     weak = folder.copy(tmp_path / "weak")
@@ -115,7 +116,6 @@ def test_check_tells_the_joints_and_their_prior(folder: Folder) -> None:
     assert "prior_std: 1 for joints, 0.35 along edges (nothing beside a joint" in text
 
 
-@pytest.mark.slow
 def test_the_report_draws_joints(folder: Folder, tmp_path: Path) -> None:
     copy = folder.copy(tmp_path / "copy")
     assert copy.run("report").code == 0
@@ -127,7 +127,6 @@ def test_the_report_draws_joints(folder: Folder, tmp_path: Path) -> None:
     assert "along the edge" not in page
 
 
-@pytest.mark.slow
 def test_plan_and_rehearse_know_joints(folder: Folder, tmp_path: Path) -> None:
     copy = folder.copy(tmp_path / "copy")
     assert copy.run("plan", "--draws", "0").code == 0

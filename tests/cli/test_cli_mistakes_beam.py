@@ -233,7 +233,11 @@ MISTAKES = {
 }
 
 
-@pytest.mark.parametrize("what", MISTAKES)
+#: Of those of a kind, these take longest.
+DEAR = {"no force in the upper half of the band", "no force in the upper half of the band in one job", "weights for masses"}
+
+
+@pytest.mark.parametrize("what", [pytest.param(what, marks=[pytest.mark.slow] if what in DEAR else []) for what in MISTAKES])
 def test_a_mistake_on_a_beam_is_found_and_its_fix_named(tmp_path: Path, cache: Path, what: str) -> None:
     damage, code, says, fix = MISTAKES[what]
     file = beam.make(tmp_path)
@@ -278,6 +282,7 @@ def test_a_model_that_is_not_calibrated_is_compared_after_a_rough_calibration(tm
     assert "it would differ by 0.2 dB (near: [0.78, 0, 0], component: UZ)" in wrong
 
 
+@pytest.mark.slow
 def test_a_reference_job_that_no_calibration_explains_is_none_to_calibrate_from(tmp_path: Path, cache: Path) -> None:
     file = soft(tmp_path)
     beam.write_frf(tmp_path / "ref.csv", beam.HZ, beam.measured((1.0, 1e-3, 1e-3, 1e-3, 1.0), seed=1))
