@@ -7,11 +7,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 from looking import seen
 from samples import reduced_cache, sample
 
 from lrbc_cli.campaign.identification.compared.likeness import apart
 from lrbc_cli.campaign.identification.unknowns import parameterise
+from lrbc_cli.campaign.looking import first_look
+from lrbc_cli.campaign.looking.all_jobs import OfJob
 from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, strike_text
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reduced.stage import FrfSource, obtain_reduction
@@ -115,3 +118,23 @@ def test_a_sensor_alone_is_no_hammer() -> None:
     inputs.input_of = np.array([0] * 7 + [1])
     own[:, 7] *= 4.0
     assert struck(inputs, own, expected) == ""
+
+
+@pytest.mark.parametrize(("left", "kept"), [({0: 0.8, 1: 7.0}, True), ({0: 0.8, 1: 2.0}, False)])
+def test_an_excitation_that_no_calibration_fits_keeps_its_warning(
+    monkeypatch: pytest.MonkeyPatch, left: dict[int, float], kept: bool
+) -> None:
+    """The FRFs of one hammer point are fitted alone; while those of the other are not, nothing found is no all-clear."""
+    stand_in: Any = SimpleNamespace(
+        misfit=6.5, by_excitation=left, parameters=SimpleNamespace(placed=()), inputs=SimpleNamespace(bolts=None)
+    )
+    monkeypatch.setattr(first_look, "Seen", SimpleNamespace(of=lambda *_: stand_in))
+    monkeypatch.setattr(first_look, "roughly_calibrated", lambda *_: "calibrated")
+    monkeypatch.setattr(first_look, "_looked_at", lambda *_: OfJob({}))
+    for text in ("tighter_text", "looser"):
+        monkeypatch.setattr(first_look, text, lambda *_: "")
+    source: Any = SimpleNamespace(inputs=SimpleNamespace(campaign=SimpleNamespace(calibration=SimpleNamespace(job="tight"))))
+    measurement: Any = None
+    first = OfJob({("unlike",): "little in common"})
+    _, found = first_look._calibrated(source, {"tight": measurement}, "tight", first)
+    assert (found is first) == kept

@@ -32,7 +32,7 @@ from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.all_jobs import OfJob, Told, each_once, pooled, told_of_all
 from lrbc_cli.campaign.looking.axes import stretched_text
 from lrbc_cli.campaign.looking.coordinates import coordinates_texts, mirrored_text
-from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, misfit_of, roughly_calibrated, strike_text
+from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, roughly_calibrated, strike_text
 from lrbc_cli.campaign.looking.held import held_text, idle_text, supports_text
 from lrbc_cli.campaign.looking.moved import hammer_text, hammers_text, sensor_text, unmoved_text
 from lrbc_cli.campaign.looking.rescaled import overdamped_text, rescaled_text, softness_text
@@ -218,14 +218,15 @@ def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: 
     calibration, kinds = source.inputs.campaign.calibration, {kind for kind, *_ in first.told}
     if calibration is None or calibration.job != name or kinds - {"unlike", "alone", "coordinates"}:
         return source, first
-    seen, before = Seen.of(source, name, measurements[name]), misfit_of(source, name, measurements[name])
-    calibrated = None if tighter_text(seen, measurements) or looser(seen, before) else roughly_calibrated(source, measurements[name])
+    seen = Seen.of(source, name, measurements[name])
+    calibrated = None if tighter_text(seen, measurements) or looser(seen, seen.misfit) else roughly_calibrated(source, measurements[name])
     if calibrated is None:
         return source, first
-    again = _looked_at(calibrated, measurements, name)
-    if not again.told and "coordinates" in kinds:
+    again, after = _looked_at(calibrated, measurements, name), Seen.of(calibrated, name, measurements[name])
+    # Nothing found is no all-clear while the FRFs of another excitation are not fitted.
+    if not again.told and ("coordinates" in kinds or max(after.by_excitation.values()) > LEAST_DIFFERENCE):
         return calibrated, first
-    lowered = lowered_text(seen, Seen.of(calibrated, name, measurements[name]))
+    lowered = lowered_text(seen, after)
     return calibrated, replace(again, told=again.told | {("lowered",): lowered}) if lowered else again
 
 
@@ -311,9 +312,8 @@ def _placed(seen: Seen, told: Told) -> Told:
     # The bolts may be in a state that was not tried, so misfits up to ``UNLIKE`` are accepted.
     # In the reference job no bolt is loose, so a smaller misfit is examined already.
     # With a calibrated model a single hammer point may be wrong.
-    struck = seen.inputs.input_of
-    far = max(float(np.median(away[0, struck == at])) for at in np.unique(struck)) if seen.reference and seen.source.start else every.min()
-    if ("unlike",) in told or (not told and float(far) > (LEAST_DIFFERENCE if seen.reference else UNLIKE)):
+    far = max(seen.by_excitation.values()) if seen.reference and seen.source.start else float(every.min())
+    if ("unlike",) in told or (not told and far > (LEAST_DIFFERENCE if seen.reference else UNLIKE)):
         if text := hammer_text(seen, away):
             return {("hammer",): text}
         if seen.reference and (text := held_text(seen, float(every[0]))):

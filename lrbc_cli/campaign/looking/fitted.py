@@ -127,12 +127,6 @@ def strike_text(seen: Seen, expected: Complexes, *, least: int = 3, apart_db: fl
     return ""
 
 
-def misfit_of(source: Looking, name: str, measurement: Measurement) -> float:
-    """Level misfit at the start values, mean level of each response removed, median over the responses [dB]."""
-    seen = Seen.of(source, name, measurement)
-    return float(np.median(apart(seen.measured, seen.model)))
-
-
 def _rough_theta(problem: FactorProblem, *, lines: int = 150, iterations: int = 20) -> Floats:
     """Theta after one descent on some of the lines, with a soft loss, so that single wrong responses count less."""
     at = spaced(problem.selected.size, lines)
@@ -162,23 +156,24 @@ def roughly_calibrated(source: Looking, measurement: Measurement, *, uneven: flo
     inputs, settings = source.inputs, source.inputs.campaign.calibration
     if settings is None or (inputs.calibration is not None and inputs.calibration.used) or source.stage is None:
         return None
-    before = misfit_of(source, settings.job, measurement)
+    before = Seen.of(source, settings.job, measurement).misfit
     if before <= LEAST_DIFFERENCE:
         return None
     try:
         problem, _ = first_problem(source, measurement)
         with source.threads():
             found = _calibrated_by(source, problem, _rough_theta(problem))
-            medians = by_excitation(found, settings.job, measurement)
+            medians = Seen.of(found, settings.job, measurement).by_excitation
             least = min(medians.values())
             if len(medians) > 1 and max(medians.values()) > min(uneven * least, LEAST_DIFFERENCE):
                 alone = {at: _calibrated_by(source, problem, _rough_theta(_of_excitation(inputs, problem, at))) for at in medians}
-                left = {at: by_excitation(one, settings.job, measurement)[at] for at, one in alone.items()}
+                left = {at: Seen.of(one, settings.job, measurement).by_excitation[at] for at, one in alone.items()}
                 least, best = min((value, at) for at, value in left.items())
                 found = alone[best]
     except LrbcError:
         return None
-    after, named = misfit_of(found, settings.job, measurement), ", ".join(f"{name} {value:.3g}" for name, value in found.factors.items())
+    after = Seen.of(found, settings.job, measurement).misfit
+    named = ", ".join(f"{name} {value:.3g}" for name, value in found.factors.items())
     note = f"compared with a rough calibration from {settings.job}, not stored ({named}): level misfit {after:.1f} dB, {before:.1f} before"
     return replace(found, note=note) if least <= LEAST_DIFFERENCE else None
 
@@ -188,13 +183,6 @@ def _of_excitation(inputs: Inputs, problem: FactorProblem, at: int) -> FactorPro
     own = np.flatnonzero(inputs.input_of[problem.responses] == at)
     sigma = None if problem.sigma is None else problem.sigma[:, own]
     return replace(problem, measured=problem.measured[:, own], responses=problem.responses[own], sigma=sigma)
-
-
-def by_excitation(source: Looking, name: str, measurement: Measurement) -> dict[int, float]:
-    """As ``misfit_of``, separately for the responses of each excitation [dB]."""
-    seen = Seen.of(source, name, measurement)
-    far, input_of = apart(seen.measured, seen.model), source.inputs.input_of
-    return {int(at): float(np.median(far[input_of == at])) for at in np.unique(input_of)}
 
 
 def _calibrated_by(source: Looking, problem: FactorProblem, theta: Floats) -> Looking:

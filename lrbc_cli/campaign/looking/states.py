@@ -152,6 +152,17 @@ class Seen:
         return self.on(spaced(self.s.size, most))
 
     @property
+    def misfit(self) -> float:
+        """Level misfit at the start values, mean level of each response removed, median over the responses [dB]."""
+        return float(np.median(apart(self.measured, self.model)))
+
+    @property
+    def by_excitation(self) -> dict[int, float]:
+        """As ``misfit``, separately for the responses of each excitation [dB]."""
+        far, input_of = apart(self.measured, self.model), self.inputs.input_of
+        return {int(at): float(np.median(far[input_of == at])) for at in np.unique(input_of)}
+
+    @property
     def left(self) -> float:
         """Level misfit of the nearest state: median over the responses, mean level of each removed [dB]."""
         return float(np.median(apart(self.measured, self.states), axis=1).min())

@@ -127,7 +127,7 @@ def lowered_text(before: Seen, after: Seen, *, least: float = 1.0) -> str:
     low = {bolt: own for bolt, own in change.items() if bolt >= 0 and own <= -least}
     if bolts is None or not low:
         return ""
-    named = ", ".join(f"{bolts.name[bolt]} ({-own:.1f} decades)" for bolt, own in sorted(low.items()))
+    named = ", ".join(f"{bolts.name[bolt]} (by {-own:.1f} decades)" for bolt, own in sorted(low.items()))
     return (
         f"a rough calibration from this job lowers the stiffness of {named} more than that of the other bolts. Check whether all bolts "
         "were tight. If not, set update.reference and calibration.job to a tight job, or measure it again"

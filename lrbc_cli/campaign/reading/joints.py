@@ -215,15 +215,14 @@ def aside_text(table: BushingTable, dofs: DofTable, *, elements: float = 4.0) ->
     if not far:
         return ""
     count, longest = len(far), max(arms[k] for k in far)
-    text = f"the nodes of {count} spring{'s' if count > 1 else ''} lie up to {1e3 * longest:.3g} mm off the spring axis"
+    every = "all " if 1 < count == len(arms) else ""
+    text = f"the nodes of {every}{count} spring{'s' if count > 1 else ''} lie up to {1e3 * longest:.3g} mm off the spring axis"
     fix = "also resists when both its nodes rotate as one rigid body: join nodes on the axis, or export rigid arms to it"
     if 2 * count >= len(arms):
         xyz = np.unique(np.array(list(place.values())), axis=0)
         # Nodes of one bolt are a few elements apart.
         if min(arms.values()) > elements * float(np.median(cKDTree(xyz).query(xyz, k=2)[0][:, 1])):
-            return (
-                f"{text}, those of all. Probably table and DOF table are of different meshes: export both, and the matrices, from one model"
-            )
+            return f"{text}. Probably table and DOF table are of different meshes: export both, and the matrices, from one model"
         return f"{text}. Such a spring {fix}"
     named = [f"line {table.lines[k]}, {_joined(table, k)}" for k in far[:MOST_NAMED]]
     more = f" and {count - MOST_NAMED} more" if count > MOST_NAMED else ""

@@ -361,17 +361,21 @@ def offsets_of(frequency_hz: Floats, measured: Complexes, states: Sequence[Compl
     powers = [offset.power for offset in found if offset.named]
     usual = max(POWERS, key=powers.count)
     if 2 * powers.count(usual) > len(powers):
-        for i, offset in enumerate(found):
-            other = offset if offset.power == usual else of(offset.response, (usual,))
-            own = [o for o in found if quantities[o.response] == quantities[offset.response]]
-            shared = [o for o in own if o.named and o.power == usual]
+        first = tuple(found)
+        for i, offset in enumerate(first):
             if not offset.named:
                 continue
-            if other is not None and other.named and other.half <= MOST_REACH:
+            other = offset if offset.power == usual else of(offset.response, (usual,))
+            clear = other is not None and other.named
+            if other is None or not clear or other.half > MOST_REACH:
+                # One analyser wrote them: what is not clear by itself has the factor of the clearest, if most have one.
+                own = [o for o in first if quantities[o.response] == quantities[offset.response]]
+                shared = [o for o in own if o.named and o.power == usual]
+                if 2 * len(shared) > len(own):
+                    clearest = min(shared, key=lambda o: o.half)
+                    other, clear = replace(clearest, response=offset.response, before=offset.before, after=offset.after), True
+            if other is not None and clear:
                 found[i] = other
-            elif 2 * len(shared) > len(own):
-                # One analyser wrote them: what is not clear by itself has the factor of the clearest.
-                found[i] = replace(min(shared, key=lambda o: o.half), response=offset.response, before=offset.before, after=offset.after)
     return tuple(_one_convention(found))
 
 
