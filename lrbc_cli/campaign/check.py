@@ -204,7 +204,7 @@ def _rounded(seconds: float) -> str:
 def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, detailed: bool, progress: Callable[[str], None]) -> list[str]:
     if not inputs.campaign.jobs:
         return ["none"]
-    lines = []
+    lines: dict[str, list[str]] = {}
     readable: dict[str, Measurement] = {}
     held: dict[tuple[str, ...], str] = {}
     chosen_lines, sparse = inputs.campaign.update.lines, list[str]()
@@ -216,7 +216,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
             selected = select_lines(inputs, measurement, name)
         except LrbcError as error:
             out.errors[name] = error
-            lines.append(f"{name}: unusable, see its error")
+            lines[name] = [f"{name}: unusable, see its error"]
             continue
         first = held.setdefault(tuple(measurement.hashes.values()), name)
         if first != name:
@@ -229,8 +229,9 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         earlier.add(name, measurement)
         readable[name] = measurement
         records = sum(bool(np.isfinite(measurement.values[:, i]).any()) for i in range(len(inputs.responses)))
-        chosen = f"{selected.size} selected"
-        lines.append(f"{name}: {measurement.lines}, {chosen}, {records} of {len(inputs.responses)} responses matched")
+        notes = (*_packed(measurement.notes), *(measurement.records if detailed else ()))
+        matched = f"{records} of {len(inputs.responses)} responses matched"
+        lines[name] = [f"{name}: {measurement.lines}, {selected.size} selected, {matched}", *(f"  {note}" for note in notes)]
         out.warnings += [*measurement.warnings, *_poor(inputs, name, measurement)]
         out.warnings += [f"job {name}: {text}" for text in pasted(measurement, names, inputs.statistics.validation)]
         empty, count = missed(measurement.frequency_hz, measurement.values[:, inputs.used], selected)
@@ -239,7 +240,6 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
             sparse.append(f"{name} ({empty} of {count})")
         if straight := interpolated(measurement.values):
             out.warnings.append(f"job {name}: {straight}")
-        lines += [f"  {note}" for note in (*_packed(measurement.notes), *(measurement.records if detailed else ()))]
     out.warnings += _unclear(inputs, readable)
     if sparse and isinstance(chosen_lines, EveryLine):
         out.warnings.append(
@@ -249,13 +249,13 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
     out.warnings += other_lines(inputs.campaign.update.reference, readable)
     out.warnings = _once(out.warnings)
     note = _compared(inputs, folder, readable, out, progress)
-    lines += [note] if note else []
     try:
         out.jobs = [p for p in plan(inputs, parts, choose_jobs(inputs.campaign, ())) if p.name in readable]
     except OSError:
         out.jobs = []
-    lines += [f"{p.name}: {p.verb} ({p.reason})" for p in out.jobs]
-    return lines
+    for planned in out.jobs:
+        lines[planned.name][0] += f"; {planned.verb} ({planned.reason})"
+    return [*(line for own in lines.values() for line in own), *([note] if note else [])]
 
 
 def _unclear(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[str]:

@@ -267,6 +267,14 @@ def jumps(xyz: Floats) -> Integers:
     return np.flatnonzero(steps > JUMP * np.maximum(nearest[1:], nearest[:-1]))
 
 
+def pitch(xyz: Floats) -> float:
+    """Median distance of distinct points (m, 3) to their nearest neighbours; infinite for fewer than two."""
+    places = np.unique(xyz, axis=0)
+    if places.shape[0] < 2:
+        return float("inf")
+    return float(np.median(cKDTree(places).query(places, k=2)[0][:, 1]))
+
+
 def arc_length(xyz: Floats) -> Floats:
     """(k,) length along a polyline from its first point [m]."""
     steps = np.linalg.norm(np.diff(xyz, axis=0), axis=1)

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.config.structure import DofSource
@@ -22,6 +21,7 @@ from lrbc_cli.io.text.dof_maps import USUAL, read_dof_map
 from lrbc_cli.io.text.nodes import read_nodes
 from lrbc_cli.io.text.tables import is_dof_table, read_dof_table
 from lrbc_cli.model.dofs import COMPONENTS, DofLabels, DofTable
+from lrbc_cli.model.selection import pitch
 
 #: Least number of DOFs, and largest share of non-zero entries, for tests of the order: otherwise all DOFs are neighbours.
 LEAST_DOFS, MOST_FILLED = 100, 0.3
@@ -267,11 +267,9 @@ def order_doubt(K: sp.csc_array, dofs: DofTable, source: Path | DofSource | None
     apart, usual = apart[apart > 0.0], float(np.median(_distances(xyz, *np.random.default_rng(0).integers(len(xyz), size=(2, 4096)))))
     if not apart.size or (near := float(np.median(apart))) < FAR * usual:
         return None
-    places = np.unique(xyz, axis=0)
-    spacing = float(np.median(cKDTree(places).query(places, k=2)[0][:, 1]))
     return (
-        f"the stiffness matrix connects DOFs that are {near:.3g} m apart, as far as any two of the model (node spacing {spacing:.3g} m): "
-        f"{_solver_order(source) or 'the DOF table is of another model or in another order. Export matrices and table in one run'}"
+        f"the stiffness matrix connects DOFs that are {near:.3g} m apart, as far as any two of the model (node spacing {pitch(xyz):.3g} "
+        f"m): {_solver_order(source) or 'the DOF table is of another model or in another order. Export matrices and table in one run'}"
     )
 
 

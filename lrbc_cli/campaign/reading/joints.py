@@ -8,14 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.common import listing
 from lrbc_cli.io.text.bushings import BushingTable
 from lrbc_cli.model.dofs import COMPONENTS, DofTable, PointTable, numbers_text
-from lrbc_cli.model.selection import at_node
+from lrbc_cli.model.selection import at_node, pitch
 
 #: Direction cosines below this are rounding of an axis.
 ROUNDING = 1e-9
@@ -219,9 +218,8 @@ def aside_text(table: BushingTable, dofs: DofTable, *, elements: float = 4.0) ->
     text = f"the nodes of {every}{count} spring{'s' if count > 1 else ''} lie up to {1e3 * longest:.3g} mm off the spring axis"
     fix = "also resists when both its nodes rotate as one rigid body: join nodes on the axis, or export rigid arms to it"
     if 2 * count >= len(arms):
-        xyz = np.unique(np.array(list(place.values())), axis=0)
         # Nodes of one bolt are a few elements apart.
-        if min(arms.values()) > elements * float(np.median(cKDTree(xyz).query(xyz, k=2)[0][:, 1])):
+        if min(arms.values()) > elements * pitch(np.array(list(place.values()))):
             return f"{text}. Probably table and DOF table are of different meshes: export both, and the matrices, from one model"
         return f"{text}. Such a spring {fix}"
     named = [f"line {table.lines[k]}, {_joined(table, k)}" for k in far[:MOST_NAMED]]

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.campaign.reading.doubts.materials import material_cause
@@ -19,7 +18,7 @@ from lrbc_cli.config.structure import DofSource, ProportionalDamping
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import listing
 from lrbc_cli.model.dofs import DofTable
-from lrbc_cli.model.selection import nearest, spacing
+from lrbc_cli.model.selection import nearest, pitch, spacing
 from lrbc_cli.model.units import SI, USUAL_SYSTEMS, parse_system
 
 #: Largest possible wave speed in a mesh, ``sqrt(K_ii / M_ii)`` times the node spacing [m/s]: in diamond it is 18 km/s, and the estimate is
@@ -284,12 +283,11 @@ def likely_units(K: sp.csc_array, M: sp.csc_array, dofs: DofTable) -> list[str]:
 def _speed_and_density(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, field: Bools) -> tuple[float, float, float] | None:
     """Approximate wave speed [m/s], mass of a node over the cube of the node spacing [kg/m³], and that spacing [m]; None if unknown."""
     stiffness, mass = np.abs(K.diagonal())[field], np.real(M.diagonal())[field]
-    places = np.unique(dofs.xyz[field], axis=0)
-    if places.shape[0] < 2 or mass.mean() <= 0.0:
+    apart = pitch(dofs.xyz[field])
+    if not np.isfinite(apart) or mass.mean() <= 0.0:
         return None
-    spacing = float(np.median(cKDTree(places).query(places, k=2)[0][:, 1]))
     # The mean mass and the median stiffness are insensitive to massless nodes and to penalties.
-    return spacing * float(np.sqrt(np.median(stiffness) / mass.mean())), float(mass.mean()) / spacing**3, spacing
+    return apart * float(np.sqrt(np.median(stiffness) / mass.mean())), float(mass.mean()) / apart**3, apart
 
 
 def mistake_text(campaign: Campaign, matrix: str, factor: float) -> str:

@@ -30,7 +30,7 @@ from lrbc_cli.io.sparse import MatrixFile
 from lrbc_cli.io.text.tables import ROUNDING, DofList, read_dof_list, read_nodes
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofLabels, DofTable, PointTable, numbers_text
 from lrbc_cli.model.scaling import Scaling, scaling
-from lrbc_cli.model.selection import at_node, in_box, in_order, near_line, near_points, nearest, outline, spacing
+from lrbc_cli.model.selection import at_node, in_box, in_order, near_line, near_points, nearest, outline, pitch, spacing
 from lrbc_cli.model.units import SI
 
 Point = tuple[int | None, int | None]
@@ -353,11 +353,10 @@ class ModelReader:
         unit = self.unit.length
         there = table.xyz[table.component == component]
         size = float(np.linalg.norm(np.ptp(table.xyz, axis=0)))
-        places = np.unique(self.bolts.xyz, axis=0)
-        pitch = float(np.median(cKDTree(places).query(places, k=2)[0][:, 1])) if places.shape[0] > 1 else np.inf
-        if radius > min(pitch, size):
+        apart = pitch(self.bolts.xyz)
+        if radius > min(apart, size):
             what = (
-                f"the distance of neighbouring bolts, {pitch / unit:.4g}" if pitch < size else f"the size of the model, {size / unit:.4g}"
+                f"the distance of neighbouring bolts, {apart / unit:.4g}" if apart < size else f"the size of the model, {size / unit:.4g}"
             )
             raise self.campaign.error(
                 "this radius reaches beyond the neighbours of a bolt",
