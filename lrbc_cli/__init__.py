@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from lrbc_cli.version import __version__
 
 #: Where each public name stands: imported when it is asked for, so that the command line starts quickly.
 _PUBLIC = {

@@ -119,7 +119,7 @@ def known(name: str, value: Any, choices: Iterable[str]) -> str:
     return str(value)
 
 
-def made_by(name: str, value: Any, kind: type, how: str) -> None:
+def made_by(name: str, value: Any, kind: type | tuple[type, ...], how: str) -> None:
     """Raise ConfigError unless the argument has the type ``kind``; ``how`` says where such an object comes from."""
     if not isinstance(value, kind):
         raise refuse(name, how, _shown(value))

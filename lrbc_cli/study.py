@@ -6,6 +6,7 @@ Only ``calibrate`` and ``update`` write result files.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,9 @@ from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.calibration import with_stored_calibration
 from lrbc_cli.campaign.documents import cache_folder
 from lrbc_cli.campaign.identification.found import Fit
+from lrbc_cli.campaign.identification.handed import measurement_of, with_job
 from lrbc_cli.campaign.identification.identify import fit, identify
-from lrbc_cli.campaign.identification.records import Measurement, read_measurement, with_job
+from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import found_on_frfs, parameterise, start_parameters, with_values
 from lrbc_cli.campaign.jobs.evidence import copied_baseline, evidence_of
 from lrbc_cli.campaign.jobs.finished import result_record
@@ -28,8 +30,8 @@ from lrbc_cli.campaign.planning.plan import Request, make_plan
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
 from lrbc_cli.config import load_campaign
-from lrbc_cli.errors import DataError
 from lrbc_cli.identified import Identified, frf_figure, profile_figure
+from lrbc_cli.method.resolve import Method
 from lrbc_cli.method.rule import changed_rule
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import Parameterisation
@@ -137,7 +139,7 @@ class Study:
         if self._start is None:
             source = self.source
             if source.stage is None and found_on_frfs(self.inputs):
-                source = frf_source(self.inputs, self.stage, self._progress, evaluation="auto")
+                source = frf_source(self.inputs, self.stage, self._progress)
             self._start = start_parameters(self.inputs, source)
         return self._start
 
@@ -198,32 +200,8 @@ class Study:
         DataError
             If shapes do not fit the responses, lines are not ascending, none lies in the band, or coherence is not between 0 and 1.
         """
-        lines, H = given.lines(hz), given.array("values", values, complex, "FRFs")
-        expected = (lines.size, len(self.responses))
-        if H.shape != expected or not lines.size or np.any(np.diff(lines) <= 0) or lines[0] < 0.0:
-            raise DataError("this is not a measurement", expected=f"ascending lines and FRFs of shape {expected}", found=f"{H.shape}")
-        band = self.inputs.campaign.reduction.band
-        inside = (lines >= band[0] * (1 - 1e-9)) & (lines <= band[1] * (1 + 1e-9))
-        if not inside.any():
-            lie = f"lines from {lines[0]:g} to {lines[-1]:g} Hz"
-            raise DataError("no line lies in the band", expected=f"lines from {band[0]:g} to {band[1]:g} Hz", found=lie)
-        known = np.full(expected, np.nan) if coherence is None else given.array("coherence", coherence, float, "numbers from 0 to 1")
-        if known.shape != expected or np.any((known < 0.0) | (known > 1.0 + 1e-6)):
-            raise DataError(
-                "this is not a coherence", expected=f"numbers from 0 to 1, NaN where unknown, of shape {expected}", found=known.shape
-            )
-        outside = int((lines < band[0] * (1 - 1e-9)).sum()), int((lines > band[1] * (1 + 1e-9)).sum())
-        lines, H, known = lines[inside], H[inside], known[inside]
-        return Measurement(
-            frequency_hz=lines,
-            values=H,
-            coherence=known,
-            left_out=outside,
-            notes=("handed over as arrays",),
-            warnings=(),
-            records=(),
-            hashes={},
-        )
+        known = None if coherence is None else given.array("coherence", coherence, float, "numbers from 0 to 1")
+        return measurement_of(self.inputs, given.lines(hz), given.array("values", values, complex, "FRFs"), known)
 
     def identify(
         self,
@@ -284,6 +262,19 @@ class Study:
         found = run_calibration(self._exported, self._folder, force=force, accept=accept, progress=self._progress)
         self.use_calibration()
         return found
+
+    def with_method(self, **choices: Any) -> Study:
+        """The study with other fields of its ``Method`` (statistics, lines, responses, ...), for experiments.
+
+        Raises
+        ------
+        ConfigError
+            If the method has no such field.
+        """
+        for name in choices:
+            given.known("with_method", name, (entry.name for entry in fields(Method)))
+        new = [replace(inputs, by_hand={**inputs.by_hand, **choices}) for inputs in (self.inputs, self._exported)]
+        return Study(new[0], self._folder, self._progress, new[1])
 
     def use_calibration(self, wanted: bool = True) -> None:
         """Apply the factors of the stored calibration to the model if it still fits, or (``wanted=False``) return to the exported model."""
@@ -392,6 +383,7 @@ class Study:
         self, job: str, measurement: Measurement | None, reference: Identified | None
     ) -> tuple[Inputs, ReferenceState | None, dict[str, Measurement]]:
         """Arguments of an identification: inputs that contain the job, the reference state, and measurements already in memory."""
+        given.made_by("job", job, str, "the name of a job (a measurement is the next argument)")
         if measurement is not None:
             given.made_by("measurement", measurement, Measurement, "the value returned by measurement or read")
         if reference is not None:
@@ -441,6 +433,7 @@ def load(
     >>> study.responses
     ['acc1', 'acc2', 'acc3', 'acc4']
     """
+    given.made_by("config", config, (str, Path), "the path of a campaign file")
     exported = read_as_exported(load_campaign(Path(config), tuple(overrides)))
     inputs = with_stored_calibration(exported, calibration=calibration)
     return Study(inputs, None if cache is None else Path(cache), progress, exported)

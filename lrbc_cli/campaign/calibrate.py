@@ -180,7 +180,7 @@ def calibrate(
     watch = _Watch()
     stage = obtain_reduction(inputs, folder, accept=accept, progress=progress)
     watch.lap("reduction")
-    problem, notes = first_problem(frf_source(inputs, stage, progress, evaluation="auto"), measurement)
+    problem, notes = first_problem(frf_source(inputs, stage, progress), measurement)
     s, everything = 2j * np.pi * measurement.frequency_hz, np.arange(len(inputs.responses))
     initial = problem.frf(s, everything).frf(problem.start)
     refuse_units(inputs, measurement, initial, settings.job)
@@ -237,7 +237,7 @@ def _fitted(inputs: Inputs, problem: FactorProblem, theta: Floats | None) -> Fac
     """Fit from theta (None: the start values), with gains of the responses if they are accepted."""
     # BLAS threads slow down algebra on matrices of a hundred rows.
     with single_threaded():
-        return _lifted(inputs, fit_factors(problem, theta, max_iterations=inputs.campaign.update.max_iterations))
+        return _lifted(inputs, fit_factors(problem, theta, max_iterations=inputs.method.max_iterations))
 
 
 def _lifted(inputs: Inputs, fit: FactorFit) -> FactorFit:
@@ -267,7 +267,7 @@ def _lifted(inputs: Inputs, fit: FactorFit) -> FactorFit:
     if none_shown(inputs, above(fit.solution.theta)):
         return fit
     allowed = replace(problem, gains=columns_of(inputs, shared=False))
-    again = fit_factors(allowed, fit.solution.theta, max_iterations=inputs.campaign.update.max_iterations)
+    again = fit_factors(allowed, fit.solution.theta, max_iterations=inputs.method.max_iterations)
     if again.solution.status == "failed":
         return fit
     left = fit.solution.evaluation.misfit_db, again.solution.evaluation.misfit_db

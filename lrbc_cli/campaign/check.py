@@ -207,7 +207,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
     lines: dict[str, list[str]] = {}
     readable: dict[str, Measurement] = {}
     held: dict[tuple[str, ...], str] = {}
-    chosen_lines, sparse = inputs.campaign.update.lines, list[str]()
+    chosen_lines, sparse = inputs.method.lines, list[str]()
     earlier, names = Earlier(inputs.statistics.validation), [response.name for response in inputs.responses]
     for name, job in inputs.campaign.jobs.items():
         progress(f"reading the measurement of {name}")

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-import lrbc_cli
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.settings import JobConfig, MeasuredFile
 from lrbc_cli.config.structure import FileRecordRef
@@ -59,7 +58,7 @@ def about_measurement(resolved: Mapping[str, Any], job: JobConfig, name: str) ->
 @cache
 def program() -> str:
     """Digest of the sources of this program and of the versions of its libraries."""
-    h, root = hashlib.sha256(repr(versions()).encode()), Path(lrbc_cli.__file__).parent
+    h, root = hashlib.sha256(repr(versions()).encode()), Path(__file__).parents[1]
     for path in sorted(root.rglob("*.py")):
         h.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
     return h.hexdigest()

@@ -119,7 +119,7 @@ def export(
         If there is no real first-order form.
     """
     check_targets(files, inputs, replace_foreign=replace_foreign)
-    parameters = start_parameters(inputs, frf_source(inputs, stage, evaluation="auto"))
+    parameters = start_parameters(inputs, frf_source(inputs, stage))
     tree = second_order(inputs, stage, parameters)
     told: dict[str, Any] = {}
     if first_order:

@@ -200,8 +200,8 @@ def simulate(
     s = 2j * np.pi * frequency
     auto = job is None and any(group.config.start is None for group in inputs.groups)
     stage = None if full and not auto else obtain_reduction(inputs, folder, accept=accept or full, progress=progress)
-    reduced = None if stage is None else frf_source(inputs, stage, progress, evaluation="auto")
-    source = frf_source(inputs, None, progress, evaluation="full") if full or reduced is None else reduced
+    reduced = None if stage is None else frf_source(inputs, stage, progress)
+    source = frf_source(inputs, None, progress) if full or reduced is None else reduced
     parameters = start_parameters(inputs, reduced) if auto and reduced is not None else layout(inputs)
     theta = parameters.initial if job is None else job_values(inputs, job, parameters)
     theta = parse_values(assignments, parameters, theta)

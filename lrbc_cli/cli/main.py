@@ -18,11 +18,11 @@ from typing import Any, NoReturn
 
 import click
 
-from lrbc_cli import __version__
 from lrbc_cli.cli import interruption
 from lrbc_cli.cli.options import verbosity, verbosity_options
 from lrbc_cli.cli.terminal import complain
 from lrbc_cli.errors import ConfigError, LrbcError, NumericalError
+from lrbc_cli.version import __version__
 
 #: Module and function of each command, and its line in the help; commands are imported when they run, so that the help is fast.
 COMMANDS: dict[str, tuple[str, str]] = {

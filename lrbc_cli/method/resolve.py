@@ -12,7 +12,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Literal
 
-from lrbc_cli.config.settings import UpdateConfig
+from lrbc_cli.config import Campaign
+from lrbc_cli.config.settings import EveryLine, ListedLines, UpdateConfig
 from lrbc_cli.method.rule import rule_of
 from lrbc_cli.updating.judging.rule import DecisionRule
 from lrbc_cli.updating.statistics.model import STATISTICS, StatisticalModel
@@ -66,7 +67,7 @@ class Method:
     weighted : bool
         Lines are weighted by their noise, if known (``noise_source``), and by errors of predicted changes.
     residual : ResidualOptions
-    lines : str or mapping
+    lines : str, EveryLine or ListedLines
         Lines compared, as in the campaign file.
     responses : tuple of str or None
         Responses that are fitted; None: all.
@@ -92,7 +93,7 @@ class Method:
     mixture: bool
     weighted: bool
     residual: ResidualOptions
-    lines: Any
+    lines: str | EveryLine | ListedLines
     responses: tuple[str, ...] | None
     nuisances: Mapping[str, float]
     full_order: bool
@@ -115,7 +116,8 @@ class Method:
     def tree(self) -> dict[str, Any]:
         """The entry ``method`` of ``result.json``: all fields except the rule, including reasons, as plain values."""
         found = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.name != "rule"}
-        found |= {"residual": asdict(self.residual), "statistics": asdict(self.statistics)}
+        lines = self.lines if isinstance(self.lines, str) else self.lines.model_dump(mode="json", by_alias=True)
+        found |= {"lines": lines, "residual": asdict(self.residual), "statistics": asdict(self.statistics)}
         return found | {"nuisances": dict(self.nuisances), "reasons": dict(self.reasons)}
 
     @property
@@ -183,7 +185,7 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
         mixture=mixture,
         weighted=weighted,
         residual=ResidualOptions(update.residual, update.loss_scale if update.loss == "soft" else None, update.floor),
-        lines=update.lines if isinstance(update.lines, str) else update.lines.model_dump(mode="json", by_alias=True),
+        lines=update.lines,
         responses=update.responses,
         nuisances={name: value for name, value in update.nuisances if value is not None},
         full_order=update.evaluation == "full",
@@ -224,6 +226,11 @@ def _comparison(mixture: bool, relative: bool) -> dict[str, str]:
     return {"relative": why, "mixture": "each bolt is tight or loose"}
 
 
+def approach_of(campaign: Campaign) -> Approach:
+    """The approach of a campaign; before its first job, with the reference job that a plan assumes."""
+    return _approach(campaign.update, Facts(campaign.update.reference is not None or not campaign.jobs, bolts=True))[0]
+
+
 def _approach(update: UpdateConfig, facts: Facts) -> tuple[Approach, str]:
     """The approach and the reason for it."""
     if update.approach is not None:
@@ -259,18 +266,20 @@ def noise_source(method: Method, *, coherent: bool, repeated: bool) -> Noise:
 
 
 def formula(evaluation: str, terms: int, size: int) -> str:
-    """Formula by which FRFs are evaluated; ``auto`` takes the cheaper one: port FRFs (solves of order nt) or eq. (28) (order r).
+    """Formula by which FRFs of a reduced model are evaluated: port FRFs (solves of order nt) or eq. (28) (order r).
 
     Parameters
     ----------
     evaluation : str
-        As in the settings.
+        As in the settings; unless it names one of them, the cheaper one is used.
     terms, size : int
         Number of terms nt, and order r of the reduced model.
 
     Returns
     -------
     str
-        ``port``, ``reduced`` or ``full``.
+        ``port`` or ``reduced``.
     """
-    return evaluation if evaluation != "auto" else "port" if terms <= size else "reduced"
+    if evaluation in ("port", "reduced"):
+        return evaluation
+    return "port" if terms <= size else "reduced"

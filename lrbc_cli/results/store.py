@@ -14,7 +14,6 @@ from typing import Any, TypeVar, cast
 from pydantic import ValidationError
 from pydantic.json_schema import models_json_schema
 
-from lrbc_cli import __version__
 from lrbc_cli.errors import ConfigError, DataError, LrbcError, room_or
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.json_text import parse_json, read_json_text
@@ -28,6 +27,7 @@ from lrbc_cli.results.rehearsal import RehearsalRecord
 from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.structure import StructureRecord
 from lrbc_cli.updating.judging.evidence import Evidence
+from lrbc_cli.version import __version__
 
 R = TypeVar("R", bound=StoredRecord)
 S = TypeVar("S", bound=SealedRecord)

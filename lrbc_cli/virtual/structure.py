@@ -123,7 +123,7 @@ class VirtualStructure:
         if settings.scatter.kelvin and SOUND_SPEED not in inputs.recipe.names:
             raise ConfigError("the model has no air DOFs", place="--temperature", expected="DOFs PRES", hint="give --temperature 0")
         stage = obtain_reduction(inputs, cache, progress=progress)
-        self.parameters = parameterise(inputs, frf_source(inputs, stage, evaluation="auto"), self.s)[0]
+        self.parameters = parameterise(inputs, frf_source(inputs, stage), self.s)[0]
         draw = rng.standard_normal(5)
         damped = np.exp(settings.damping * draw[3:])
         undamped = ("stiffness.structure", "mass.structure", "stiffness.acoustic")

@@ -28,7 +28,7 @@ class Made:
 
     def __init__(self, folder: Folder, *overrides: str, **by_hand: Any) -> None:
         self.study = lrbc_cli.load(folder.config, overrides=(AUTO, *overrides), cache=folder.cache)
-        self.study.inputs = replace(self.study.inputs, by_hand=by_hand)
+        self.study = self.study.with_method(**by_hand)
         self.tight, self.other = self.study.jobs[:2]
         self.hz = self.study.read(self.tight).frequency_hz
         self.parameters = self.study.parameters(self.hz)

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from campaigns import Folder
 
+from lrbc_cli import load
 from lrbc_cli.campaign.jobs.plans import plan
 from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -97,11 +98,11 @@ def test_where_the_noise_of_lines_is_from(settings: dict[str, Any], coherent: bo
 
 
 def test_formulas() -> None:
-    assert [formula("auto", 10, 38), formula("auto", 40, 38), formula("reduced", 10, 38), formula("full", 10, 0)] == [
+    assert [formula("auto", 10, 38), formula("auto", 40, 38), formula("reduced", 10, 38), formula("full", 10, 38)] == [
         "port",
         "reduced",
         "reduced",
-        "full",
+        "port",
     ]
 
 
@@ -149,6 +150,15 @@ def test_a_number_of_the_statistical_model_makes_results_outdated(frame: Folder)
     changed = replace(inputs, by_hand={"statistics": replace(inputs.statistics, errors=errors)})
     assert changed.method.statistics.errors.shift_error == 0.30
     assert runs(changed) == JOBS
+
+
+def test_what_the_method_says_is_what_is_computed(frame: Folder) -> None:
+    """Fields of the method that are set from Python: the record states them, and the identification follows them."""
+    study = load(frame.config, cache=frame.cache)
+    plain, other = study.identify("tight"), study.with_method(lines="all", responses=("acc1", "acc2")).identify("tight")
+    assert (plain.record.method["lines"], other.record.method["lines"]) == ("resonances", "all")
+    assert plain.record.lines.count < other.record.lines.count == study.read("tight").frequency_hz.size
+    assert [name for name, entry in other.record.misfit_db.responses.items() if entry.used] == ["acc1", "acc2"]
 
 
 @pytest.mark.parametrize(("stage", "verb"), [("reduction", "runs"), ("identification", "runs"), ("judgement", "judged anew")])

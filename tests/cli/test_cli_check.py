@@ -355,7 +355,11 @@ def test_several_edges_in_one_list(tmp_path: Path) -> None:
     listed(folder, [*sides[0], *sides[1]], smoothing=None)
     assert folder.run("check").code == 0
     (folder.data / "bolts.csv").write_text("name,x,y,z\nB1,0.1,0,0\nB2,0.3,0,0\nB3,0.1,2,0\nB4,0.3,2,0\n")
-    folder.write(folder.tree() | {"bolts": "data/bolts.csv"})
+    tree = folder.tree() | {"bolts": "data/bolts.csv"}
+    # With a weight of values along the edge no changes at bolts are identified.
+    folder.write(tree)
+    assert folder.run("check").code == 0
+    folder.write(tree | {"update": {"reference": "one"}})
     result = folder.run("check")
     assert result.code == 2
     assert "changes at bolts extend across the jumps" in result.stderr
@@ -427,10 +431,15 @@ def test_a_face_is_no_edge(tmp_path: Path) -> None:
     for text in said:
         assert text in refused.stderr, refused.stderr
     tree["parameters"]["springs"]["smoothing"] = None
-    folder.write(tree)
+    update = {"reference": "one"}
+    folder.write(tree | {"update": update})
     refused = folder.run("check")
     assert refused.code == 2
     assert "changes at bolts extend along it" in refused.stderr
+    # Whatever leads to the approach of the paper: nothing extends along the values then.
+    for settings in ({"approach": "paper"}, {"regularisation": 0.04}, {"reference": None}):
+        folder.write(tree | {"update": update | settings})
+        assert any("not an edge" in line for line in folder.inputs().warnings)
     del tree["bolts"]
     folder.write(tree)
     inputs = folder.inputs()

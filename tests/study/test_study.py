@@ -308,6 +308,10 @@ def test_arguments_of_a_study_are_refused(study: Study) -> None:
     for call in (
         lambda: study.identify("tight", reference="tight"),  # type: ignore[arg-type]
         lambda: study.identify("tight", values),  # type: ignore[arg-type]
+        lambda: study.identify(beyond),  # type: ignore[arg-type]
+        lambda: study.identify(["tight"]),  # type: ignore[arg-type]
+        lambda: lrbc_cli.load(3),  # type: ignore[arg-type]
+        lambda: study.with_method(line="all"),
         lambda: study.judge("tight"),  # type: ignore[arg-type]
         lambda: study.update("tight"),
         lambda: study.update(workers=0),

@@ -85,12 +85,6 @@ class Measurement:
         return np.asarray(np.concatenate([level.sum(axis=0), (rising * level).sum(axis=0)]) / np.tile(np.maximum(valid.sum(axis=0), 1), 2))
 
 
-def with_job(inputs: Inputs, name: str) -> Inputs:
-    """The inputs with a further job without files, whose measurement is passed to the identification."""
-    job = JobConfig.model_construct(frf=Path(name))
-    return replace(inputs, campaign=inputs.campaign.model_copy(update={"jobs": {**inputs.campaign.jobs, name: job}}))
-
-
 def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     """FRFs of a job, averaged over its repeats, by response on the lines inside the band.
 

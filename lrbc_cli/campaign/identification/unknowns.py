@@ -216,7 +216,7 @@ def select_lines(inputs: Inputs, measurement: Measurement, name: str) -> Integer
     DataError
         If a listed line was not measured.
     """
-    lines = inputs.campaign.update.lines
+    lines = inputs.method.lines
     frequency = measurement.frequency_hz
     if isinstance(lines, EveryLine):
         return np.arange(0, frequency.size, lines.every)

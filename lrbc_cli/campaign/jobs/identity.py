@@ -23,7 +23,7 @@ IDENTIFICATION_VERSION, JUDGEMENT_VERSION = 30, 9
 #: The parts of an identification in words.
 PARTS = {
     "version": "the method of this version",
-    "model": "the model",
+    "model": "the model or its calibration",
     "reduction": "the reduction",
     "parameters": "the parameter groups",
     "bolts": "the bolts",

@@ -123,7 +123,7 @@ def decided(
             tight = ComparedWith(None if before is None else before.state, kept)
             plans[name] = settled(plans[name], output, rests_on(tight), reference)
             anew = [other for other in baselines if plans[other].judge]
-            if anew and not plans[name].run:
+            if anew and plans[name].kept:
                 # The rule that judges the baselines anew also applies to this job; their verdicts are not known yet.
                 plans[name] = _judged(plans[name], output, f"changed: the judgement of {', '.join(anew)}")
     return list(plans.values())

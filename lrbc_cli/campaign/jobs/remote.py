@@ -13,7 +13,6 @@ from contextlib import contextmanager
 from threading import Lock
 from typing import Any
 
-import lrbc_cli
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.jobs.identity import IDENTIFICATION_VERSION
@@ -22,13 +21,14 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.errors import ConfigError, DataError, LrbcError, on_one_line
 from lrbc_cli.updating.judging.reference import ReferenceState
+from lrbc_cli.version import __version__
 
 log = logging.getLogger(__name__)
 
 
 def version() -> str:
     """Version of the identification on the machine where this is called; workers must have the same."""
-    return f"lrbc {lrbc_cli.__version__}, identification {IDENTIFICATION_VERSION}-{NUMBERS['identification']}"
+    return f"lrbc {__version__}, identification {IDENTIFICATION_VERSION}-{NUMBERS['identification']}"
 
 
 class Cluster:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from lrbc_cli import __version__
 from lrbc_cli.campaign.jobs.finished import Finished, calibration_tree, origin_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import ReductionStage
@@ -17,6 +16,7 @@ from lrbc_cli.results.job import FailedJob, JobRecord
 from lrbc_cli.results.model import CampaignRecord, ReductionRecord
 from lrbc_cli.results.store import read_job, versions, write, write_evidence, write_sealed
 from lrbc_cli.results.tables import write_csv
+from lrbc_cli.version import __version__
 
 
 def write_result(output: Path, finished: Finished) -> JobRecord:

@@ -151,7 +151,7 @@ def make_plan(
     begin = time.perf_counter()
     stage = obtain_reduction(inputs, folder, accept=accept, progress=progress)
     ready = time.perf_counter()
-    source, grid = frf_source(inputs, stage, progress, evaluation="auto"), _grid(inputs)
+    source, grid = frf_source(inputs, stage, progress), _grid(inputs)
     parameters, _ = parameterise(inputs, source, 2j * np.pi * grid)
     about = _about(inputs, parameters, request)
     shapes, by = _shapes(inputs, parameters, request.by)
@@ -285,7 +285,7 @@ def _settings(inputs: Inputs, about: About, joints: bool) -> dict[str, Any]:
 
 def _grid(inputs: Inputs) -> Floats:
     """Lines that would be measured [Hz]: over the band 1 Hz apart within the limits ``LINES``, or those that the settings list."""
-    lines, band = inputs.campaign.update.lines, inputs.campaign.reduction.band
+    lines, band = inputs.method.lines, inputs.campaign.reduction.band
     if isinstance(lines, ListedLines):
         listed = np.unique(np.array(lines.frequencies, dtype=float))
         outside = (listed < band[0] * (1 - 1e-9)) | (listed > band[1] * (1 + 1e-9))
@@ -307,7 +307,7 @@ def _grid(inputs: Inputs) -> Floats:
 
 def _lines(inputs: Inputs, grid: Floats, y: Complexes) -> Integers:
     """Indices of the lines of the grid that an identification would use, by the resonances of the model's FRFs y."""
-    lines = inputs.campaign.update.lines
+    lines = inputs.method.lines
     if isinstance(lines, EveryLine):
         return np.arange(0, grid.size, lines.every)
     return (

@@ -16,9 +16,10 @@ from scipy.optimize import brentq
 from scipy.special import betaincinv
 
 from lrbc_cli.arrays import Bools, Complexes, Floats
+from lrbc_cli.campaign.identification.handed import with_job
 from lrbc_cli.campaign.identification.identify import identify
 from lrbc_cli.campaign.identification.nuisances import nuisances_of
-from lrbc_cli.campaign.identification.records import Measurement, read_measurement, with_job
+from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.jobs.evidence import evidence_of
 from lrbc_cli.campaign.jobs.finished import result_record
 from lrbc_cli.campaign.jobs.judging import scatter_of_records

@@ -5,7 +5,7 @@ from __future__ import annotations
 from lrbc_cli.arrays import Floats
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.settings import NuisanceConfig
-from lrbc_cli.method.resolve import Facts, resolve
+from lrbc_cli.method.resolve import approach_of
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.shifts import load_shifts
 
@@ -22,9 +22,7 @@ def speed_std(nuisances: NuisanceConfig) -> float | None:
 def check_drift(campaign: Campaign, acoustic: bool) -> None:
     """Raise a ConfigError if nuisance parameters are given without a reference job, or for the speed of sound in a model without air."""
     drift = [key for key, value in campaign.update.nuisances if value is not None and key != "room"]
-    # Before the first measurement there is no reference job to name, but a plan already uses nuisance parameters.
-    reference = campaign.update.reference is not None or not campaign.jobs
-    if drift and resolve(campaign.update, Facts(reference, True)).approach == "paper":
+    if drift and approach_of(campaign) == "paper":
         raise campaign.error(
             "drift is given, but results are not compared with a reference job",
             "update",

@@ -12,7 +12,7 @@ from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.campaign.reading.groups import TermGroup
 from lrbc_cli.campaign.reading.model_doubts import require_known_bolts
 from lrbc_cli.config import Campaign
-from lrbc_cli.method.resolve import Facts, resolve
+from lrbc_cli.method.resolve import approach_of
 from lrbc_cli.model.dofs import PointTable
 from lrbc_cli.model.selection import JUMP, arc_length, edges_of, is_line, jumps
 
@@ -28,7 +28,7 @@ def by_edges(campaign: Campaign, groups: Sequence[TermGroup], bolts: PointTable 
     """
     require_known_bolts(campaign, bolts)
     found, notes, doubts = list[TermGroup](), list[str](), list[str]()
-    if resolve(campaign.update, Facts(campaign.update.reference is not None, bolts is not None)).approach == "bolts":
+    if approach_of(campaign) == "bolts":
         _require_own_weight(campaign)
     for group in groups:
         if group.xyz is None or group.arc_length is None:
@@ -101,7 +101,7 @@ def _no_line(campaign: Campaign, group: TermGroup, at: Integers, bolts: PointTab
     if not _ordered_here(group) or all(map(is_line, np.split(group.xyz, at + 1))):
         return None
     smoothed = sum(weight > 0 for weight in group.config.smoothing or ()) > 1
-    at_bolts = bolts is not None and group.config.kind == "stiffness" and campaign.update.approach != "paper"
+    at_bolts = bolts is not None and group.config.kind == "stiffness" and approach_of(campaign) == "bolts"
     low, high = group.xyz.min(axis=0), group.xyz.max(axis=0)
     found = f"{group.count} values from {_place(low)} to {_place(high)} that fill a face or a body"
     hint = "select the border of a flat field with `boundary: true`, make the box smaller, or select by `along`"
@@ -182,7 +182,7 @@ def _tied(campaign: Campaign, group: TermGroup, at: Integers, bolts: PointTable 
     smoothing = group.config.smoothing
     if smoothing is not None and any(weight > 0 for i, weight in enumerate(smoothing) if i != len(smoothing) // 2):
         return "smoothing mixes values"
-    if bolts is None or group.config.kind != "stiffness" or campaign.update.approach == "paper":
+    if bolts is None or group.config.kind != "stiffness" or approach_of(campaign) == "paper":
         return None
     assert group.xyz is not None
     steps = np.linalg.norm(np.diff(group.xyz, axis=0), axis=1)

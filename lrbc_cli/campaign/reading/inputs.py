@@ -164,7 +164,7 @@ class Inputs:
     @property
     def used(self) -> NDArray[np.int64]:
         """Indices of the responses that enter the cost."""
-        names = self.campaign.update.responses
+        names = self.method.responses
         return np.array([i for i, r in enumerate(self.responses) if names is None or r.name in names], dtype=np.int64)
 
     @property

@@ -361,12 +361,10 @@ class FrfSource:
         return ExtendedFrf(affine_model(self.inputs, self.stage), s, parameters, nuisances, rows)
 
 
-def frf_source(
-    inputs: Inputs, stage: ReductionStage | None, progress: Callable[[str], None] = lambda _: None, *, evaluation: str | None = None
-) -> FrfSource:
-    """Source of FRFs, evaluated as the settings state, or by ``evaluation`` if given; see ``formula``."""
-    size = 0 if stage is None else stage.reduction.model.size
-    kind = formula(evaluation or inputs.campaign.update.evaluation, inputs.model.terms.size, size)
+def frf_source(inputs: Inputs, stage: ReductionStage | None, progress: Callable[[str], None] = lambda _: None) -> FrfSource:
+    """Source of FRFs of the reduced model, by the ``formula`` that the settings state; of the full model if there is no reduced one."""
+    evaluation = inputs.campaign.update.evaluation
+    kind = "full" if stage is None else formula(evaluation, inputs.model.terms.size, stage.reduction.model.size)
     return FrfSource(inputs=inputs, stage=stage, kind=kind, progress=progress)
 
 

@@ -271,34 +271,21 @@ def _verdict(
         return BoltVerdict(name=bolt.name, verdict=UNDECIDED, note="no stiffness group that belongs to bolts or that bolts lie along")
     if bolt.outside is not None:
         return BoltVerdict(name=bolt.name, verdict=OUTSIDE, note=bolt.outside)
-    word, note, change, std, probability, threshold = _by_role(bolt, evidence, rule, role, scatter, level)
-    suspect = role == BASELINE and word == LOOSE
+    found = _by_role(bolt, evidence, rule, role, scatter, level)
     if role == BASELINE:
-        word, probability = TIGHT, None
-        tight = "a baseline, taken as tight"
-        note = f"{tight}, but compared with the reference job it comes out loose" if suspect else note or tight
+        suspect, tight = found.verdict == LOOSE, "a baseline, taken as tight"
+        note = f"{tight}, but compared with the reference job it comes out loose" if suspect else found.note or tight
+        found = replace(found, verdict=TIGHT, probability_loose=None, note=note, suspect=suspect and explained)
     if not explained:
-        word, probability, note = UNDECIDED, None, "the model does not explain the measurement"
-    return BoltVerdict(
-        name=bolt.name,
-        verdict=word,
-        note=note,
-        log10_stiffness=bolt.log10_stiffness,
-        change=change,
-        change_std=std,
-        change_interval95=None if change is None or std is None or bolt.change is None else bolt.change.interval(change, std),
-        probability_loose=probability,
-        threshold=threshold,
-        suspect=suspect and explained,
-    )
+        found = replace(found, verdict=UNDECIDED, probability_loose=None, note="the model does not explain the measurement")
+    return found
 
 
-def _by_role(
-    bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: str, scatter: TightScatter, level: float
-) -> tuple[str, str | None, float | None, float | None, float | None, float | None]:
-    """Verdict, note, change and its standard deviation, probability of being loose, threshold; before the role of a baseline."""
+def _by_role(bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: str, scatter: TightScatter, level: float) -> BoltVerdict:
+    """Verdict on one bolt, before the role of a baseline."""
+    found = BoltVerdict(name=bolt.name, verdict=UNDECIDED, log10_stiffness=bolt.log10_stiffness)
     if role == REFERENCE:
-        return TIGHT, "reference state, taken as tight", 0.0, None, None, None
+        return replace(found, verdict=TIGHT, note="reference state, taken as tight", change=0.0)
     if bolt.change is not None:
         posterior = bolt.change
         # A tight bolt beside a gap shows part of the neighbour's change, so the threshold is below that.
@@ -326,16 +313,26 @@ def _by_role(
         elif word == TIGHT and posterior.unfelt:
             note = f"judged by its other springs: no response is sensitive to those of {', '.join(posterior.unfelt)}"
         change = posterior.mean if posterior.ceiling is None else min(posterior.mean, posterior.ceiling)
-        return word, note, change, float(np.hypot(posterior.std, between)), probability, limit
+        std = float(np.hypot(posterior.std, between))
+        return replace(
+            found,
+            verdict=word,
+            note=note,
+            change=change,
+            change_std=std,
+            change_interval95=posterior.interval(change, std),
+            probability_loose=probability,
+            threshold=limit,
+        )
     if evidence.missing_reference is not None:
         # A change is wanted, which a contrast between bolts does not replace.
-        return UNDECIDED, f"no result of {evidence.missing_reference} to compare with", bolt.difference, None, None, None
+        return replace(found, note=f"no result of {evidence.missing_reference} to compare with", change=bolt.difference)
     if bolt.difference is not None:
-        return LOOSE if bolt.difference <= rule.loose_change else TIGHT, None, bolt.difference, None, None, None
+        return replace(found, verdict=LOOSE if bolt.difference <= rule.loose_change else TIGHT, change=bolt.difference)
     # Without a tight state no bolt can be judged tight: all may be loose.
     loose = bolt.felt is not None and bolt.felt - level <= rule.loose_change
     note = "no tight state to compare with: loose by contrast with the other bolts, or inconclusive"
-    return LOOSE if loose else UNDECIDED, note, None, None, None, None
+    return replace(found, verdict=LOOSE if loose else UNDECIDED, note=note)
 
 
 def _most_changed(posterior: Change, own: float, scatter: float, rule: DecisionRule) -> tuple[PartialChange | None, float]:

@@ -16,9 +16,6 @@ from lrbc_cli.updating.search.optimise import Best, HistoryEntry, Solution, Star
 from lrbc_cli.updating.search.starts import Mirrors, alone, hops, other_levels
 from lrbc_cli.updating.search.valleys import Lead, leading_apart, worth
 
-#: Separates, in the description of an end, its start from what was tried beside an earlier end, see ``Race.look_beside``.
-BESIDE = ", then"
-
 
 class Race:
     """Descents from many starts, with their ends and all evaluations.
@@ -50,6 +47,7 @@ class Race:
         self.ends: list[tuple[str, Solution]] = []
         self.history: list[HistoryEntry] = []
         self.iterations = self.elsewhere = 0
+        self._began: dict[str, str] = {}
         self._misfit, self._bounds, self._span = misfit, bounds, span
         self._tolerance, self._most = tolerance, max_iterations
 
@@ -146,16 +144,21 @@ class Race:
                 rest = self._misfit.without(theta, share)
                 return descend(rest, theta, self._bounds, span, tolerance=self._tolerance, max_iterations=more).theta
 
-            first = description.partition(BESIDE)[0]
+            first = self._began.get(description, description)
+
+            def beside(way: str, first: str = first) -> str:
+                self._began[text := f"{first}, then {way}"] = first
+                return text
+
             if joints and wide:
                 moved = other_levels(wide[-1], end, self._bounds, span, joints, mirrors)
-                places = [(f"{first}{BESIDE} over smoothed spectra", theta) for theta in self._smoothed(wide, [end.theta, *moved])]
+                places = [(beside("over smoothed spectra"), theta) for theta in self._smoothed(wide, [end.theta, *moved])]
             elif joints:
                 moved = other_levels(self._misfit, end, self._bounds, span, joints, mirrors)
-                places = [(f"{first}{BESIDE} one joint at another level", theta) for theta in moved]
+                places = [(beside("one joint at another level"), theta) for theta in moved]
             else:
-                places = [(f"{first}{BESIDE} a hop", theta) for theta in hops(self._misfit, end, self._bounds, span)]
-            texts = [f"{first}{BESIDE} without the {100 * share:g} % that it explains least" for share in shares]
+                places = [(beside("a hop"), theta) for theta in hops(self._misfit, end, self._bounds, span)]
+            texts = [beside(f"without the {100 * share:g} % that it explains least") for share in shares]
             self.begin([*places, *zip(texts, side_by_side(without, shares), strict=True)], few)
             self.halve(before, more)
             if not self.ends[self.best][1].evaluation.total < end.evaluation.total - worth(self._misfit, end.evaluation):
