@@ -148,7 +148,7 @@ def _cost(content: Content, *, paper: bool) -> _Section | None:
     costs = tables.cost_table(content.jobs, content.reduction, paper=paper)
     if costs is None:
         return None
-    text = "Times on this machine. Seconds depend on the machine; multiples of the time for one full line hardly do."
+    text = "Times on this machine. Seconds depend on the machine; multiples of the time for one line of the full model hardly do."
     if paper:
         text += (
             " For comparison: the times stated in the paper (Table 4; laptop, 2.7 GHz, 23\u202f537 DOFs). It prints 4.90e4 s for the full "

@@ -351,7 +351,7 @@ class Draft:
         if len(names) > 3:
             lines.append(f"  responses: [{', '.join(map(quoted, names[:-1]))}]   # the last one checks the result")
             self.todo.append(f"update.responses: {names[-1]} is left out as validation channel")
-        return [*lines, "  loss: soft                        # single wild lines count little", "  loss_scale: 1.0"]
+        return [*lines, "  loss: soft                        # single outlying lines count little", "  loss_scale: 1.0"]
 
     def _calibration(self, reference: str | None) -> list[str]:
         if reference is None:
