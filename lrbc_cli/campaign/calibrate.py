@@ -20,7 +20,7 @@ from lrbc_cli.campaign.identification.gains import Gains, columns_of, gains_of, 
 from lrbc_cli.campaign.identification.nuisances import gain_tree, hits_of
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines
-from lrbc_cli.campaign.identification.weights import left_out, line_sigma, out_of_noise, ratio_of
+from lrbc_cli.campaign.identification.weights import left_out, line_sigma, ratio_of, without_noise
 from lrbc_cli.campaign.jobs.finished import frf_rows, misfit_tree
 from lrbc_cli.campaign.jobs.results import write_campaign
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -74,6 +74,8 @@ class CalibrationOutcome:
     fit : FactorFit
     rounds : tuple of Round
     measurement : Measurement
+    compared : (F, R) complex array
+        Measured values without those that are mostly noise.
     selected : int array
         Lines that entered the cost.
     initial, updated : (F, R) complex arrays
@@ -89,6 +91,7 @@ class CalibrationOutcome:
     fit: FactorFit
     rounds: tuple[Round, ...]
     measurement: Measurement = field(repr=False)
+    compared: Complexes = field(repr=False)
     selected: Integers = field(repr=False)
     initial: Complexes = field(repr=False)
     updated: Complexes = field(repr=False)
@@ -177,6 +180,7 @@ def calibrate(
     measurement = read_measurement(inputs, inputs.campaign.jobs[settings.job], settings.job)
     for warning in measurement.warnings:
         log.warning("job %s: %s", settings.job, warning)
+    compared = without_noise(inputs, settings.job, measurement, known=True)
     watch = _Watch()
     stage = obtain_reduction(inputs, folder, accept=accept, progress=progress)
     watch.lap("reduction")
@@ -197,7 +201,7 @@ def calibrate(
         model, recipe = with_factors(inputs.model, inputs.recipe, fit.factors)
         relative = problem.frf(s).factors(fit.solution.theta)
         held_out = _errors(replace(now, model=model), stage, problem.model.at(relative), progress)
-        rounds.append(Round(_misfit(inputs, measurement, updated), fit.factors, held_out, stage.reduction.model.size))
+        rounds.append(Round(_misfit(inputs, compared, updated), fit.factors, held_out, stage.reduction.model.size))
         watch.lap("certificate")
         told = f"misfit {rounds[-1].misfit_db:.2f} dB, error of the reduced model at these factors {rounds[-1].error:.1e}"
         progress(f"round {len(rounds)}: {told}")
@@ -209,8 +213,9 @@ def calibrate(
         hits = hits_of(now, now.campaign.update.nuisances)
         problem = replace(problem, model=affine_model(now, stage), base=fit.factors, nuisances=hits)
         theta = fit.moved(problem)
-    fit = fit.wider(ratio_of(inputs, measurement, inputs.campaign.jobs[settings.job], problem.selected, updated))
-    misfits = (_misfit(inputs, measurement, initial), rounds[-1].misfit_db)
+    heard = replace(measurement, values=without_noise(inputs, settings.job, measurement))
+    fit = fit.wider(ratio_of(inputs, heard, inputs.campaign.jobs[settings.job], problem.selected, updated))
+    misfits = (_misfit(inputs, compared, initial), rounds[-1].misfit_db)
     doubted = calibration_doubts(inputs, measurement, (initial, plain), settings.job, misfits, gains)
     for warning in doubted:
         log.warning("calibration from %s: %s", settings.job, warning)
@@ -218,6 +223,7 @@ def calibrate(
         fit=fit,
         rounds=tuple(rounds),
         measurement=measurement,
+        compared=compared,
         selected=problem.selected,
         initial=initial,
         updated=updated,
@@ -294,7 +300,7 @@ def first_problem(source: FrfSource, measurement: Measurement) -> tuple[FactorPr
     assert stage is not None
     settings, used = require_calibration(inputs), inputs.used
     parameters, _ = parameterise(inputs, source, 2j * np.pi * measurement.frequency_hz)
-    values = out_of_noise(inputs, measurement, inputs.campaign.jobs[settings.job])
+    values = without_noise(inputs, settings.job, measurement)
     selected = select_lines(inputs, replace(measurement, values=values), settings.job)
     sigma, notes = line_sigma(inputs, measurement, inputs.campaign.jobs[settings.job], selected)
     problem = FactorProblem(
@@ -315,9 +321,9 @@ def first_problem(source: FrfSource, measurement: Measurement) -> tuple[FactorPr
     return problem, (*notes, *left_out(inputs, measurement, values))
 
 
-def _misfit(inputs: Inputs, measurement: Measurement, y: Complexes) -> float:
+def _misfit(inputs: Inputs, measured: Complexes, y: Complexes) -> float:
     """Mean misfit of FRFs y (F, R) over the responses used [dB]."""
-    return float(np.nanmean(mean_misfit(y, measurement.values)[inputs.used]))
+    return float(np.nanmean(mean_misfit(y, measured)[inputs.used]))
 
 
 def _errors(inputs: Inputs, stage: ReductionStage, reduced: Any, progress: Callable[[str], None]) -> tuple[HeldOut, ...]:
@@ -346,7 +352,7 @@ def calibration_record(inputs: Inputs, outcome: CalibrationOutcome, parts: dict[
             "status": status,
             "reason": reason,
             **_values(inputs, fit),
-            "misfit_db": misfit_tree(inputs, *(mean_misfit(y, outcome.measurement.values) for y in (outcome.initial, outcome.updated))),
+            "misfit_db": misfit_tree(inputs, *(mean_misfit(y, outcome.compared) for y in (outcome.initial, outcome.updated))),
             "noise": {"sigma_db": fit.noise.sigma, "correlation_factor": fit.noise.factor, "validation_ratio": fit.noise.ratio},
             "rounds": [{"misfit_db": r.misfit_db, "factors": r.factors, "error": r.error, "size": r.size} for r in outcome.rounds],
             "stages": [asdict(stage) for stage in fit.stages],

@@ -48,11 +48,11 @@ def nearest(table: DofTable, point: Sequence[float], component: str) -> tuple[in
 
 
 def spacing(table: DofTable, dof: int) -> float:
-    """Local mesh size [m]: distance from a DOF to the nearest other node with the same component."""
-    same = np.flatnonzero((table.component == table.component[dof]) & (table.node != table.node[dof]))
-    if not same.size:
-        return 0.0
-    return float(np.linalg.norm(table.xyz[same] - table.xyz[dof], axis=1).min())
+    """Local mesh size [m]: distance from a DOF to the nearest node elsewhere with the same component; 0 if there is none."""
+    away = np.linalg.norm(table.xyz[table.component == table.component[dof]] - table.xyz[dof], axis=1)
+    # Nodes of two parts may coincide, as at both ends of a bushing.
+    away = away[away > 0.0]
+    return float(away.min()) if away.size else 0.0
 
 
 def in_box(table: DofTable, component: str, box: Sequence[Sequence[float]]) -> Integers:

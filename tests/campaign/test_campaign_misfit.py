@@ -11,7 +11,7 @@ from test_campaign_identify import identify, measure, values
 
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
-from lrbc_cli.campaign.identification.weights import line_sigma, out_of_noise
+from lrbc_cli.campaign.identification.weights import line_sigma, without_noise
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfSet
 from lrbc_cli.updating.statistics.decibels import coherence_sigma, noise_weights
@@ -234,19 +234,23 @@ def test_what_is_mostly_noise_is_not_compared(box: Folder) -> None:
     """No peak of it is a resonance; where coherence tells the noise, or nothing is weighed against it, all is compared."""
     low = drown(box, "tight")
     inputs = box.inputs("update.regularisation=auto")
-    job, measurement = inputs.campaign.jobs["tight"], read_measurement(inputs, inputs.campaign.jobs["tight"], "tight")
-    lost = np.isnan(out_of_noise(inputs, measurement, job)) & np.isfinite(measurement.values)
+    measurement = read_measurement(inputs, inputs.campaign.jobs["tight"], "tight")
+    lost = np.isnan(without_noise(inputs, "tight", measurement)) & np.isfinite(measurement.values)
     (at,) = np.flatnonzero(lost.any(axis=0)).tolist()
     assert lost[low, at].mean() > 0.8
     assert lost[~low, at].mean() < 0.05
     paper = box.inputs("update.regularisation=10")
-    np.testing.assert_array_equal(out_of_noise(paper, measurement, job), measurement.values)
+    np.testing.assert_array_equal(without_noise(paper, "tight", measurement), measurement.values)
     coherent = replace(measurement, coherence=np.full(measurement.values.shape, 0.9))
-    np.testing.assert_array_equal(out_of_noise(inputs, coherent, job), measurement.values)
+    np.testing.assert_array_equal(without_noise(inputs, "tight", coherent), measurement.values)
+    # A cost weights such values already, but a mean misfit does not.
+    few = np.where(low[:, None] & (np.arange(measurement.values.shape[1]) == at), 0.1, 0.9)
+    weighed = np.isnan(without_noise(inputs, "tight", replace(measurement, coherence=few), known=True))
+    np.testing.assert_array_equal(weighed, np.isnan(measurement.values) | (few == 0.1))
     # A sensor that is dead on most lines is a fault, and no noise to do without.
     dead, rng = measurement.values.copy(), np.random.default_rng(9)
     dead[:, at] = rng.normal(size=len(dead)) + 1j * rng.normal(size=len(dead))
-    np.testing.assert_array_equal(out_of_noise(inputs, replace(measurement, values=dead), job), dead)
+    np.testing.assert_array_equal(without_noise(inputs, "tight", replace(measurement, values=dead)), dead)
     # What the reference job does not tell is left out of the jobs that are compared with it.
     assert box.run("update", "--override", "update.regularisation=auto").code in (0, 5)
     for name, where in (("tight", "noise, by"), ("loose", "noise in tight, by")):

@@ -68,12 +68,12 @@ def _identified(job: Job) -> Identification:
     ports = time.perf_counter()
     inputs, reference = job.inputs, job.reference
     fit = job.about_reference(job.best())
-    values = job.measurement.values
+    told, compared = (job.told(job.name, job.measurement, known=known) for known in (False, True))
     initial, updated = job.frf(job.start), job.frf(fit.solution.theta, fit.knowledge)
     gains = job.gains_of(fit)
     updated = updated * job.lifted * (1.0 if gains is None else gains.factors(inputs))
-    before, after = mean_misfit(initial, values), mean_misfit(updated, values)
-    ratio = ratio_of(inputs, job.measurement, inputs.campaign.jobs[job.name], job.selected, updated)
+    before, after = mean_misfit(initial, compared), mean_misfit(updated, compared)
+    ratio = ratio_of(inputs, replace(job.measurement, values=told), inputs.campaign.jobs[job.name], job.selected, updated)
     solution, knowledge = fit.solution, fit.knowledge.wider(ratio)
     if fit.curve is not None:
         job.notes += curve_notes(fit.curve)

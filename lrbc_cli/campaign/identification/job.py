@@ -20,7 +20,7 @@ from lrbc_cli.campaign.identification.gains import Gains, columns_of, gains_of, 
 from lrbc_cli.campaign.identification.nuisances import hits_of, nuisances_of
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, penalty_of, select_lines, stored_covariance, theta_of
-from lrbc_cli.campaign.identification.weights import correction, joint_sigma, left_out, line_sigma, out_of_noise
+from lrbc_cli.campaign.identification.weights import correction, joint_sigma, left_out, line_sigma, without_noise
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.errors import DataError, NumericalError
@@ -90,8 +90,8 @@ class Job:
         self.prior = self.start if before is None else before
         self.shapes = self._shapes()
         self.tight: Measurement | None = None
-        self._values: dict[str, Complexes] = {}
-        self.selected = select_lines(inputs, replace(self.measurement, values=self._told(name, self.measurement)), name)
+        self._values: dict[tuple[str, bool], Complexes] = {}
+        self.selected = select_lines(inputs, replace(self.measurement, values=self.told(name, self.measurement)), name)
         self.model = source.model(self.s, self.parameters, self.selected, inputs.used)
         lines = self.measurement.frequency_hz, self.measurement.values[:, inputs.used]
         self.sharp = too_wide(lines, rule=self.statistics.resolution) is not None
@@ -100,7 +100,7 @@ class Job:
         self.sigma, notes = line_sigma(inputs, self.measurement, inputs.campaign.jobs[name], self.selected)
         self.tight_sigma: Floats | None = None
         noise_of = inputs.campaign.update.reference if self.against_reference else None
-        self.notes += [*notes, *left_out(inputs, self.measurement, self._told(name, self.measurement), noise_of)]
+        self.notes += [*notes, *left_out(inputs, self.measurement, self.told(name, self.measurement), noise_of)]
 
     def _read(self, name: str) -> Measurement:
         """Measurement of a job, read from its files unless it was passed in or read before."""
@@ -143,24 +143,17 @@ class Job:
         """(m, U) measured FRFs on the selected lines, for the responses used, without the gains of the reference job."""
         return self._used(self.name, self.measurement, self.selected)
 
-    def _told(self, job: str, measurement: Measurement) -> Complexes:
-        """(F, R) measured values, NaN where noise prevents comparison, see ``out_of_noise``; computed once per job.
-
-        With a reference job its noise decides: where a loosened bolt lets a response drown in noise, that is evidence.
-        """
-        reference = str(self.inputs.campaign.update.reference)
-        if job not in self._values and self.against_reference and job != reference:
-            tight = self.of_reference()
-            beside = tight if tight is not None and not unlike(measurement.frequency_hz, tight.frequency_hz) else None
-            drowned = False if beside is None else np.isfinite(beside.values) & ~np.isfinite(self._told(reference, beside))
-            self._values[job] = np.where(drowned, np.nan, measurement.values)
-        elif job not in self._values:
-            self._values[job] = out_of_noise(self.inputs, measurement, self.inputs.campaign.jobs[job])
-        return self._values[job]
+    def told(self, job: str, measurement: Measurement, *, known: bool = False) -> Complexes:
+        """(F, R) measured values of a job, see ``without_noise``; computed once."""
+        if (job, known) not in self._values:
+            other = self.against_reference and job != self.inputs.campaign.update.reference
+            tight = self.of_reference() if other else None
+            self._values[job, known] = without_noise(self.inputs, job, measurement, tight, known=known)
+        return self._values[job, known]
 
     def _used(self, job: str, measurement: Measurement, lines: Integers) -> Complexes:
         """(m, U) FRFs of a job on some lines, for the responses used, NaN where noisy, without the gains of the reference job."""
-        return np.asarray((self._told(job, measurement) / self.lifted)[np.ix_(lines, self.inputs.used)])
+        return np.asarray((self.told(job, measurement) / self.lifted)[np.ix_(lines, self.inputs.used)])
 
     @property
     def lifted(self) -> Floats:

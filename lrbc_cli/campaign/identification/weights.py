@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.compared.copies import proportional
 from lrbc_cli.campaign.identification.correlate import mean_of
-from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.method.resolve import noise_source
@@ -29,22 +29,47 @@ def measured_sigma(inputs: Inputs, measurement: Measurement, job: JobConfig, sel
     return kind, measurement.sigma_db if kind == "scatter" else None
 
 
-def out_of_noise(inputs: Inputs, measurement: Measurement, job: JobConfig) -> Complexes:
-    """(F, R) measured values, NaN where the scatter of neighbouring lines exceeds ``most_noise_db``.
+def mostly_noise(inputs: Inputs, measurement: Measurement, job: JobConfig, *, known: bool) -> Bools:
+    """(F, R) measured values with a noise above ``most_noise_db``, which say nothing about the model.
 
-    Noise has peaks that would count as resonances. Applied only if neither coherence nor repeats give the noise, and the lines are evenly
-    spaced and resolve the peaks.
+    Parameters
+    ----------
+    inputs : Inputs
+    measurement : Measurement
+    job : JobConfig
+    known : bool
+        Noise that coherence or repeats give counts, too. A cost weights such values already; a mean misfit does not. Without either, the
+        scatter of neighbouring lines gives the noise, if the lines are evenly spaced and resolve the peaks; noise has peaks that would
+        count as resonances.
     """
     axis, errors, values = measurement.frequency_hz, inputs.statistics.errors, measurement.values
-    kind, _ = measured_sigma(inputs, measurement, job, np.arange(axis.size))
-    if kind != "none" or not inputs.method.weighted or axis.size <= errors.noise_window + 4:
-        return values
-    even = bool(np.allclose(np.diff(axis), np.diff(axis).mean(), rtol=1e-3))
-    if not even or not resolved(axis, values[:, inputs.used], inputs.statistics.resolution):
-        return values
-    noisy = neighbour_sigma(values, errors.noise_window) > errors.most_noise_db
+    kind, sigma = measured_sigma(inputs, measurement, job, np.arange(axis.size))
+    if kind != "none" and not known:
+        sigma = None
+    elif kind == "none" and inputs.method.weighted and axis.size > errors.noise_window + 4:
+        even = bool(np.allclose(np.diff(axis), np.diff(axis).mean(), rtol=1e-3))
+        if even and resolved(axis, values[:, inputs.used], inputs.statistics.resolution):
+            sigma = neighbour_sigma(values, errors.noise_window)
+    noisy: Bools = np.zeros(values.shape, dtype=bool) if sigma is None else sigma > errors.most_noise_db
     # If most lines of a response are noise, this is a fault, which must show in the misfit.
-    return np.where(noisy & (2 * noisy.sum(axis=0) < axis.size), np.nan, values)
+    return np.asarray(noisy & (2 * noisy.sum(axis=0) < axis.size))
+
+
+def without_noise(
+    inputs: Inputs, name: str, measurement: Measurement, reference: Measurement | None = None, *, known: bool = False
+) -> Complexes:
+    """(F, R) measured values of a job, NaN where they are ``mostly_noise``.
+
+    The noise of the ``reference`` job decides, if it is given and has the same lines: where a loosened bolt lets a response drown in
+    noise, that is evidence.
+    """
+    jobs = inputs.campaign.jobs
+    if reference is None:
+        return np.where(mostly_noise(inputs, measurement, jobs[name], known=known), np.nan, measurement.values)
+    if unlike(measurement.frequency_hz, reference.frequency_hz):
+        return measurement.values
+    noisy = mostly_noise(inputs, reference, jobs[str(inputs.campaign.update.reference)], known=known)
+    return np.where(noisy & np.isfinite(reference.values), np.nan, measurement.values)
 
 
 def left_out(inputs: Inputs, measurement: Measurement, told: Complexes, noise_of: str | None = None) -> list[str]:
@@ -55,7 +80,7 @@ def left_out(inputs: Inputs, measurement: Measurement, told: Complexes, noise_of
     inputs : Inputs
     measurement : Measurement
     told : (F, R) complex array
-        See ``out_of_noise``.
+        See ``without_noise``.
     noise_of : str or None
         Job whose noise decided, if it is another one.
     """

@@ -29,6 +29,7 @@ from lrbc_cli.campaign.identification.compared.likeness import (
     turned,
 )
 from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.identification.weights import without_noise
 from lrbc_cli.campaign.looking.all_jobs import OfJob, Told, each_once, pooled, told_of_all
 from lrbc_cli.campaign.looking.axes import stretched_text
 from lrbc_cli.campaign.looking.coordinates import coordinates_texts, mirrored_text
@@ -117,18 +118,19 @@ def first_look(
         if lacking := _lacking(inputs, source):
             return FirstLook(tuple(lacking))
         found: dict[str, OfJob] = {}
+        tight = measurements.get(reference or "")
+        heard = {name: replace(measurements[name], values=_heard(inputs, name, measurements[name], tight)) for name in order}
         for name in order:
             # With wrong damping of the model, or wrong places of hammer or sensors, further jobs cannot be compared.
             own = found[reference].told.keys() - {("lowered",)} if reference in found else set()
             if {("damping",), ("hammers",), ("hammer",), ("mirrored",), ("idle",)} & own:
                 break
             # A faulty reference job is not used as the tight state.
-            tight = measurements.get(reference or "") if not own and name != reference else None
+            tight = heard.get(reference or "") if not own and name != reference else None
             progress(f"comparing {name} with the model, job {len(found) + 1} of {len(order)}")
-            of_order = {job: measurements[job] for job in order}
-            found[name] = _looked_at(source, of_order, name, tight)
+            found[name] = _looked_at(source, heard, name, tight)
             if name == reference:
-                source, found[name] = _calibrated(source, of_order, name, found[name])
+                source, found[name] = _calibrated(source, heard, name, found[name])
         told = told_of_all(inputs, found, reference or "")
         shared = pooled(told, reference)
         kinds = {name: {kind for kind in own if kind[0] in _OF_NUMBERS} for name, own in shared.items()}
@@ -140,6 +142,12 @@ def first_look(
         )
     except LrbcError as error:
         return FirstLook(note=f"measured and computed FRFs were not compared: {error.problem}")
+
+
+def _heard(inputs: Inputs, name: str, measurement: Measurement, tight: Measurement | None) -> Complexes:
+    """(F, R) measured values without those that are mostly noise, in the reference job if it is another one."""
+    reference = None if name == inputs.campaign.update.reference else tight
+    return without_noise(inputs, name, measurement, reference, known=True)
 
 
 def _source(inputs: Inputs, folder: Path, progress: Callable[[str], None]) -> Looking | None:

@@ -127,9 +127,13 @@ def strike_text(seen: Seen, expected: Complexes, *, least: int = 3, apart_db: fl
     return ""
 
 
-def _rough_theta(problem: FactorProblem, *, lines: int = 150, iterations: int = 20) -> Floats:
-    """Theta after one descent on some of the lines, with a soft loss, so that single wrong responses count less."""
-    at = spaced(problem.selected.size, lines)
+def _rough_theta(problem: FactorProblem, *, lines: int = 150, size: int = 120, least: int = 40, iterations: int = 20) -> Floats:
+    """Theta after one descent on some of the lines, with a soft loss, so that single wrong responses count less.
+
+    The work of ``lines`` lines with ``size`` DOFs is not exceeded with larger reduced models, if ``least`` lines are enough for that.
+    """
+    work = (size / problem.model.base.size) ** 3
+    at = spaced(problem.selected.size, int(np.clip(lines * work, least, lines)))
     few = replace(problem, selected=problem.selected[at], sigma=None if problem.sigma is None else problem.sigma[at])
     return descents(few, few.start, far=True, limit=iterations, soft=True)[0].theta
 

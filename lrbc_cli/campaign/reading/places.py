@@ -181,7 +181,8 @@ def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> tu
         away = []
         for point in points:
             dof, distance = nearest(dofs, (point.place + shift).tolist(), point.component) or (0, np.inf)
-            away.append(distance / spacing(dofs, dof))
+            size = spacing(dofs, dof)
+            away.append(distance / size if size > 0.0 else np.inf)
         if max(away) <= 1.0:
             fits.append((max(away), shift))
     fits.sort()
