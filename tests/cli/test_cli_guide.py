@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,11 @@ import lrbc_cli
 from lrbc_cli import guide
 from lrbc_cli.cli.main import COMMANDS, main
 from lrbc_cli.config.schema import campaign_schema
+from lrbc_cli.updating.judging.rule import DecisionRule
+from lrbc_cli.updating.statistics.error_model import ErrorModel
+from lrbc_cli.updating.statistics.lines import Resolution
+from lrbc_cli.updating.statistics.model import ValidationChannels
+from lrbc_cli.updating.statistics.priors import BoltPrior, ValuePrior
 
 
 def shown(*args: str) -> str:
@@ -85,3 +92,42 @@ def test_a_wrong_topic_lists_the_pages() -> None:
     found = CliRunner().invoke(main, ["guide", "nonsense"])
     assert found.exit_code == 2
     assert "verdicts" in found.output
+
+
+#: Classes whose fields the page on the statistical model lists.
+LISTED = (ErrorModel, BoltPrior, ValuePrior, DecisionRule, ValidationChannels)
+
+
+def test_the_statistics_page_has_every_number_with_its_default() -> None:
+    """``name=value`` in the row of its class; a row without a class goes on with that of the row before."""
+    classes = {each.__name__: each for each in (*LISTED, Resolution)}
+    found, name = set(), ""
+    for line in guide.page("statistics").split("## The numbers")[1].splitlines():
+        named = re.match(r"\| \d* ?\| (?:`(\w+)` )?\| ", line)
+        if not named:
+            continue
+        name = named[1] or name
+        for key, number, below in re.findall(r"`(\w+)=([-\d.e]+)(?:/(\d+))?`", line):
+            assert float(number) / float(below or 1) == getattr(classes[name](), key), (name, key)
+            found.add((name, key))
+    assert {(each.__name__, entry.name) for each in LISTED for entry in fields(each)} <= found
+
+
+def test_numbers_beside_a_field_are_its_default() -> None:
+    """Also in the text of both pages on the statistical model: ``name`` (0.3)."""
+    known = {entry.name: entry.default for each in LISTED for entry in fields(each)}
+    for topic in ("statistics", "reasons"):
+        for key, number in re.findall(r"`(\w+)` \((-?\d[\d.e-]*)", guide.page(topic)):
+            assert key not in known or float(number) == known[key], (topic, key)
+
+
+def test_the_example_of_another_model_works() -> None:
+    """Without its last line, the identification."""
+    example = guide.page("statistics").split("```python\n")[1].split("```")[0]
+    *lines, last = example.strip().splitlines()
+    assert last == 'other.identify("tight")'
+    names: dict[str, Any] = {}
+    with contextlib.chdir(Path(__file__).parents[2]):
+        exec("\n".join(lines), names)
+    assert names["other"].inputs.statistics.bolts.loose_mean == -0.8
+    assert names["study"].inputs.statistics.bolts.loose_mean == BoltPrior().loose_mean

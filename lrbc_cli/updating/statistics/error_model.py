@@ -1,4 +1,4 @@
-"""Errors of measurement and model: every number of the likelihood, in one place; see ``lrbc guide statistics``, sections 2 to 4."""
+"""Errors of measurement and model: every number of the likelihood, in one place; see ``lrbc guide statistics``, sections 1 to 4."""
 
 from __future__ import annotations
 

@@ -71,12 +71,15 @@ class BoltPrior:
         return precision[each, kind, gap], mean[each, kind, gap]
 
     def log_density(self, change: Floats) -> Floats:
-        """Natural logarithm of the prior density [1/decade] of a loose joint's change, for each of the given changes [decades]."""
+        """Natural logarithm of the prior density [1/decade] of a loose joint's change, for each of the given changes [decades].
+
+        It weighs the profile of a change that remains wide; elsewhere the Gaussians of ``tables`` are used.
+        """
         away = (change - self.joint_loose_mean) / self.joint_loose_std
         return np.asarray(-0.5 * away**2 - np.log(self.joint_loose_std * np.sqrt(2.0 * np.pi)))
 
     def log_below(self, change: float) -> float:
-        """Natural logarithm of the prior probability that a loose joint's change is below the given one [decades]."""
+        """Natural logarithm of the prior probability that a loose joint's change is below the given one [decades]; see ``log_density``."""
         # Imported here: the numbers alone need no SciPy.
         from scipy.special import log_ndtr
 
