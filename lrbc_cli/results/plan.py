@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, Literal
 
-from lrbc_cli.results.fields import Gap, Gaps, Many, Point, Record, SealedRecord, Share
+from lrbc_cli.results.fields import Gap, Gaps, Many, Point, Record, SealedRecord, Share, Stated
 from lrbc_cli.results.job import Lines, NoiseRecord, Provenance
 
 #: Whether a bolt that has lost the planned stiffness will be called loose.
@@ -83,11 +83,11 @@ class PlannedLoss(Record):
     change: Gap
     d_prime: Gap
     right: Gap
-    right95: Many[float] | None = None
+    right95: Stated[Many[float]] = None
     missed: Gap
     alarm: Gap
     linearised: Gap
-    rehearsal: Rehearsals | None = None
+    rehearsal: Stated[Rehearsals] = None
 
 
 class LossSum(Record):
