@@ -9,12 +9,25 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainSerializer, PlainValidator, ValidationError, WithJsonSchema
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    PlainSerializer,
+    PlainValidator,
+    TypeAdapter,
+    ValidationError,
+    WithJsonSchema,
+)
 from pydantic.fields import FieldInfo
-from pydantic_core import PydanticCustomError
+from pydantic_core import CoreSchema, PydanticCustomError
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.errors import NumericalError
+from lrbc_cli.updating.statistics.model import StatisticalModel
+from lrbc_cli.updating.statistics.residuals import ResidualOptions
 
 T = TypeVar("T")
 
@@ -232,6 +245,21 @@ Share = Annotated[float, Field(ge=0.0, le=1.0)]
 _ONLY_STATED = object()
 #: A value that the constructor leaves out of the record, and so out of the file, if it is None.
 Stated = Annotated[T | None, _ONLY_STATED]
+
+
+class _Holding:
+    """JSON Schema of a dict by the dataclasses of some of its values; reading keeps what other versions have written as it is."""
+
+    def __init__(self, **kinds: type) -> None:
+        self.kinds = kinds
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """Schema of the dict with that of these keys."""
+        return handler(schema) | {"properties": {name: handler(TypeAdapter(kind).core_schema) for name, kind in self.kinds.items()}}
+
+
+#: How jobs are identified: ``Method`` with its reasons.
+MethodTree = Annotated[dict[str, Any], _Holding(residual=ResidualOptions, statistics=StatisticalModel)]
 
 
 def _only_stated(field: FieldInfo | None) -> bool:

@@ -12,6 +12,7 @@ from lrbc_cli.results.fields import (
     Gap,
     Gaps,
     Many,
+    MethodTree,
     Point,
     Points,
     Range,
@@ -352,7 +353,7 @@ class JobRecord(_JobBase):
     noise: NoiseRecord
     prior: Prior | None = None
     nuisances: Nuisances = Nuisances()
-    method: dict[str, Any] | None = None
+    method: MethodTree | None = None
     decision_rule: dict[str, float] | None = None
     iterations: int
     evaluations: int
