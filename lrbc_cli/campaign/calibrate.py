@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from lrbc_cli.campaign.identification.nuisances import gain_tree, hits_of
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines
 from lrbc_cli.campaign.identification.weights import left_out, line_sigma, ratio_of, without_noise
-from lrbc_cli.campaign.jobs.finished import frf_rows, misfit_tree
+from lrbc_cli.campaign.jobs.finished import frf_rows, misfit_record
 from lrbc_cli.campaign.jobs.results import write_campaign
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, affine_model, frf_source, obtain_reduction
@@ -30,7 +30,8 @@ from lrbc_cli.model.factors import with_factors
 from lrbc_cli.reduction.outcome import HeldOut
 from lrbc_cli.reduction.steps.certify import lines_between, measured_errors
 from lrbc_cli.reduction.threads import single_threaded
-from lrbc_cli.results.model import CalibrationRecord
+from lrbc_cli.results.job import Estimate, Lines, NoiseRecord, Provenance
+from lrbc_cli.results.model import Boundary, CalibrationRecord, Factor, FactorCertificate, HeldOutRecord, RoundRecord, StageRecord
 from lrbc_cli.results.store import versions, write_sealed
 from lrbc_cli.results.tables import write_csv
 from lrbc_cli.updating.calibration.calibrate import FactorFit, FactorProblem, fit_factors
@@ -343,56 +344,46 @@ def calibration_record(inputs: Inputs, outcome: CalibrationOutcome, parts: dict[
     status, reason = fit.solution.status, fit.solution.reason
     if not outcome.reached:
         status, reason = "stopped", f"the reduced model does not reach its tolerance at these factors ({last.error:.1e})"
-    return CalibrationRecord.checked(
-        {
-            "job": job,
-            "key": key_of(parts),
-            "parts": parts,
-            "used": True,
-            "status": status,
-            "reason": reason,
-            **_values(inputs, fit),
-            "misfit_db": misfit_tree(inputs, *(mean_misfit(y, outcome.compared) for y in (outcome.initial, outcome.updated))),
-            "noise": {"sigma_db": fit.noise.sigma, "correlation_factor": fit.noise.factor, "validation_ratio": fit.noise.ratio},
-            "rounds": [{"misfit_db": r.misfit_db, "factors": r.factors, "error": r.error, "size": r.size} for r in outcome.rounds],
-            "stages": [asdict(stage) for stage in fit.stages],
-            "reduction": {
-                "worst": last.error,
-                "tolerance": inputs.campaign.reduction.tolerance,
-                "size": last.size,
-                "held_out": [{"frequency_hz": line.frequency_hz, "errors": line.errors} for line in last.held_out],
-            },
-            "lines": {"frequency_hz": outcome.measurement.frequency_hz[outcome.selected], "count": int(outcome.selected.size)},
-            "frf": "calibration/frf.csv",
-            "seconds": outcome.seconds["total"],
-            "seconds_by_stage": outcome.seconds,
-            "warnings": list(outcome.warnings),
-            "notes": list(outcome.notes),
-            "provenance": {
-                "versions": versions(),
-                "inputs": inputs.hashes | outcome.measurement.hashes,
-                "configuration": inputs.campaign.resolved(),
-            },
-        }
+    problem, gains = fit.problem, _gains(inputs, fit)
+    return CalibrationRecord(
+        format="lrbc-calibration",
+        version=1,
+        job=job,
+        key=key_of(parts),
+        parts=parts,
+        used=True,
+        status=status,
+        reason=reason,
+        factors={name: _factor(fit, name) for name in fit.factors},
+        gain_db={} if gains is None else gain_tree(inputs, gains),
+        hammer_offset_mm={name: Estimate(value=1e3 * value, std=1e3 * std) for name, (value, std) in fit.nuisances.items()},
+        boundary={
+            group.name: Boundary(log10=fit.solution.theta[values], damping_exponent=None if at is None else fit.solution.theta[at])
+            for group, values, at in problem.parameters.placed
+        },
+        boundary_held=problem.hold,
+        misfit_db=misfit_record(inputs, *(mean_misfit(y, outcome.compared) for y in (outcome.initial, outcome.updated))),
+        noise=NoiseRecord(sigma_db=fit.noise.sigma, correlation_factor=fit.noise.factor, validation_ratio=fit.noise.ratio),
+        rounds=tuple(RoundRecord.like(found) for found in outcome.rounds),
+        stages=tuple(StageRecord.like(stage) for stage in fit.stages),
+        reduction=FactorCertificate(
+            worst=last.error,
+            tolerance=inputs.campaign.reduction.tolerance,
+            size=last.size,
+            held_out=tuple(HeldOutRecord.like(line) for line in last.held_out),
+        ),
+        lines=Lines(frequency_hz=outcome.measurement.frequency_hz[outcome.selected], count=outcome.selected.size),
+        frf="calibration/frf.csv",
+        seconds=outcome.seconds["total"],
+        seconds_by_stage=outcome.seconds,
+        warnings=outcome.warnings,
+        notes=outcome.notes,
+        provenance=Provenance(
+            versions=versions(), inputs=inputs.hashes | outcome.measurement.hashes, configuration=inputs.campaign.resolved()
+        ),
     )
 
 
-def _values(inputs: Inputs, fit: FactorFit) -> dict[str, Any]:
-    """Identified factors, gains [dB], hammer offsets [mm] and values of the boundary, as in ``calibration.json``."""
-    problem, gains = fit.problem, _gains(inputs, fit)
-    factors = {}
-    for name, value in fit.factors.items():
-        low, high = fit.interval(name)
-        factors[name] = {"value": value, "std": value * fit.spread[name], "lower95": low, "upper95": high, "initial": 1.0}
-    boundary: dict[str, Any] = {}
-    for group, values, at in problem.parameters.placed:
-        boundary[group.name] = {"log10": fit.solution.theta[values]}
-        if at is not None:
-            boundary[group.name]["damping_exponent"] = fit.solution.theta[at]
-    return {
-        "factors": factors,
-        "gain_db": {} if gains is None else gain_tree(inputs, gains),
-        "hammer_offset_mm": {name: {"value": 1e3 * value, "std": 1e3 * std} for name, (value, std) in fit.nuisances.items()},
-        "boundary": boundary,
-        "boundary_held": problem.hold,
-    }
+def _factor(fit: FactorFit, name: str) -> Factor:
+    value, (low, high) = fit.factors[name], fit.interval(name)
+    return Factor(value=value, std=value * fit.spread[name], lower95=low, upper95=high, initial=1.0)

@@ -15,7 +15,7 @@ from lrbc_cli.cli.interruption import stop_if_asked
 from lrbc_cli.cli.options import verbosity
 from lrbc_cli.cli.terminal import line, remark, say
 from lrbc_cli.config import Campaign, load_campaign
-from lrbc_cli.results.fields import plain
+from lrbc_cli.results.fields import Record, plain
 
 if TYPE_CHECKING:
     from lrbc_cli.campaign.reading.factors import CalibrationUse
@@ -89,4 +89,4 @@ def _shown() -> Callable[[str], None]:
 
 def say_json(tree: Mapping[str, Any]) -> None:
     """Print one JSON document."""
-    say(json.dumps(plain(tree), indent=1, ensure_ascii=False, allow_nan=False))
+    say(json.dumps(plain(tree), indent=1, ensure_ascii=False, allow_nan=False, default=Record.tree))

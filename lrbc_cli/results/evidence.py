@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-from typing import Literal, Self
+from typing import Literal
 
 from pydantic import ConfigDict
 
@@ -19,14 +18,3 @@ class EvidenceRecord(StoredRecord):
 
     format: Literal["lrbc-evidence"]
     evidence: Evidence
-
-    @classmethod
-    def of(cls, evidence: Evidence) -> Self:
-        """Record of the evidence of one job.
-
-        Raises
-        ------
-        NumericalError
-            If a number in it is not finite.
-        """
-        return cls.checked({"evidence": asdict(evidence)})

@@ -3,16 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainSerializer, PlainValidator, ValidationError, WithJsonSchema
-from pydantic_core import PydanticCustomError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    PlainSerializer,
+    PlainValidator,
+    TypeAdapter,
+    ValidationError,
+    WithJsonSchema,
+)
+from pydantic.fields import FieldInfo
+from pydantic_core import CoreSchema, PydanticCustomError
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.errors import NumericalError
+from lrbc_cli.updating.statistics.model import StatisticalModel
+from lrbc_cli.updating.statistics.residuals import ResidualOptions
 
 T = TypeVar("T")
 
@@ -24,24 +39,46 @@ class Record(BaseModel):
         frozen=True, strict=True, extra="allow", allow_inf_nan=False, arbitrary_types_allowed=True, populate_by_name=True
     )
 
-    @classmethod
-    def checked(cls, tree: Mapping[str, Any]) -> Self:
-        """Record of computed values.
+    def __init__(self, /, **values: Any) -> None:
+        """Record of computed values, which may be values of numpy; see ``Stated`` for None.
 
         Raises
         ------
         NumericalError
             If the values do not fit the record, for instance because they are not finite.
         """
-        try:
+        known = type(self).model_fields
+        given = {name: plain(value) for name, value in values.items() if value is not None or not _only_stated(known.get(name))}
+        with _computed():
+            super().__init__(**given)
+
+    # Reading a file does not come through here: there, what does not fit is damage.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @classmethod
+    def checked(cls, tree: Mapping[str, Any]) -> Self:
+        """Record of computed values by their keys in the file; errors as of the constructor, with the whole key path."""
+        with _computed():
             return cls.model_validate(plain(tree))
-        except ValidationError as error:
-            place, expected, found = first_wrong(error)
-            raise NumericalError("this result cannot be written", place=place, expected=expected, found=found) from error
+
+    @classmethod
+    def like(cls, source: object, **more: Any) -> Self:
+        """Record of the attributes of an object that have the names of its fields, and of further values."""
+        names = (name for name in cls.model_fields if name not in more and hasattr(source, name))
+        return cls(**{name: getattr(source, name) for name in names}, **more)
 
     def tree(self) -> dict[str, Any]:
         """Content of the file: plain values by key, null for numbers that are not finite."""
         return self.model_dump(by_alias=True, exclude_unset=True)
+
+
+@contextmanager
+def _computed() -> Iterator[None]:
+    try:
+        yield
+    except ValidationError as error:
+        place, expected, found = first_wrong(error)
+        raise NumericalError("this result cannot be written", place=place, expected=expected, found=found) from error
 
 
 class StoredRecord(Record):
@@ -80,15 +117,17 @@ _AS_THEY_ARE = {str, int, bool, type(None)}
 
 
 def plain(value: Any) -> Any:
-    """Copy that JSON can hold: numbers that are not finite become None."""
+    """Copy that JSON can hold, except for records, which are kept: numbers that are not finite become None."""
     kind = type(value)
     if kind in _AS_THEY_ARE:
         return value
     # Most values are numbers in lists, and the check for mappings is slow: numbers come first.
     if kind is float:
         return value if math.isfinite(value) else None
-    if kind is list:
+    if kind is list or kind is tuple:
         return [plain(item) for item in value]
+    if isinstance(value, Record):
+        return value
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
@@ -101,7 +140,7 @@ def plain(value: Any) -> Any:
         return plain(value.item())
     if isinstance(value, Path):
         return value.as_posix()
-    return value.tree() if isinstance(value, Record) else value
+    return value
 
 
 def wrong(place: str, expected: object, found: object) -> PydanticCustomError:
@@ -202,6 +241,29 @@ Square = Annotated[Floats, PlainValidator(_rows(None, gaps=True)), _AS_LISTS, _l
 #: A tuple; a list in the file.
 Many = Annotated[tuple[T, ...], Field(strict=False)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
+
+_ONLY_STATED = object()
+#: A value that the constructor leaves out of the record, and so out of the file, if it is None.
+Stated = Annotated[T | None, _ONLY_STATED]
+
+
+class _Holding:
+    """JSON Schema of a dict by the dataclasses of some of its values; reading keeps what other versions have written as it is."""
+
+    def __init__(self, **kinds: type) -> None:
+        self.kinds = kinds
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """Schema of the dict with that of these keys."""
+        return handler(schema) | {"properties": {name: handler(TypeAdapter(kind).core_schema) for name, kind in self.kinds.items()}}
+
+
+#: How jobs are identified: ``Method`` with its reasons.
+MethodTree = Annotated[dict[str, Any], _Holding(residual=ResidualOptions, statistics=StatisticalModel)]
+
+
+def _only_stated(field: FieldInfo | None) -> bool:
+    return field is not None and _ONLY_STATED in field.metadata
 
 
 def _total(value: dict[str, float]) -> dict[str, float]:

@@ -12,6 +12,7 @@ from lrbc_cli.results.fields import (
     Gap,
     Gaps,
     Many,
+    MethodTree,
     Point,
     Points,
     Range,
@@ -20,6 +21,7 @@ from lrbc_cli.results.fields import (
     Seconds,
     Share,
     Square,
+    Stated,
     Vector,
     same_length,
     wrong,
@@ -61,7 +63,7 @@ class Parameter(Record):
     positions: Points | None = None
     arc_length: Vector | None = None
     bolts: Many[str | None] | None = None
-    saturation: SaturationRecord | None = None
+    saturation: Stated[SaturationRecord] = None
     damping_exponent: float | None = None
     damping_exponent_std: float | None = None
     damping_factor: float | None = None
@@ -303,7 +305,7 @@ class Provenance(Record):
     inputs: dict[str, str] = Field(default_factory=dict)
     configuration: dict[str, Any] = Field(default_factory=dict)
     calibration: CalibrationInUse | None = None
-    certificate: Certificate | None = None
+    certificate: Stated[Certificate] = None
     rests_on: RestsOn | None = None
     #: Means of the measurement [dB] by which a copy of it is recognised, see ``Measurement.means``.
     measured_db: Vector | None = None
@@ -351,7 +353,7 @@ class JobRecord(_JobBase):
     noise: NoiseRecord
     prior: Prior | None = None
     nuisances: Nuisances = Nuisances()
-    method: dict[str, Any] | None = None
+    method: MethodTree | None = None
     decision_rule: dict[str, float] | None = None
     iterations: int
     evaluations: int
@@ -364,7 +366,7 @@ class JobRecord(_JobBase):
     warnings: Many[str] = ()
     notes: Many[str] = ()
     provenance: Provenance
-    correlation: CorrelationRecord | None = None
+    correlation: Stated[CorrelationRecord] = None
     modes: ModesRecord | None = None
 
     @property

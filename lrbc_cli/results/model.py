@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from lrbc_cli.results.fields import Gap, Gaps, Many, Point, Range, Record, SealedRecord, Seconds, Vector, same_length, wrong
+from lrbc_cli.results.fields import Gap, Gaps, Many, Point, Range, Record, SealedRecord, Seconds, Stated, Vector, same_length, wrong
 from lrbc_cli.results.job import CalibrationInUse, Estimate, Lines, MisfitRecord, NoiseRecord, Provenance
 
 
@@ -191,7 +191,7 @@ class Boundary(Record):
     """Values of a parameter group that were identified or held beside the factors."""
 
     log10: Vector
-    damping_exponent: float | None = None
+    damping_exponent: Stated[float] = None
 
 
 class RoundRecord(Record):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
-from lrbc_cli.results.fields import Gap, Gaps, Many, Point, Record, SealedRecord, Share
+from lrbc_cli.results.fields import Gap, Gaps, Many, MethodTree, Point, Record, SealedRecord, Share, Stated
 from lrbc_cli.results.job import Lines, NoiseRecord, Provenance
 
 #: Whether a bolt that has lost the planned stiffness will be called loose.
@@ -83,11 +83,11 @@ class PlannedLoss(Record):
     change: Gap
     d_prime: Gap
     right: Gap
-    right95: Many[float] | None = None
+    right95: Stated[Many[float]] = None
     missed: Gap
     alarm: Gap
     linearised: Gap
-    rehearsal: Rehearsals | None = None
+    rehearsal: Stated[Rehearsals] = None
 
 
 class LossSum(Record):
@@ -208,7 +208,7 @@ class PlanRecord(SealedRecord):
     method: str
     draws: int
     assumes: Many[str] = ()
-    identification: dict[str, Any] | None = None
+    identification: MethodTree | None = None
     limits: VisibilityLimits
     lines: Lines
     nuisances: Many[PlannedNuisance] = ()

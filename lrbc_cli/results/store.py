@@ -8,6 +8,7 @@ import json
 import platform
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -155,8 +156,14 @@ def read_job(output: Path, name: str, file: str = "result.json") -> Job | None:
 
 
 def write_evidence(folder: Path, evidence: Evidence) -> str:
-    """Write the evidence of a job into its folder; returns the SHA-256 of the file."""
-    return write(folder / "evidence.json", EvidenceRecord.of(evidence))
+    """Write the evidence of a job into its folder; returns the SHA-256 of the file.
+
+    Raises
+    ------
+    NumericalError
+        If a number in it is not finite.
+    """
+    return write(folder / "evidence.json", EvidenceRecord.checked({"evidence": asdict(evidence)}))
 
 
 def read_evidence(folder: Path) -> Evidence:

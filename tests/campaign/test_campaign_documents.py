@@ -5,16 +5,21 @@ from __future__ import annotations
 import copy
 import json
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import jsonschema
+import numpy as np
 import pytest
 from campaigns import Folder, lrbc
+from pydantic import ValidationError
 
 from lrbc_cli.errors import ConfigError, DataError, NumericalError
-from lrbc_cli.results.job import FailedJob, JobRecord
+from lrbc_cli.results.job import Certificate, Estimate, FailedJob, JobRecord, Lines, Provenance
 from lrbc_cli.results.store import FILES, digest_of, read_job, results_schema
+from lrbc_cli.updating.statistics.model import StatisticalModel
 
 Spoil = Callable[[dict[str, Any]], Any]
 
@@ -102,6 +107,29 @@ def test_what_is_not_finite_is_null_or_refused(frame_once: Folder) -> None:
     with pytest.raises(NumericalError, match="cannot be written") as caught:
         JobRecord.checked(tree)
     assert (caught.value.place, caught.value.expected) == ("misfit_db.final", "a number")
+
+
+def test_records_are_built_of_computed_values() -> None:
+    """Values of numpy, not finite ones and None among them, or the attributes of another object; only reading tells of damage."""
+    lines = Lines(frequency_hz=np.array([1, 2]), count=np.int64(2))
+    assert lines.tree() == {"frequency_hz": [1.0, 2.0], "count": 2}
+    certificate = Certificate.like(SimpleNamespace(worst=np.float64("nan"), reached=np.True_, more=1), key="k", size=3)
+    assert certificate.tree() == {"key": "k", "size": 3, "worst": None, "reached": True}
+    assert Provenance(certificate=certificate, calibration=None).tree() == {"calibration": None, "certificate": certificate.tree()}
+    assert Provenance(certificate=None).tree() == {}
+    with pytest.raises(NumericalError, match="cannot be written") as caught:
+        Estimate(value=np.inf)
+    assert (caught.value.place, caught.value.expected) == ("value", "a number")
+    with pytest.raises(ValidationError):
+        Lines.model_validate({"frequency_hz": [None], "count": 1})
+
+
+def test_the_schema_names_the_numbers_of_the_statistical_model() -> None:
+    found = results_schema()["$defs"]
+    for record, name in (("JobRecord", "method"), ("PlanRecord", "identification")):
+        parts = found[record]["properties"][name]["anyOf"][0]["properties"]
+        assert set(parts["statistics"]["properties"]) == {entry.name for entry in fields(StatisticalModel)}
+    assert "loose_share" in found["BoltPrior"]["properties"]
 
 
 @pytest.mark.parametrize(

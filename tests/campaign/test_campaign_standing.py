@@ -31,7 +31,7 @@ name = sys.argv.pop(1)
 hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
 
 def write_result(output, finished, original=run.write_result):
-    if finished.name != name:
+    if finished.record.job != name:
         return original(output, finished)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
     try:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.results.agreement import CorrelationRecord, Peak, ResponseCorrelation, Spectrum
 from lrbc_cli.updating.comparison.correlation import Correlation, PeakTable, correlate
 
 FDAC_COLUMNS = ["measured_hz", "model_hz", "initial", "updated"]
@@ -21,38 +20,39 @@ def correlation_of(inputs: Inputs, result: Identification) -> Correlation:
     return correlate(measurement.frequency_hz, measurement.values, result.initial, result.updated, quantities)
 
 
-def correlation_tree(inputs: Inputs, found: Correlation) -> dict[str, Any]:
-    """Value of the key ``correlation`` of ``result.json``; FRAC is averaged over the responses used, and over the validation channels."""
+def correlation_record(inputs: Inputs, found: Correlation) -> CorrelationRecord:
+    """The correlation in ``result.json``; FRAC is averaged over the responses used, and over the validation channels."""
     initial, final = found.mean_peaks.shifts_percent()
     used, validation = inputs.used, inputs.validation
-    return {
-        "frac_initial": mean_of(found.frac_initial[used]),
-        "frac_final": mean_of(found.frac_final[used]),
-        "frac_held_out_initial": mean_of(found.frac_initial[validation]),
-        "frac_held_out_final": mean_of(found.frac_final[validation]),
-        "fdac_diagonal_initial": mean_of(np.diag(found.fdac_initial)),
-        "fdac_diagonal_final": mean_of(np.diag(found.fdac_final)),
-        "peak_shift_percent_initial": initial,
-        "peak_shift_percent_final": final,
-        "mean_spectrum": {"peaks": _peaks(found.mean_peaks)},
-        "responses": {
-            response.name: {"frac_initial": found.frac_initial[i], "frac_final": found.frac_final[i], "peaks": _peaks(found.peaks[i])}
+    return CorrelationRecord(
+        frac_initial=mean_of(found.frac_initial[used]),
+        frac_final=mean_of(found.frac_final[used]),
+        frac_held_out_initial=mean_of(found.frac_initial[validation]),
+        frac_held_out_final=mean_of(found.frac_final[validation]),
+        fdac_diagonal_initial=mean_of(np.diag(found.fdac_initial)),
+        fdac_diagonal_final=mean_of(np.diag(found.fdac_final)),
+        peak_shift_percent_initial=initial,
+        peak_shift_percent_final=final,
+        mean_spectrum=Spectrum(peaks=_peaks(found.mean_peaks)),
+        responses={
+            response.name: ResponseCorrelation(
+                frac_initial=found.frac_initial[i], frac_final=found.frac_final[i], peaks=_peaks(found.peaks[i])
+            )
             for i, response in enumerate(inputs.responses)
         },
-    }
+    )
 
 
-def _peaks(table: PeakTable) -> list[dict[str, float]]:
-    columns = (table.measured_hz, table.initial_hz, table.final_hz)
-    names = ("measured_hz", "initial_hz", "final_hz")
+def _peaks(table: PeakTable) -> tuple[Peak, ...]:
     # Six digits are finer than any line spacing.
-    return [{name: float(f"{value:.6g}") for name, value in zip(names, row, strict=True)} for row in zip(*columns, strict=True)]
+    rounded = ([float(f"{value:.6g}") for value in column] for column in (table.measured_hz, table.initial_hz, table.final_hz))
+    return tuple(Peak(measured_hz=m, initial_hz=i, final_hz=f) for m, i, f in zip(*rounded, strict=True))
 
 
-def mean_of(values: Floats) -> float | None:
-    """Mean of the finite values; None if there are none."""
+def mean_of(values: Floats) -> float:
+    """Mean of the finite values; NaN if there are none."""
     finite = values[np.isfinite(values)]
-    return float(finite.mean()) if finite.size else None
+    return float(finite.mean()) if finite.size else float("nan")
 
 
 def fdac_rows(result: Identification, found: Correlation) -> list[list[float]]:

@@ -10,20 +10,21 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.digests import origin, program
-from lrbc_cli.campaign.identification.correlate import FDAC_COLUMNS, correlation_of, correlation_tree, fdac_rows, mean_of
+from lrbc_cli.campaign.identification.correlate import FDAC_COLUMNS, correlation_of, correlation_record, fdac_rows, mean_of
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.nuisances import nuisance_tree
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.jobs.evidence import bands, copied_baseline, effective, evidence_of
 from lrbc_cli.campaign.jobs.identity import Identity
-from lrbc_cli.campaign.jobs.judging import ComparedWith, with_judgement
+from lrbc_cli.campaign.jobs.judging import ComparedWith, judged
 from lrbc_cli.campaign.jobs.standing import rests_on
 from lrbc_cli.campaign.reading.inputs import Inputs, TermGroup
 from lrbc_cli.campaign.reduced.stage import ReductionStage
-from lrbc_cli.campaign.updated.modes import modes_tree
+from lrbc_cli.campaign.updated.modes import modes_record
 from lrbc_cli.campaign.updated.shapes import shapes_of
 from lrbc_cli.model.terms import ParameterGroup
-from lrbc_cli.results.job import JobRecord
+from lrbc_cli.results import job
+from lrbc_cli.results.agreement import CorrelationRecord
 from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.store import versions
 from lrbc_cli.updating.comparison.correlation import measured_values
@@ -41,8 +42,7 @@ class Finished:
 
     Attributes
     ----------
-    name : str
-    tree : dict
+    record : job.JobRecord
         Content of ``result.json`` without the hashes of the other files.
     tables : dict
         Header and rows of each CSV file, by file name.
@@ -50,8 +50,7 @@ class Finished:
     shapes : ShapesRecord or None
     """
 
-    name: str
-    tree: dict[str, Any] = field(repr=False)
+    record: job.JobRecord
     tables: dict[str, Table] = field(repr=False)
     evidence: Evidence = field(repr=False)
     shapes: ShapesRecord | None = field(repr=False)
@@ -77,155 +76,170 @@ def finish(
     identities : pair of Identity
         Digests of what identification and judgement depend on.
     """
-    evidence, identified = evidence_of(inputs, result), identified_tree(inputs, stage, result)
+    evidence, correlation = evidence_of(inputs, result), correlation_of(inputs, result)
     copied = copied_baseline(inputs, result.name, result.measurement)
-    tree = with_judgement(inputs.campaign, inputs.method.rule, identified, evidence.beside(copied), tight)
-    correlation = correlation_of(inputs, result)
-    tree["correlation"] = correlation_tree(inputs, correlation)
     own, judgement = identities
-    tree["provenance"] |= {
-        **own.tree(),
-        "origin": origin_of(inputs),
-        "program": program(),
-        "judgement": judgement.tree() | {"copied": copied},
-        "rests_on": rests_on(tight),
-    }
+    provenance = provenance_of(
+        inputs,
+        stage,
+        result,
+        identity=own.digest,
+        parts=own.parts,
+        origin=origin_of(inputs),
+        program=program(),
+        judgement=judgement.record(copied),
+        rests_on=rests_on(tight),
+    )
+    record = _judged(inputs, stage, result, evidence.beside(copied), tight, provenance, correlation_record(inputs, correlation))
     tables = {
-        "profile.csv": profile_rows(tree),
+        "profile.csv": profile_rows(record.parameters),
         "frf.csv": frf_rows(inputs, result.measurement, result.selected, result.initial, result.updated),
         "fdac.csv": (FDAC_COLUMNS, fdac_rows(result, correlation)),
     }
-    return Finished(name=result.name, tree=tree, tables=tables, evidence=evidence, shapes=shapes_of(inputs, stage, result))
+    return Finished(record, tables, evidence, shapes_of(inputs, stage, result))
 
 
 def result_record(
-    inputs: Inputs, stage: ReductionStage | None, result: Identification, evidence: Evidence, baselines: Mapping[str, JobRecord]
-) -> JobRecord:
+    inputs: Inputs, stage: ReductionStage | None, result: Identification, evidence: Evidence, baselines: Mapping[str, job.JobRecord]
+) -> job.JobRecord:
     """Judged record of an identification that is not written to files, without correlation and digests."""
     tight = ComparedWith(result.reference, baselines)
-    return JobRecord.checked(with_judgement(inputs.campaign, inputs.method.rule, identified_tree(inputs, stage, result), evidence, tight))
+    return _judged(inputs, stage, result, evidence, tight, provenance_of(inputs, stage, result))
 
 
-def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identification) -> dict[str, Any]:
-    """The part of ``result.json`` that the identification gives, without judgement."""
-    campaign, solution, knowledge = inputs.campaign, result.solution, result.posterior
-    return {
-        "parameters": parameter_trees(inputs, result),
-        "covariance": knowledge.boundary,
-        "cost": {"initial": solution.history[0].cost, "final": solution.evaluation.cost},
-        "misfit_db": misfit_tree(inputs, result.misfit_initial, result.misfit_final),
-        "noise": {
-            "sigma_db": knowledge.noise.sigma,
-            "correlation_factor": knowledge.noise.factor,
-            "validation_ratio": knowledge.noise.ratio,
-        },
-        "prior": {
-            "of": campaign.update.reference if result.against_reference else "initial",
-            "unknowns": "bolts" if knowledge.shapes.by_bolt else "values",
-            "std": _typical(knowledge.prior_std[: len(knowledge.z)]),
-            "shape": "normal" if result.changes is None else "mixture",
-            "comparison": "relative" if result.relative else "direct",
-        },
-        "modes": modes_tree(inputs, stage, result),
-        "method": inputs.method.tree(),
-        "nuisances": nuisance_tree(inputs, knowledge, result.gains),
-        "iterations": solution.iterations,
-        "evaluations": solution.evaluations,
-        "line_evaluations": result.line_evaluations,
-        "history": [
-            {"evaluation": entry.evaluation, "cost": entry.cost, "misfit_db": entry.misfit_db, "accepted": entry.accepted}
-            for entry in solution.history
-        ],
-        "lines": {"frequency_hz": result.measurement.frequency_hz[result.selected], "count": int(result.selected.size)},
-        "optimiser": {
-            "method": inputs.method.optimiser,
-            "regularisation": result.regularisation,
-            "regularisation_per_residual": result.regularisation / max(int(result.selected.size) * inputs.used.size, 1),
-            "starts": [{"description": s.description, "cost": s.cost, "total": s.total, "kept": s.kept} for s in solution.starts],
-        },
-        "l_curve": None if result.l_curve is None else curve_tree(result.l_curve),
-        "seconds": result.seconds,
-        "provenance": {
-            "versions": versions(),
-            "inputs": inputs.hashes | result.measurement.hashes,
-            "measured_db": result.measurement.means,
-            "calibration": calibration_tree(inputs),
-            **({} if stage is None else {"certificate": certificate_tree(stage)}),
-        },
-    }
+def _judged(
+    inputs: Inputs,
+    stage: ReductionStage | None,
+    result: Identification,
+    evidence: Evidence,
+    tight: ComparedWith,
+    provenance: job.Provenance,
+    correlation: CorrelationRecord | None = None,
+) -> job.JobRecord:
+    """Content of ``result.json``: identified values and judgement."""
+    campaign, solution, knowledge, lines = inputs.campaign, result.solution, result.posterior, int(result.selected.size)
+    reference = campaign.update.reference if result.against_reference else None
+    return job.JobRecord(
+        format="lrbc-result",
+        version=1,
+        job=result.name,
+        parameters=parameter_records(inputs, result),
+        covariance=knowledge.boundary,
+        cost=job.BeforeAfter(initial=solution.history[0].cost, final=solution.evaluation.cost),
+        misfit_db=misfit_record(inputs, result.misfit_initial, result.misfit_final),
+        noise=job.NoiseRecord(
+            sigma_db=knowledge.noise.sigma, correlation_factor=knowledge.noise.factor, validation_ratio=knowledge.noise.ratio
+        ),
+        prior=job.Prior(
+            of=reference or "initial",
+            unknowns="bolts" if knowledge.shapes.by_bolt else "values",
+            std=_typical(knowledge.prior_std[: len(knowledge.z)]),
+            shape="normal" if result.changes is None else "mixture",
+            comparison="relative" if result.relative else "direct",
+            scatter=tight.scatter.rms,
+        ),
+        nuisances=job.Nuisances(**nuisance_tree(inputs, knowledge, result.gains)),
+        method=inputs.method.tree(),
+        iterations=solution.iterations,
+        evaluations=solution.evaluations,
+        line_evaluations=result.line_evaluations,
+        history=tuple(job.EvaluationRecord.like(entry) for entry in solution.history),
+        lines=job.Lines(frequency_hz=result.measurement.frequency_hz[result.selected], count=lines),
+        optimiser=job.Optimiser(
+            method=inputs.method.optimiser,
+            regularisation=result.regularisation,
+            regularisation_per_residual=result.regularisation / max(lines * inputs.used.size, 1),
+            starts=tuple(job.StartRecord.like(start) for start in solution.starts),
+        ),
+        l_curve=None if result.l_curve is None else curve_record(result.l_curve),
+        seconds=result.seconds,
+        provenance=provenance,
+        correlation=correlation,
+        modes=modes_record(inputs, stage, result),
+        **judged(campaign, inputs.method.rule, evidence, tight),
+    )
 
 
-def parameter_trees(inputs: Inputs, result: Identification) -> dict[str, Any]:
-    """The key ``parameters`` of ``result.json``: values, intervals and bounds of each group, as log10."""
+def provenance_of(inputs: Inputs, stage: ReductionStage | None, result: Identification, **digests: Any) -> job.Provenance:
+    """What a result rests on, with further fields of the record."""
+    return job.Provenance(
+        versions=versions(),
+        inputs=inputs.hashes | result.measurement.hashes,
+        configuration=inputs.campaign.resolved(),
+        calibration=calibration_record(inputs),
+        certificate=None
+        if stage is None
+        else job.Certificate.like(
+            stage.reduction,
+            key=stage.decision.key,
+            size=stage.reduction.model.size,
+            tolerance=stage.reduction.options.tolerance,
+        ),
+        measured_db=result.measurement.means,
+        **digests,
+    )
+
+
+def parameter_records(inputs: Inputs, result: Identification) -> dict[str, job.Parameter]:
+    """Values, intervals and bounds of each group, as log10."""
     theta, variance = result.solution.theta, np.diag(result.posterior.boundary)
     confidence, out = bands(result), {}
     for terms, (group, values, at) in zip(inputs.groups, result.parameters.placed, strict=True):
         p, length, band = theta[values], tributary(group), confidence[group.name]
         before = None if result.reference is None else result.reference.parameters.get(group.name)
-        entry: dict[str, Any] = {
-            "kind": group.kind,
-            "unit": unit_of(inputs, terms),
-            "log10": p,
-            "log10_effective": effective(group, p),
-            "log10_per_metre": None if length is None else effective(group, p) - np.log10(length),
-            "std": band.std,
-            "lower95": _open(band.lower),
-            "upper95": _open(band.upper),
-            "initial": group.initial,
-            "initial_effective": effective(group, group.initial),
-            "reference_log10_effective": None if before is None else before.log10_effective,
-            "bounds": group.bounds[0],
-            "positions": group.xyz,
-            "arc_length": group.arc_length,
-            "bolts": _owners(inputs, group),
-        }
-        if group.name in result.saturations:
-            limits = result.saturations[group.name]
-            entry["saturation"] = {"free": limits.lower, "start": limits.start, "clamped": limits.upper}
+        limits = result.saturations.get(group.name)
+        damping: dict[str, Any] = {}
         if at is not None and group.damping is not None:
-            entry |= {
+            damping = {
                 "damping_exponent": theta[at],
-                "damping_exponent_std": float(np.sqrt(max(variance[at], 0.0))),
+                "damping_exponent_std": np.sqrt(max(variance[at], 0.0)),
                 "damping_factor": 10.0 ** theta[at],
                 "damping_beta": group.damping.beta,
                 "damping_loss_factor": group.damping.loss_factor,
                 "damping_bounds": group.damping.bounds,
             }
-        out[group.name] = entry
+        out[group.name] = job.Parameter(
+            kind=group.kind,
+            unit=unit_of(inputs, terms),
+            log10=p,
+            log10_effective=effective(group, p),
+            log10_per_metre=None if length is None else effective(group, p) - np.log10(length),
+            std=band.std,
+            lower95=band.lower,
+            upper95=band.upper,
+            initial=group.initial,
+            initial_effective=effective(group, group.initial),
+            reference_log10_effective=None if before is None else before.log10_effective,
+            bounds=np.array(group.bounds[0]),
+            positions=group.xyz,
+            arc_length=group.arc_length,
+            bolts=_owners(inputs, group),
+            saturation=None if limits is None else job.SaturationRecord(free=limits.lower, start=limits.start, clamped=limits.upper),
+            **damping,
+        )
     return out
 
 
-def misfit_tree(inputs: Inputs, before: Floats, after: Floats) -> dict[str, Any]:
-    """The key ``misfit_db`` of a result, from (R,) mean misfits before and after the identification [dB]."""
+def misfit_record(inputs: Inputs, before: Floats, after: Floats) -> job.MisfitRecord:
+    """The misfits of a result, from (R,) mean misfits before and after the identification [dB]."""
     used, validation = inputs.used, inputs.validation
-    return {
-        "initial": mean_of(before[used]),
-        "final": mean_of(after[used]),
-        "held_out_initial": mean_of(before[validation]),
-        "held_out_final": mean_of(after[validation]),
-        "responses": {
-            response.name: {"initial": before[i], "final": after[i], "used": bool(i in used)} for i, response in enumerate(inputs.responses)
+    return job.MisfitRecord(
+        initial=mean_of(before[used]),
+        final=mean_of(after[used]),
+        held_out_initial=mean_of(before[validation]),
+        held_out_final=mean_of(after[validation]),
+        responses={
+            response.name: job.ResponseMisfit(initial=before[i], final=after[i], used=bool(i in used))
+            for i, response in enumerate(inputs.responses)
         },
-    }
+    )
 
 
-def certificate_tree(stage: ReductionStage) -> dict[str, Any]:
-    """Key, size and measured error of the reduced model, as in ``result.json``."""
-    reduction = stage.reduction
-    return {
-        "key": stage.decision.key,
-        "size": reduction.model.size,
-        "tolerance": reduction.options.tolerance,
-        "worst": reduction.worst,
-        "reached": reduction.reached,
-    }
-
-
-def _owners(inputs: Inputs, group: ParameterGroup) -> list[str | None] | None:
+def _owners(inputs: Inputs, group: ParameterGroup) -> tuple[str | None, ...] | None:
     """Name of the bolt that owns each value of a group; None if bolts own none."""
     if group.bolt is None or inputs.bolts is None:
         return None
-    return [inputs.bolts.name[bolt] if bolt >= 0 else None for bolt in group.bolt.tolist()]
+    return tuple(inputs.bolts.name[bolt] if bolt >= 0 else None for bolt in group.bolt.tolist())
 
 
 def origin_of(inputs: Inputs) -> str | None:
@@ -233,29 +247,17 @@ def origin_of(inputs: Inputs) -> str | None:
     return origin(inputs.campaign, inputs.read_with) if inputs.read_with and not inputs.by_hand else None
 
 
-def calibration_tree(inputs: Inputs) -> dict[str, Any] | None:
+def calibration_record(inputs: Inputs) -> job.CalibrationInUse | None:
     """Key and factors of the calibration in the model; None for the model as exported."""
     use = inputs.calibration
-    return {"key": use.key, "factors": use.factors} if use is not None and use.used else None
+    return job.CalibrationInUse.like(use) if use is not None and use.used else None
 
 
-def curve_tree(curve: LCurve) -> dict[str, Any]:
+def curve_record(curve: LCurve) -> job.LCurveRecord:
     """L-curve as in ``result.json``; ``at`` is the corner, interpolated between the weights tried."""
     corner = curve.corner
-    return {
-        "eta": curve.eta,
-        "data": curve.data,
-        "penalty": curve.penalty,
-        "corner": None if corner is None else corner.index,
-        "at": None if corner is None else {"data": corner.data, "penalty": corner.penalty},
-        "chosen": curve.chosen,
-        "evaluations": curve.evaluations,
-    }
-
-
-def _open(limits: Floats) -> list[float | None]:
-    """Limits as in ``result.json``: None where an interval is open."""
-    return [float(value) if np.isfinite(value) else None for value in limits]
+    at = None if corner is None else job.CornerRecord.like(corner)
+    return job.LCurveRecord.like(curve, corner=None if corner is None else corner.index, at=at)
 
 
 def _typical(stds: Floats) -> float | None:
@@ -264,7 +266,7 @@ def _typical(stds: Floats) -> float | None:
     return float(np.median(finite)) if finite.size else None
 
 
-#: Columns of ``profile.csv`` after group, term and position, and the key of ``parameters`` that each holds.
+#: Columns of ``profile.csv`` after group, term and position, and the field of ``Parameter`` that each holds.
 PROFILE = {
     "arc_length_m": "arc_length",
     "log10_initial": "initial_effective",
@@ -276,13 +278,13 @@ PROFILE = {
 }
 
 
-def profile_rows(tree: Mapping[str, Any]) -> Table:
+def profile_rows(parameters: Mapping[str, job.Parameter]) -> Table:
     """Header and rows of ``profile.csv``."""
     rows = []
-    for name, group in tree["parameters"].items():
-        places, columns = group["positions"], [group[key] for key in PROFILE.values()]
-        for k in range(len(group["log10"])):
-            position = [None] * 3 if places is None else list(places[k])
+    for name, group in parameters.items():
+        columns = [getattr(group, key) for key in PROFILE.values()]
+        for k in range(len(group.log10)):
+            position = [None] * 3 if group.positions is None else list(group.positions[k])
             rows.append([name, k, *position, *(None if column is None else column[k] for column in columns)])
     return ["group", "term", "x", "y", "z", *PROFILE], rows
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from lrbc_cli.campaign.digests import about_measurement, content_of, digest, key_of
 from lrbc_cli.campaign.jobs.judging import role_of, states_removed
 from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.config import Campaign, UpdateConfig
 from lrbc_cli.config.settings import files_of
+from lrbc_cli.results.job import IdentityRecord
 from lrbc_cli.updating.judging.rule import DecisionRule
 
 if TYPE_CHECKING:
@@ -49,9 +50,9 @@ class Identity:
     digest: str
     parts: dict[str, str]
 
-    def tree(self) -> dict[str, Any]:
-        """As in ``result.json``."""
-        return {"identity": self.digest, "parts": self.parts}
+    def record(self, copied: str | None) -> IdentityRecord:
+        """Identity of a judgement as in ``result.json``; ``copied``: why the measurement counts as a copy of that of a baseline."""
+        return IdentityRecord(identity=self.digest, parts=self.parts, copied=copied)
 
     @classmethod
     def of(cls, parts: dict[str, str]) -> Identity:

@@ -11,17 +11,14 @@ from typing import Any
 
 from lrbc_cli.campaign.reading.doubts.settings import lenient_text
 from lrbc_cli.config import Campaign, UpdateConfig
-from lrbc_cli.results.job import JobRecord
-from lrbc_cli.updating.judging.decide import BASELINE, JOB, REFERENCE, BoltVerdict, Judgement, judge, scatter_of
+from lrbc_cli.results.job import Alternative, Bolt, JobRecord, TakenAsTight, ValidityRecord
+from lrbc_cli.updating.judging.decide import BASELINE, JOB, REFERENCE, BoltVerdict, Judgement, Role, judge, scatter_of
 from lrbc_cli.updating.judging.evidence import VALIDATION, Evidence
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import LOOSE, TIGHT, DecisionRule, TightScatter
 
 #: Status of a job whose measurement the model does not explain.
 UNEXPLAINED = "unexplained"
-
-#: Keys of ``result.json`` that judging writes.
-JUDGED = ("status", "reason", "removed", "bolts", "alternatives", "taken_as_tight", "validity", "decision_rule", "warnings", "notes")
 
 
 @dataclass(frozen=True)
@@ -45,13 +42,13 @@ class ComparedWith:
         return scatter_of_records(self.baselines.values())
 
 
-def role_of(update: UpdateConfig, name: str) -> str:
+def role_of(update: UpdateConfig, name: str) -> Role:
     """Role of a job in its campaign: reference job, baseline, or any other job."""
     return REFERENCE if name == update.reference else BASELINE if name in update.baselines else JOB
 
 
 def judged(campaign: Campaign, rule: DecisionRule, evidence: Evidence, tight: ComparedWith) -> dict[str, Any]:
-    """The part of ``result.json`` that judging writes (keys of ``JUDGED``, and ``scatter``)."""
+    """The fields of ``JobRecord`` that judging gives."""
     name, update = evidence.job, campaign.update
     judgement = judge(evidence, rule, role_of(update, name), tight.scatter, tight.reference)
     valid = judgement.validity
@@ -67,36 +64,15 @@ def judged(campaign: Campaign, rule: DecisionRule, evidence: Evidence, tight: Co
     return {
         "status": status,
         "reason": reason,
-        "removed": list(campaign.jobs[name].removed) if states_removed(campaign) else None,
-        "bolts": bolt_trees(campaign, evidence, judgement),
-        "alternatives": [{"loose": list(loose), "probability": share} for loose, share in judgement.alternatives],
+        "removed": tuple(campaign.jobs[name].removed) if states_removed(campaign) else None,
+        "bolts": bolt_records(campaign, evidence, judgement),
+        "alternatives": tuple(Alternative(loose=loose, probability=share) for loose, share in judgement.alternatives),
         "taken_as_tight": taken_as_tight(update, name, judgement),
-        "validity": {
-            **asdict(valid),
-            "held_out_db": valid.misfit_db if valid.compared == VALIDATION else None,
-        },
-        "scatter": tight.scatter.rms,
+        "validity": ValidityRecord.like(valid, held_out_db=valid.misfit_db if valid.compared == VALIDATION else None),
         "decision_rule": asdict(rule),
-        "warnings": warnings,
-        "notes": [
-            *evidence.data_warnings,
-            *warnings,
-            *unvalidated,
-            *states,
-            *evidence.notes,
-            *implausible(judgement),
-        ],
+        "warnings": tuple(warnings),
+        "notes": (*evidence.data_warnings, *warnings, *unvalidated, *states, *evidence.notes, *implausible(judgement)),
     }
-
-
-def with_judgement(
-    campaign: Campaign, rule: DecisionRule, identified: Mapping[str, Any], evidence: Evidence, tight: ComparedWith
-) -> dict[str, Any]:
-    """Content of ``result.json``: identified values and judgement."""
-    said = judged(campaign, rule, evidence, tight)
-    prior = {**identified["prior"], "scatter": said.pop("scatter")}
-    provenance = {**identified["provenance"], "configuration": campaign.resolved()}
-    return {"job": evidence.job, **said, **identified, "prior": prior, "provenance": provenance}
 
 
 def judged_anew(
@@ -119,33 +95,24 @@ def judged_anew(
     provenance : mapping
         New values of ``judgement``, ``rests_on`` and ``origin``.
     """
-    identified = {key: value for key, value in stored.tree().items() if key not in JUDGED}
-    tree = with_judgement(campaign, rule, identified, evidence, tight)
-    tree["provenance"] |= provenance
-    return JobRecord.checked(tree)
+    prior = None if stored.prior is None else stored.prior.model_copy(update={"scatter": tight.scatter.rms})
+    about = stored.provenance.model_copy(update={"configuration": campaign.resolved(), **provenance})
+    return stored.model_copy(update=judged(campaign, rule, evidence, tight) | {"prior": prior, "provenance": about})
 
 
-def bolt_trees(campaign: Campaign, evidence: Evidence, judgement: Judgement) -> list[dict[str, Any]]:
-    """The key ``bolts`` of ``result.json``: change [decades], probability and verdict of each bolt."""
+def bolt_records(campaign: Campaign, evidence: Evidence, judgement: Judgement) -> tuple[Bolt, ...]:
+    """Change [decades], probability and verdict of each bolt."""
     removed = campaign.jobs[evidence.job].removed
     stated = states_removed(campaign)
-    return [
-        {
-            "name": verdict.name,
-            "position": bolt.position,
-            "log10_stiffness": verdict.log10_stiffness,
-            "change": verdict.change,
-            "change_std": verdict.change_std,
-            "change_interval95": verdict.change_interval95,
-            "threshold": verdict.threshold,
-            "probability_loose": verdict.probability_loose,
-            "probability_changed": bolt.probability_changed,
-            "verdict": verdict.verdict,
-            "removed": verdict.name in removed if stated else None,
-            "note": verdict.note,
-        }
+    return tuple(
+        Bolt.like(
+            verdict,
+            position=bolt.position,
+            probability_changed=bolt.probability_changed,
+            removed=verdict.name in removed if stated else None,
+        )
         for bolt, verdict in zip(evidence.bolts, judgement.bolts, strict=True)
-    ]
+    )
 
 
 def states_removed(campaign: Campaign) -> bool:
@@ -153,10 +120,10 @@ def states_removed(campaign: Campaign) -> bool:
     return any(job.removed for job in campaign.jobs.values())
 
 
-def taken_as_tight(update: UpdateConfig, name: str, judgement: Judgement) -> dict[str, Any] | None:
+def taken_as_tight(update: UpdateConfig, name: str, judgement: Judgement) -> TakenAsTight | None:
     """Role of a job whose bolts are assumed tight, with the bolts that nevertheless come out loose; None for other jobs."""
     role = role_of(update, name)
-    return None if role == JOB else {"as": role, "doubtful": [bolt.name for bolt in judgement.bolts if bolt.suspect]}
+    return None if role == JOB else TakenAsTight(role=role, doubtful=tuple(bolt.name for bolt in judgement.bolts if bolt.suspect))
 
 
 def suspects(judgement: Judgement) -> list[str]:

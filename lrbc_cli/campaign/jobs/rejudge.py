@@ -162,7 +162,7 @@ def judge_one(
     """
     assert p.record is not None
     assert p.evidence is not None
-    provenance = {"origin": come_from, "judgement": p.judgement.tree() | {"copied": copied}, "rests_on": rests_on(tight)}
+    provenance = {"origin": come_from, "judgement": p.judgement.record(copied), "rests_on": rests_on(tight)}
     record = judged_anew(campaign, rule, p.record, p.evidence.beside(copied), tight, provenance)
     outcome.results[p.name] = write_sealed(campaign.output / p.name / "result.json", record)
     outcome.judged.append(p.name)

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from lrbc_cli.campaign.jobs.finished import Finished, calibration_tree, origin_of
+from lrbc_cli.campaign.jobs.finished import Finished, calibration_record, origin_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import ReductionStage
 from lrbc_cli.errors import DataError
+from lrbc_cli.reduction.outcome import Step
 from lrbc_cli.reduction.steps.unseen import CONFIDENCE, SHARE
-from lrbc_cli.results.job import FailedJob, JobRecord
-from lrbc_cli.results.model import CampaignRecord, ReductionRecord
+from lrbc_cli.results import model
+from lrbc_cli.results.job import FailedJob, JobRecord, Provenance
 from lrbc_cli.results.store import read_job, versions, write, write_evidence, write_sealed
 from lrbc_cli.results.tables import write_csv
 from lrbc_cli.version import __version__
@@ -27,13 +28,13 @@ def write_result(output: Path, finished: Finished) -> JobRecord:
     JobRecord
         Content of result.json.
     """
-    folder = output / finished.name
+    folder = output / finished.record.job
     files = {name: write_csv(folder / name, *table) for name, table in finished.tables.items()}
     files["evidence.json"] = write_evidence(folder, finished.evidence)
     if finished.shapes is not None:
         files["shapes.json"] = write(folder / "shapes.json", finished.shapes, compact=True)
-    tree = finished.tree | {"provenance": finished.tree["provenance"] | {"files": files}}
-    return write_sealed(folder / "result.json", JobRecord.checked(tree))
+    provenance = finished.record.provenance.model_copy(update={"files": files})
+    return write_sealed(folder / "result.json", finished.record.model_copy(update={"provenance": provenance}))
 
 
 def write_failure(output: Path, inputs: Inputs, name: str, reason: str, identity: str | None) -> None:
@@ -45,95 +46,86 @@ def write_failure(output: Path, inputs: Inputs, name: str, reason: str, identity
         before = None
     if isinstance(before, JobRecord):
         path.replace(path.with_name("result.previous.json"))
-    tree = {
-        "job": name,
-        "status": "failed",
-        "reason": reason,
-        "provenance": {"identity": identity, "versions": versions(), "inputs": inputs.hashes, "configuration": inputs.campaign.resolved()},
-    }
-    write_sealed(path, FailedJob.checked(tree))
+    provenance = Provenance(identity=identity, versions=versions(), inputs=inputs.hashes, configuration=inputs.campaign.resolved())
+    failed = FailedJob(format="lrbc-result", version=1, job=name, status="failed", reason=reason, provenance=provenance)
+    write_sealed(path, failed)
 
 
 def write_campaign(output: Path, inputs: Inputs, files: Mapping[str, str] | None = None) -> None:
     """Write ``campaign.json``: what the report needs of the campaign, and hashes of the files that ``lrbc update`` wrote beside it."""
     campaign, use = inputs.campaign, inputs.calibration
     origin = None if files is None else origin_of(inputs)
-    bolts = [] if inputs.bolts is None else [{"name": n, "position": p} for n, p in zip(inputs.bolts.name, inputs.bolts.xyz, strict=True)]
-    record = CampaignRecord.checked(
-        {
-            "campaign": campaign.name,
-            "description": campaign.description,
-            "test_article": campaign.test_article,
-            "operator": campaign.operator,
-            "compare_with": campaign.compare_with,
-            "reference": campaign.update.reference,
-            "reference_guessed": campaign.update.reference is not None and campaign.update.reference_guessed,
-            "jobs": list(campaign.jobs),
-            "bolts": bolts,
-            "responses": [
-                {"name": r.name, "quantity": r.quantity, "unit": r.unit, "used": bool(i in inputs.used)}
-                for i, r in enumerate(inputs.responses)
-            ],
-            # Empty string: there is a calibration, but the jobs use the model as exported.
-            "calibration": None if use is None else (use.key if use.used else ""),
-            "reading": None
-            if origin is None
-            else {
-                "origin": origin,
-                "warnings": [*inputs.warnings, *inputs.method.warnings],
-                "calibration": None if use is None else {"used": use.used, "stale": use.stale, "text": use.text},
-                "files": files,
-            },
-            "tool": {"name": "lrbc", "version": __version__},
-        }
+    record = model.CampaignRecord(
+        format="lrbc-campaign",
+        version=1,
+        campaign=campaign.name,
+        description=campaign.description,
+        test_article=campaign.test_article,
+        operator=campaign.operator,
+        compare_with=campaign.compare_with,
+        reference=campaign.update.reference,
+        reference_guessed=campaign.update.reference is not None and campaign.update.reference_guessed,
+        jobs=tuple(campaign.jobs),
+        bolts=()
+        if inputs.bolts is None
+        else tuple(model.PlaceRecord(name=n, position=p) for n, p in zip(inputs.bolts.name, inputs.bolts.xyz, strict=True)),
+        responses=tuple(model.ResponseRecord.like(r, used=bool(i in inputs.used)) for i, r in enumerate(inputs.responses)),
+        # Empty string: there is a calibration, but the jobs use the model as exported.
+        calibration=None if use is None else (use.key if use.used else ""),
+        reading=None
+        if origin is None or files is None
+        else model.ReadingRecord(
+            origin=origin,
+            warnings=(*inputs.warnings, *inputs.method.warnings),
+            calibration=None if use is None else model.CalibrationNews.like(use),
+            files=dict(files),
+        ),
+        tool=model.Tool(name="lrbc", version=__version__),
     )
     write_sealed(output / "campaign.json", record)
 
 
-def write_reduction(output: Path, inputs: Inputs, stage: ReductionStage) -> ReductionRecord:
+def write_reduction(output: Path, inputs: Inputs, stage: ReductionStage) -> model.ReductionRecord:
     """Write ``reduction.json``: certificate, trace and costs of the reduced model."""
     r = stage.reduction
     seconds = dict(r.seconds)
     seconds["full_lines_worth"] = seconds["total"] / seconds["full_line"]
-    tree = {
-        "size": r.model.size,
-        "size_structure": r.model.structure,
-        "size_acoustic": r.model.size - r.model.structure,
-        "full_size": r.full_size,
-        "terms": r.model.terms,
-        "inputs": int(r.model.B.shape[1]),
-        "outputs": int(r.model.L.shape[0]),
-        "band_hz": r.options.band_hz,
-        "tolerance": r.options.tolerance,
-        "reached": r.reached,
-        "backend": r.backend,
-        "symmetry": r.coupling,
-        "expansion_points": [{"frequency_hz": t.frequency_hz, "order": t.order, "added": t.added} for t in r.trace if t.order],
-        "certificate": {
-            "held_out": [{"frequency_hz": line.frequency_hz, "errors": line.errors} for line in r.held_out],
-            "worst": r.worst,
-            "vectors": r.vectors,
-            "unseen": r.unseen if np.isfinite(r.unseen) else None,
-            "unseen_share": SHARE,
-            "unseen_confidence": CONFIDENCE,
-        },
-        "trace": [
-            {
-                "step": i + 1,
-                "size": t.size,
-                "factorised_hz": t.frequency_hz if np.isfinite(t.frequency_hz) else None,
-                "measured_error": t.measured_error,
-                "frequency_hz": t.grid_hz if np.all(np.isfinite(t.estimate)) else [],
-                "estimate": t.estimate if np.all(np.isfinite(t.estimate)) else [],
-            }
-            for i, t in enumerate(r.trace)
-        ],
-        "seconds": seconds,
-        "machine": r.machine,
-        "date": r.date,
-        "calibration": calibration_tree(inputs),
-        "cache": {"key": stage.decision.key, "hit": stage.decision.hit, "reason": stage.decision.reason},
-        "versions": versions(),
-    }
-    record = ReductionRecord.checked(tree)
+    record = model.ReductionRecord.like(
+        r,
+        format="lrbc-reduction",
+        version=1,
+        size=r.model.size,
+        size_structure=r.model.structure,
+        size_acoustic=r.model.size - r.model.structure,
+        terms=r.model.terms,
+        inputs=r.model.B.shape[1],
+        outputs=r.model.L.shape[0],
+        band_hz=np.array(r.options.band_hz),
+        tolerance=r.options.tolerance,
+        symmetry=r.coupling,
+        expansion_points=tuple(model.ExpansionPoint.like(t) for t in r.trace if t.order),
+        certificate=model.ModelCertificate.like(
+            r,
+            held_out=tuple(model.HeldOutRecord.like(line) for line in r.held_out),
+            unseen_share=SHARE,
+            unseen_confidence=CONFIDENCE,
+        ),
+        trace=tuple(_step(i + 1, step) for i, step in enumerate(r.trace)),
+        seconds=seconds,
+        calibration=calibration_record(inputs),
+        cache=model.Cache.like(stage.decision),
+        versions=versions(),
+    )
     return write_sealed(output / "reduction.json", record)
+
+
+def _step(number: int, step: Step) -> model.StepRecord:
+    estimated = slice(None) if np.all(np.isfinite(step.estimate)) else slice(0)
+    return model.StepRecord(
+        step=number,
+        size=step.size,
+        factorised_hz=step.frequency_hz,
+        measured_error=step.measured_error,
+        frequency_hz=step.grid_hz[estimated],
+        estimate=step.estimate[estimated],
+    )

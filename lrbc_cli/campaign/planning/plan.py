@@ -6,7 +6,7 @@ Rehearsals (``rehearsal``) give the verdicts, linearised figures (``updating/pos
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,7 +17,7 @@ import numpy as np
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.nuisances import nuisances_of
 from lrbc_cli.campaign.identification.unknowns import parameterise, theta_of
-from lrbc_cli.campaign.jobs.finished import calibration_tree
+from lrbc_cli.campaign.jobs.finished import calibration_record
 from lrbc_cli.campaign.planning.patches import Structure
 from lrbc_cli.campaign.planning.rehearsal import (
     Draw,
@@ -29,14 +29,14 @@ from lrbc_cli.campaign.planning.rehearsal import (
 )
 from lrbc_cli.campaign.planning.worth import Prospect, Target, judged
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.campaign.reduced.stage import FrfSource, frf_source, obtain_reduction
+from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
 from lrbc_cli.campaign.simulate import job_values
 from lrbc_cli.config.settings import EveryLine, ListedLines
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.steps.grid import band_lines
-from lrbc_cli.results.job import Job, JobRecord
-from lrbc_cli.results.plan import PlanRecord
+from lrbc_cli.results.job import Certificate, Job, JobRecord, Lines, Provenance
+from lrbc_cli.results.plan import PlannedNoise, PlannedNuisance, PlanRecord, PlanSeconds, VisibilityLimits
 from lrbc_cli.results.store import read_job, versions
 from lrbc_cli.updating.misfit.cost import penalty_rows
 from lrbc_cli.updating.misfit.extended import Nuisance
@@ -96,6 +96,11 @@ class About:
     noise: Noise
     origin: str
     doubt: str = ""
+
+    @property
+    def tightened(self) -> bool:
+        """Whether the bolts of a free structure are tightened, instead of tight ones loosened."""
+        return self.state.kind == "free"
 
 
 @dataclass(frozen=True)
@@ -158,10 +163,9 @@ def make_plan(
     question = _Question(
         source=source, parameters=parameters, grid=grid, about=about, shapes=shapes, targets=tuple(_targets(inputs, parameters, shapes, by))
     )
-    tightened = about.state.kind == "free"
-    asked = [question.experiment(loss if tightened else -loss) for loss in LOSSES]
+    asked = [question.experiment(loss if about.tightened else -loss) for loss in LOSSES]
     felt = [(loss, np.flatnonzero(found.change).tolist()) for loss, found in zip(LOSSES, asked, strict=True)]
-    cases = [(n, loss) for loss, places in felt for n in places if by == "bolts" and not tightened]
+    cases = [(n, loss) for loss, places in felt for n in places if by == "bolts" and not about.tightened]
     draws = draws_for(len(cases), request.draws) if cases else 0
     said: dict[tuple[int, float], list[Draw]] = {}
     if draws:
@@ -169,25 +173,12 @@ def make_plan(
         said = rehearse(rehearsal, cases, draws, progress)
         assumes = [f"tight state: {about.state.words}", *assumptions(rehearsal, draws, about.origin)]
     else:
-        assumes = [f"state: {about.state.words}", *_linearised(inputs, by, tightened, request.draws, joints=shapes.joints_only)]
+        assumes = [f"state: {about.state.words}", *_linearised(inputs, by, about.tightened, request.draws, joints=shapes.joints_only)]
     every = range(len(question.targets))
     prospects = [Prospect(loss, found, [said.get((n, loss), []) for n in every]) for loss, found in zip(LOSSES, asked, strict=True)]
-    tree = _settings(inputs, about, shapes.joints_only) | {
-        "losses": LOSSES,
-        "loss": LOSS,
-        "tightened": tightened,
-        "unknowns": by,
-        "method": "rehearsed" if draws else "linearised",
-        "draws": draws,
-        "assumes": assumes,
-        "lines": {"count": int(question.selected.size), "frequency_hz": grid[question.selected]},
-        "nuisances": [{"kind": e.kind, "name": e.name, "std": e.std} for e in question.nuisances],
-        **judged(inputs, prospects, question.targets, about.doubt),
-        "notes": [*(["no bolts: every value along the edges stands for itself"] if by == "values" else []), *filter(None, [about.doubt])],
-        "seconds": {"reduction": ready - begin, "plan": time.perf_counter() - ready},
-    }
-    tree["provenance"]["certificate"] = {"key": stage.decision.key, "size": stage.reduction.model.size, "worst": stage.reduction.worst}
-    return PlanRecord.checked(tree)
+    found = judged(inputs, prospects, question.targets, about.doubt)
+    seconds = PlanSeconds(reduction=ready - begin, plan=time.perf_counter() - ready)
+    return _record(question, stage, found, by, draws, assumes, seconds)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -261,26 +252,43 @@ class _Question:
         return Unknowns(T, prior, np.array([target.column for target in self.targets], dtype=np.int64))
 
 
-def _settings(inputs: Inputs, about: About, joints: bool) -> dict[str, Any]:
-    """Settings and provenance of ``plan.json``."""
-    update = inputs.campaign.update
-    return {
-        "campaign": inputs.campaign.name,
-        "state": about.state.text,
-        "state_job": about.state.job,
-        "noise": {"sigma_db": about.noise.sigma, "correlation_factor": about.noise.factor, "source": about.origin},
-        "prior_std": inputs.statistics.values.std,
-        "confidence": update.confidence,
-        "loose_change": threshold(inputs, joints),
-        "identification": inputs.resolved(True).tree(),
-        "limits": {"detectable": DETECTABLE, "not_detectable": HIDDEN},
-        "provenance": {
-            "versions": versions(),
-            "inputs": inputs.hashes,
-            "configuration": inputs.campaign.resolved(),
-            "calibration": calibration_tree(inputs),
-        },
-    }
+def _record(
+    question: _Question, stage: ReductionStage, found: Mapping[str, Any], by: str, draws: int, assumes: list[str], seconds: PlanSeconds
+) -> PlanRecord:
+    """Content of ``plan.json``, with the fields that ``judged`` has found."""
+    inputs, about = question.source.inputs, question.about
+    return PlanRecord(
+        format="lrbc-plan",
+        version=1,
+        campaign=inputs.campaign.name,
+        state=about.state.text,
+        state_job=about.state.job,
+        noise=PlannedNoise(sigma_db=about.noise.sigma, correlation_factor=about.noise.factor, source=about.origin),
+        losses=LOSSES,
+        loss=LOSS,
+        tightened=about.tightened,
+        unknowns=by,
+        prior_std=inputs.statistics.values.std,
+        confidence=inputs.campaign.update.confidence,
+        loose_change=threshold(inputs, question.shapes.joints_only),
+        method="rehearsed" if draws else "linearised",
+        draws=draws,
+        assumes=tuple(assumes),
+        identification=inputs.resolved(True).tree(),
+        limits=VisibilityLimits(detectable=DETECTABLE, not_detectable=HIDDEN),
+        lines=Lines(frequency_hz=question.grid[question.selected], count=question.selected.size),
+        nuisances=tuple(PlannedNuisance.like(nuisance) for nuisance in question.nuisances),
+        notes=(*(["no bolts: every value along the edges stands for itself"] if by == "values" else []), *filter(None, [about.doubt])),
+        seconds=seconds,
+        provenance=Provenance(
+            versions=versions(),
+            inputs=inputs.hashes,
+            configuration=inputs.campaign.resolved(),
+            calibration=calibration_record(inputs),
+            certificate=Certificate(key=stage.decision.key, size=stage.reduction.model.size, worst=stage.reduction.worst),
+        ),
+        **found,
+    )
 
 
 def _grid(inputs: Inputs) -> Floats:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import pickle
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from lrbc_cli.model.terms import KIND_POWER, Parameterisation
 from lrbc_cli.reduction.reduced.modes import Modes, mac, modes_of, paired
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.remembered import Remembered
+from lrbc_cli.results.agreement import ModePair, ModesRecord
 
 log = logging.getLogger(__name__)
 
@@ -24,8 +24,8 @@ log = logging.getLogger(__name__)
 _modes = Remembered[Modes](8)
 
 
-def modes_tree(inputs: Inputs, stage: ReductionStage | None, result: Identification) -> dict[str, Any] | None:
-    """The key ``modes`` of ``result.json``, without nuisance parameters; None without a reduced model, or if the modes are not found."""
+def modes_record(inputs: Inputs, stage: ReductionStage | None, result: Identification) -> ModesRecord | None:
+    """The modes in ``result.json``, without nuisance parameters; None without a reduced model, or if the modes are not found."""
     if stage is None:
         return None
     model, band = stage.reduction.model, inputs.campaign.reduction.band
@@ -41,22 +41,18 @@ def modes_tree(inputs: Inputs, stage: ReductionStage | None, result: Identificat
         log.warning("job %s: %s", result.name, error.problem)
         return None
     likeness = mac(model, before, after)
-    rows = [
-        {
-            **_mode("before", before, a),
-            **_mode("after", after, b),
-            "mac": None if a is None or b is None else float(likeness[a, b]),
-        }
-        for a, b in paired(likeness)
-    ]
-    rows.sort(key=lambda row: row["after_hz"] or row["before_hz"])
-    return {"before": "reference" if result.against_reference else "initial", "pairs": rows}
+    pairs = []
+    for a, b in paired(likeness):
+        (before_hz, before_damping), (after_hz, after_damping) = _mode(before, a), _mode(after, b)
+        same = float("nan") if a is None or b is None else likeness[a, b]
+        pairs.append(ModePair(before_hz=before_hz, before_damping=before_damping, after_hz=after_hz, after_damping=after_damping, mac=same))
+    pairs.sort(key=lambda pair: pair.before_hz if np.isnan(pair.after_hz) else pair.after_hz)
+    return ModesRecord(before="reference" if result.against_reference else "initial", pairs=tuple(pairs))
 
 
-def _mode(state: str, modes: Modes, index: int | None) -> dict[str, Any]:
-    if index is None:
-        return {f"{state}_hz": None, f"{state}_damping": None}
-    return {f"{state}_hz": float(modes.frequency_hz[index]), f"{state}_damping": float(modes.damping_ratio[index])}
+def _mode(modes: Modes, index: int | None) -> tuple[float, float]:
+    """Natural frequency [Hz] and damping ratio of a mode; NaN for None."""
+    return (float("nan"), float("nan")) if index is None else (modes.frequency_hz[index], modes.damping_ratio[index])
 
 
 def polynomial(parameters: Parameterisation, theta: Floats) -> Complexes | Floats:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Final, Literal
 
 import numpy as np
 
@@ -22,7 +23,10 @@ RISEN = "far stiffer than the other bolts in the reference job, as an error of t
 
 
 #: Role of a job in its campaign: the tight state itself, a further tight state, or an unknown state.
-REFERENCE, BASELINE, JOB = "reference", "baseline", "job"
+Role = Literal["reference", "baseline", "job"]
+REFERENCE: Final = "reference"
+BASELINE: Final = "baseline"
+JOB: Final = "job"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -297,7 +298,7 @@ def _inverse(precision: Floats) -> Floats:
     return np.asarray(np.linalg.inv(precision + floor * np.eye(precision.shape[0])))
 
 
-def verdict(right: float) -> str:
+def verdict(right: float) -> Literal["detectable", "marginal", "not detectable"]:
     """``detectable``, ``marginal`` or ``not detectable``, by the probability of a correct verdict."""
     return "detectable" if right >= DETECTABLE else "marginal" if right >= HIDDEN else "not detectable"
 
