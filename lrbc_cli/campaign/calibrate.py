@@ -195,7 +195,7 @@ def calibrate(
         plain = problem.frf(s, everything).frf(fit.solution.theta)
         updated = plain * (1.0 if gains is None else gains.factors(inputs))
         model, recipe = with_factors(inputs.model, inputs.recipe, fit.factors)
-        relative = problem.frf(s).factors(fit.solution.theta)
+        relative = problem.frf(s).effects(fit.solution.theta).factors
         held_out = _errors(replace(now, model=model), stage, problem.model.at(relative), progress)
         rounds.append(Round(_misfit(inputs, measurement, updated), fit.factors, held_out, stage.reduction.model.size))
         watch.lap("certificate")
@@ -206,8 +206,7 @@ def calibrate(
         now = replace(inputs, model=model, recipe=recipe)
         stage = obtain_reduction(now, folder, accept=accept, progress=progress)
         watch.lap("reduction")
-        hits = hits_of(now, now.campaign.update.nuisances)
-        problem = replace(problem, model=affine_model(now, stage), base=fit.factors, nuisances=hits)
+        problem = replace(problem, model=affine_model(now, stage), base=fit.factors, nuisances=hits_of(now))
         theta = fit.moved(problem)
     fit = fit.wider(ratio_of(inputs, measurement, inputs.campaign.jobs[settings.job], problem.selected, updated))
     misfits = (_misfit(inputs, measurement, initial), rounds[-1].misfit_db)
@@ -309,7 +308,7 @@ def first_problem(source: FrfSource, measurement: Measurement) -> tuple[FactorPr
         selected=selected,
         options=inputs.method.residual,
         sigma=sigma,
-        nuisances=hits_of(inputs, inputs.campaign.update.nuisances),
+        nuisances=hits_of(inputs),
         statistics=inputs.statistics,
     )
     return problem, (*notes, *left_out(inputs, measurement, values))
@@ -386,7 +385,8 @@ def _values(inputs: Inputs, fit: FactorFit) -> dict[str, Any]:
     return {
         "factors": factors,
         "gain_db": {} if gains is None else gain_tree(inputs, gains),
-        "hammer_offset_mm": {name: {"value": 1e3 * value, "std": 1e3 * std} for name, (value, std) in fit.nuisances.items()},
+        "hammer_offset_mm": {},
+        **fit.nuisances,
         "boundary": boundary,
         "boundary_held": problem.hold,
     }
