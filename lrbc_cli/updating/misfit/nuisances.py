@@ -20,16 +20,9 @@ UNITS = {"percent": "%", "db": "dB", "mm": "mm", "kelvin": "K"}
 
 @dataclass(frozen=True)
 class Effects(Generic[T]):
-    """What nuisance parameters change: the values, or the (F, R) derivatives of the FRFs to the unknowns.
+    """What nuisance parameters change, or (F, R) derivatives of the FRFs to their unknowns.
 
-    Attributes
-    ----------
-    factors : dict
-        Global factors of the model, by name.
-    gains : dict
-        Gains [dB], by index of the response among all.
-    offsets : dict
-        Offsets of the loads [m], by load and direction.
+    Global factors of the model by name, gains [dB] by index of the response among all, offsets of loads [m] by load and direction.
     """
 
     factors: dict[str, T] = field(default_factory=dict)
@@ -43,10 +36,8 @@ class Nuisance(ABC):
 
     Attributes
     ----------
-    kind, key : str
-        Of the class; the key of its estimates ends with their unit, see ``UNITS``.
-    scale : float
-        Of the class: what an estimate is multiplied by to have this unit.
+    kind, key, scale : str, str, float
+        Of the class. The key of its estimates ends with their unit, see ``UNITS``; times the scale they have this unit.
     name : str
         Name of the factor, of the response, or of load and direction.
     words : str
@@ -147,7 +138,7 @@ def estimates(nuisances: Sequence[Nuisance], values: Iterable[float], stds: Iter
     tree: dict[str, Any] = {}
     for nuisance, value, std in zip(nuisances, values, stds, strict=True):
         for key, found in nuisance.told(float(value), float(std)).items():
-            tree[key] = tree.get(key, {}) | found
+            tree.setdefault(key, {}).update(found)
     return tree
 
 
