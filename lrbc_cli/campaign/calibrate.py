@@ -30,7 +30,7 @@ from lrbc_cli.model.factors import with_factors
 from lrbc_cli.reduction.outcome import HeldOut
 from lrbc_cli.reduction.steps.certify import lines_between, measured_errors
 from lrbc_cli.reduction.threads import single_threaded
-from lrbc_cli.results.job import Estimate, Lines, NoiseRecord, Provenance
+from lrbc_cli.results.job import Lines, NoiseRecord, Provenance
 from lrbc_cli.results.model import Boundary, CalibrationRecord, Factor, FactorCertificate, HeldOutRecord, RoundRecord, StageRecord
 from lrbc_cli.results.store import versions, write_sealed
 from lrbc_cli.results.tables import write_csv
@@ -200,7 +200,7 @@ def calibrate(
         plain = problem.frf(s, everything).frf(fit.solution.theta)
         updated = plain * (1.0 if gains is None else gains.factors(inputs))
         model, recipe = with_factors(inputs.model, inputs.recipe, fit.factors)
-        relative = problem.frf(s).factors(fit.solution.theta)
+        relative = problem.frf(s).effects(fit.solution.theta).factors
         held_out = _errors(replace(now, model=model), stage, problem.model.at(relative), progress)
         rounds.append(Round(_misfit(inputs, compared, updated), fit.factors, held_out, stage.reduction.model.size))
         watch.lap("certificate")
@@ -211,8 +211,7 @@ def calibrate(
         now = replace(inputs, model=model, recipe=recipe)
         stage = obtain_reduction(now, folder, accept=accept, progress=progress)
         watch.lap("reduction")
-        hits = hits_of(now, now.campaign.update.nuisances)
-        problem = replace(problem, model=affine_model(now, stage), base=fit.factors, nuisances=hits)
+        problem = replace(problem, model=affine_model(now, stage), base=fit.factors, nuisances=hits_of(now))
         theta = fit.moved(problem)
     heard = replace(measurement, values=without_noise(inputs, settings.job, measurement))
     fit = fit.wider(ratio_of(inputs, heard, inputs.campaign.jobs[settings.job], problem.selected, updated))
@@ -316,7 +315,7 @@ def first_problem(source: FrfSource, measurement: Measurement) -> tuple[FactorPr
         selected=selected,
         options=inputs.method.residual,
         sigma=sigma,
-        nuisances=hits_of(inputs, inputs.campaign.update.nuisances),
+        nuisances=hits_of(inputs),
         statistics=inputs.statistics,
     )
     return problem, (*notes, *left_out(inputs, measurement, values))
@@ -356,7 +355,7 @@ def calibration_record(inputs: Inputs, outcome: CalibrationOutcome, parts: dict[
         reason=reason,
         factors={name: _factor(fit, name) for name in fit.factors},
         gain_db={} if gains is None else gain_tree(inputs, gains),
-        hammer_offset_mm={name: Estimate(value=1e3 * value, std=1e3 * std) for name, (value, std) in fit.nuisances.items()},
+        hammer_offset_mm=fit.nuisances.get("hammer_offset_mm", {}),
         boundary={
             group.name: Boundary(log10=fit.solution.theta[values], damping_exponent=None if at is None else fit.solution.theta[at])
             for group, values, at in problem.parameters.placed

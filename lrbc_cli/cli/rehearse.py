@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,6 @@ from lrbc_cli.cli.terminal import say, typed
 from lrbc_cli.config.skeleton import FILE
 from lrbc_cli.virtual.campaign import RECORD, declared_scatter, job_list
 from lrbc_cli.virtual.campaign import rehearse as write
-from lrbc_cli.virtual.drift import Scatter
 from lrbc_cli.virtual.structure import Settings
 
 STD = click.FloatRange(min=0.0, max=1e3)
@@ -90,10 +90,8 @@ def rehearse(
     # Without a stored calibration, which belongs to other measurements.
     inputs = load(config, overrides, own_output=False, calibration=None)
     jobs = job_list(inputs, loose, tight, seed)
-    declared = declared_scatter(inputs)
-    scatter = Scatter(
-        *(own if given is None else given for given, own in zip((temperature, hammer, gain), vars(declared).values(), strict=True))
-    )
+    given: dict[str, Any] = {"kelvin": temperature, "hammer": hammer, "gain": gain}
+    scatter = replace(declared_scatter(inputs), **{name: std for name, std in given.items() if std is not None})
     record = write(
         inputs,
         cache_folder(cache),

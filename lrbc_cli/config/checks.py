@@ -71,7 +71,7 @@ def _check_names(campaign: Campaign) -> None:
             expected="update.reference: the job with all bolts tight",
             hint="set update.reference, or write approach: paper",
         )
-    given = [name for name, value in update.nuisances if value is not None and name != "room"]
+    given = update.nuisances.given
     if given and update.evaluation == "full":
         raise campaign.error(
             "nuisance parameters need the reduced model",

@@ -117,6 +117,11 @@ class NuisanceConfig(Strict):
         default=None, description="Standard deviation of the hammer point, along the surface, in metres."
     )
 
+    @property
+    def given(self) -> tuple[str, ...]:
+        """Keys of the standard deviations that are given: those of the values that are None by default."""
+        return tuple(key for key, value in self if value is not None and type(self).model_fields[key].default is None)
+
     @model_validator(mode="after")
     def _one_speed(self) -> NuisanceConfig:
         if self.temperature is not None and self.sound_speed is not None:

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Literal
 
 from lrbc_cli.config import Campaign
-from lrbc_cli.config.settings import EveryLine, ListedLines, UpdateConfig
+from lrbc_cli.config.settings import EveryLine, ListedLines, NuisanceConfig, UpdateConfig
 from lrbc_cli.method.rule import rule_of
 from lrbc_cli.updating.judging.rule import DecisionRule
 from lrbc_cli.updating.statistics.model import STATISTICS, StatisticalModel
@@ -71,8 +71,8 @@ class Method:
         Lines compared, as in the campaign file.
     responses : tuple of str or None
         Responses that are fitted; None: all.
-    nuisances : mapping of str to float
-        Prior standard deviations of the nuisance parameters, by key of the campaign file.
+    nuisances : NuisanceConfig
+        Prior standard deviations of the nuisance parameters, as in the campaign file.
     full_order : bool
         FRFs are computed with the full model.
     statistics : StatisticalModel
@@ -95,7 +95,7 @@ class Method:
     residual: ResidualOptions
     lines: str | EveryLine | ListedLines
     responses: tuple[str, ...] | None
-    nuisances: Mapping[str, float]
+    nuisances: NuisanceConfig
     full_order: bool
     statistics: StatisticalModel = STATISTICS
     rule: DecisionRule = field(default_factory=DecisionRule, compare=False)
@@ -118,7 +118,7 @@ class Method:
         found = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.name != "rule"}
         lines = self.lines if isinstance(self.lines, str) else self.lines.model_dump(mode="json", by_alias=True)
         found |= {"lines": lines, "residual": asdict(self.residual), "statistics": asdict(self.statistics)}
-        return found | {"nuisances": dict(self.nuisances), "reasons": dict(self.reasons)}
+        return found | {"nuisances": self.nuisances.model_dump(exclude_none=True), "reasons": dict(self.reasons)}
 
     @property
     def digest(self) -> str:
@@ -187,7 +187,7 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
         residual=ResidualOptions(update.residual, update.loss_scale if update.loss == "soft" else None, update.floor),
         lines=update.lines,
         responses=update.responses,
-        nuisances={name: value for name, value in update.nuisances if value is not None},
+        nuisances=update.nuisances,
         full_order=update.evaluation == "full",
         statistics=_with_prior(update, statistics),
         rule=rule_of(update),

@@ -26,6 +26,7 @@ from lrbc_cli.results.fields import (
     same_length,
     wrong,
 )
+from lrbc_cli.results.nuisances import Nuisances
 from lrbc_cli.updating.judging.clearance import BoltFinding, JobFinding, sentence
 from lrbc_cli.updating.judging.reference import GroupState, ReferenceState
 
@@ -170,28 +171,6 @@ class Prior(Record):
     shape: str
     comparison: str
     scatter: float
-
-
-class Estimate(Record):
-    """A value with its standard deviation."""
-
-    value: float
-    std: float | None = None
-
-
-class Nuisances(Record):
-    """Nuisance parameters, by response, or by excitation and direction.
-
-    ``common_gain_db`` is the gain of all FRFs of the job against what those of the reference job predict; ``gain_db`` of the reference
-    job is the gain of each of its FRFs against the model, with null as standard deviation of a response that was not used. Both are
-    included in the updated FRFs, and no verdict rests on them.
-    """
-
-    common_gain_db: Estimate | None = None
-    gain_db: dict[str, Estimate] = Field(default_factory=dict)
-    hammer_offset_mm: dict[str, Estimate] = Field(default_factory=dict)
-    sound_speed_percent: Estimate | None = None
-    temperature_kelvin: Estimate | None = None
 
 
 class EvaluationRecord(Record):

@@ -7,7 +7,8 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from lrbc_cli.results.fields import Gap, Gaps, Many, Point, Range, Record, SealedRecord, Seconds, Stated, Vector, same_length, wrong
-from lrbc_cli.results.job import CalibrationInUse, Estimate, Lines, MisfitRecord, NoiseRecord, Provenance
+from lrbc_cli.results.job import CalibrationInUse, Lines, MisfitRecord, NoiseRecord, Provenance
+from lrbc_cli.results.nuisances import Estimate
 
 
 def _folders(names: tuple[str, ...]) -> tuple[str, ...]:

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from lrbc_cli.campaign.identification.nuisances import nuisances_of
 from lrbc_cli.campaign.protect import require_new, require_no_input
-from lrbc_cli.campaign.reading.drift import speed_std
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.document import as_yaml
 from lrbc_cli.config.fields import NAME_LENGTH, is_name
@@ -19,9 +19,11 @@ from lrbc_cli.config.structure import RecordRef
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.frf import write_frf
+from lrbc_cli.model.factors import SOUND_SPEED
 from lrbc_cli.reduction.steps.grid import require_in_band
 from lrbc_cli.results.rehearsal import RehearsalRecord
 from lrbc_cli.results.store import versions, write_sealed
+from lrbc_cli.updating.misfit.nuisances import ModelFactor
 from lrbc_cli.virtual.drift import ROOM, Scatter
 from lrbc_cli.virtual.structure import Settings, VirtualStructure
 
@@ -35,7 +37,8 @@ Jobs = Mapping[str, Sequence[str]]
 def declared_scatter(inputs: Inputs) -> Scatter:
     """Drift between jobs as the campaign states it (``update.nuisances``)."""
     nuisances = inputs.campaign.update.nuisances
-    return Scatter(2.0 * ROOM * (speed_std(nuisances) or 0.0), nuisances.hammer or 0.0, nuisances.gain or 0.0)
+    factors = {nuisance.name: nuisance.std for nuisance in nuisances_of(inputs) if isinstance(nuisance, ModelFactor)}
+    return Scatter(2.0 * ROOM * factors.pop(SOUND_SPEED, 0.0), nuisances.hammer or 0.0, nuisances.gain or 0.0, factors)
 
 
 def job_list(inputs: Inputs, loose: Sequence[str], tight: int | None = None, seed: int = 1) -> dict[str, list[str]]:

@@ -1,4 +1,4 @@
-"""Draws what changes between the jobs of a rehearsal besides the bolts: air temperature, hammer points, sensor gains."""
+"""Draws what changes between the jobs of a rehearsal besides the bolts: air temperature, hammer points, sensor gains, factors."""
 
 from __future__ import annotations
 
@@ -25,11 +25,14 @@ class Drift:
         Offset of the hits along the two axes of the surface [m].
     gain : mapping of str to float
         Gain of each response [dB].
+    factors : mapping of str to float
+        Further global factors of the model, see ``model.factors``.
     """
 
     kelvin: float = 0.0
     hammer: tuple[float, float] = (0.0, 0.0)
     gain: Mapping[str, float] = field(default_factory=dict)
+    factors: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def warming(self) -> float:
@@ -57,14 +60,19 @@ class Scatter:
         Of the hammer point along each of two axes [m].
     gain : float
         Of each response [dB].
+    factors : mapping of str to float
+        Of the natural logarithms of further global factors of the model.
     """
 
     kelvin: float = 0.0
     hammer: float = 0.0
     gain: float = 0.0
+    factors: Mapping[str, float] = field(default_factory=dict)
 
     def draw(self, names: Sequence[str], rng: np.random.Generator) -> Drift:
         """Drift of one job; always draws the same random numbers, so a change of one deviation does not change the other drifts."""
         kelvin, x, y, *gain = rng.standard_normal(3 + len(names))
         gains = {name: round(self.gain * float(value), 4) for name, value in zip(names, gain, strict=True)} if self.gain else {}
-        return Drift(round(self.kelvin * float(kelvin), 4), (round(self.hammer * float(x), 6), round(self.hammer * float(y), 6)), gains)
+        factors = {name: float(np.exp(std * rng.standard_normal())) for name, std in self.factors.items()}
+        hammer = round(self.hammer * float(x), 6), round(self.hammer * float(y), 6)
+        return Drift(round(self.kelvin * float(kelvin), 4), hammer, gains, factors)

@@ -131,19 +131,20 @@ class VirtualStructure:
         for kind in ("damping", "alpha", "beta", "loss_factor"):
             drawn |= {f"{kind}.structure": float(damped[0]), f"{kind}.acoustic": float(damped[1])}
         self.factors = {name: value for name, value in drawn.items() if name in inputs.recipe.names}
-        self._ports: dict[tuple[float, tuple[float, float]], PortFrf] = {}
+        self._ports: dict[tuple[object, ...], PortFrf] = {}
 
     def model(self, drift: Drift) -> FeModel:
         """Full model of one job with perturbed materials and drift; the joints are not perturbed here, see ``profile``."""
+        moved = {name: self.factors.get(name, 1.0) * value for name, value in drift.factors.items()}
         air = {SOUND_SPEED: float(np.sqrt(drift.warming))} if drift.kelvin else {}
-        model, _ = with_factors(self.inputs.model, self.inputs.recipe, self.factors | air)
+        model, _ = with_factors(self.inputs.model, self.inputs.recipe, self.factors | moved | air)
         return replace(
             model,
             B=moved_loads(self.inputs, drift.hammer) if any(drift.hammer) else model.B[:, : len(self.inputs.excitations)],
         )
 
     def _table(self, drift: Drift) -> PortFrf:
-        key = drift.kelvin, drift.hammer
+        key = drift.kelvin, drift.hammer, tuple(drift.factors.items())
         if key not in self._ports:
             options, backend = options_of(self.inputs), self.inputs.campaign.reduction.backend
             reduction = reduce_model(self.model(drift), self.inputs.input_of, options, backend=backend, progress=self.progress)

@@ -12,10 +12,12 @@ from campaigns import BOX_TRUTH, Folder, box, frame, two_jobs
 
 import lrbc_cli
 from lrbc_cli import Measurement
+from lrbc_cli.campaign.identification import nuisances
 from lrbc_cli.campaign.reduced.stage import affine_model
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfSet
-from lrbc_cli.updating.misfit.extended import ExtendedFrf, Nuisance
+from lrbc_cli.updating.misfit.extended import ExtendedFrf
+from lrbc_cli.updating.misfit.nuisances import ModelFactor, Nuisance, Shift
 from lrbc_cli.updating.statistics.error_model import ERRORS
 from lrbc_cli.updating.statistics.model import STATISTICS
 from lrbc_cli.updating.unknowns.shapes import bolt_shapes
@@ -123,9 +125,9 @@ NUISANCES = ("update.nuisances.temperature=2.0", "update.nuisances.gain=0.3", "u
 def drifted(made: Made, theta: np.ndarray, kelvin: float, gains: np.ndarray, offset: float) -> np.ndarray:
     """FRFs with warmer air, gains [dB] and a hammer beside its node."""
     every = np.arange(len(made.study.responses))
-    nuisances = [
-        Nuisance(kind="factor", name="sound_speed", index=0, mean=0.0, std=0.1, bounds=(-1.0, 1.0)),
-        Nuisance(kind="shift", name="hammer", index=0, mean=0.0, std=0.1, bounds=(-1.0, 1.0)),
+    nuisances: list[Nuisance] = [
+        ModelFactor(name="sound_speed", std=0.1, reach=1.0),
+        Shift(name="hammer", load=0, direction=0, std=0.1, reach=1.0),
     ]
     affine = affine_model(made.study.inputs, made.study.stage)
     model = ExtendedFrf(affine, 2j * np.pi * made.hz, made.parameters, nuisances, every)
@@ -170,6 +172,23 @@ def test_drift_is_told_from_bolts(tmp_path: Path) -> None:
         else:
             assert tree["nuisances"] == {}
     assert np.abs(changes[True]).max() < 0.5 * np.abs(changes[False]).max()
+
+
+def test_a_further_factor_has_its_own_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Damping of the structure beside the air: defined by one function, identified, and told as neither the other nor by its settings."""
+    damping = ModelFactor(name="beta.structure", std=0.2, reach=1.2)
+    monkeypatch.setattr(nuisances, "DRIFTS", (*nuisances.DRIFTS, lambda *_: (damping,)))
+    made = Made(box(tmp_path / "box"), "update.nuisances.temperature=2.0", relative=False)
+    reference = made.study.identify(made.tight, made.measured(made.frf(BOX_TRUTH["tight"]), 0.005))
+    affine = affine_model(made.study.inputs, made.study.stage)
+    model = ExtendedFrf(affine, 2j * np.pi * made.hz, made.parameters, [damping], np.arange(len(made.study.responses)))
+    y = model.frf(np.append(BOX_TRUTH["tight"], np.log(1.25)))
+    record = made.study.identify(made.other, made.measured(y, 0.005), reference=reference).record
+    found = record.tree()["nuisances"]
+    assert list(found) == ["sound_speed_percent", "temperature_kelvin", "beta_structure_percent"]
+    assert abs(found["beta_structure_percent"]["value"] - 25.0) <= 3 * found["beta_structure_percent"]["std"] < 30.0
+    assert abs(found["sound_speed_percent"]["value"]) <= 3 * found["sound_speed_percent"]["std"] < 1.0
+    assert [(key, of) for key, of, _ in record.nuisances.entries()] == [(key, "") for key in found]
 
 
 def test_gains_alone_are_part_of_the_updated_frfs(tmp_path: Path) -> None:

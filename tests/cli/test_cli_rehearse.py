@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -12,6 +13,7 @@ import yaml
 from campaigns import ROOT, lrbc
 from samples import reduced_cache
 
+from lrbc_cli.campaign.identification import nuisances
 from lrbc_cli.campaign.reading.inputs import read_as_exported
 from lrbc_cli.config import load_campaign
 from lrbc_cli.io.frf import read_frf
@@ -123,10 +125,13 @@ def test_mistakes_are_told_before_anything_is_written(tmp_path: Path, cache: Pat
         assert not out.exists()
 
 
-def test_what_is_not_said_is_drawn_or_declared() -> None:
+def test_what_is_not_said_is_drawn_or_declared(monkeypatch: pytest.MonkeyPatch) -> None:
     inputs = read_as_exported(load_campaign(FRAME, ["update.nuisances={hammer: 0.003, gain: 0.2}"]))
     scatter = declared_scatter(inputs)
     assert (scatter.kelvin, scatter.hammer, scatter.gain) == (0.0, 0.003, 0.2)
+    damping = nuisances.ModelFactor(name="damping.structure", std=0.2, reach=1.2)
+    monkeypatch.setattr(nuisances, "DRIFTS", (*nuisances.DRIFTS, lambda *_: (damping,)))
+    assert declared_scatter(inputs) == replace(scatter, factors={"damping.structure": 0.2})
     drawn = {bolt for seed in range(20) for names in job_list(inputs, (), None, seed).values() for bolt in names}
     assert len(drawn) > 3
     assert job_list(inputs, (), 2) == {"tight": [], "tight-2": []}

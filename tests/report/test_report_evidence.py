@@ -537,6 +537,16 @@ def test_the_summary_names_the_least_probability(rich):
     assert summary_text(rich).isascii()
 
 
+def test_estimates_of_further_nuisances_have_their_own_column(tmp_path):
+    write_campaign(tmp_path, (4,), responses=("mic01",), used=("mic01",), lines=40, evidence=True)
+    further = {"damping_structure_percent": {"value": 25.0, "std": 4.0}, "chain_db": {"mic01": {"value": 0.5}}, "odd": 3}
+    spoil(tmp_path / "bolts-04" / "result.json", "nuisances", value={"sound_speed_percent": {"value": 1.0}} | further)
+    write_report(tmp_path, workers=1)
+    head, job = rows_of(page_text(tmp_path), "Nuisance parameters")
+    assert [" ".join(cell.split()) for cell in head] == ["Job", "sound speed [%]", "damping structure [%]", "chain [dB] mic01"]
+    assert job[1:] == ["1.00", "25.00 ± 4.00", "0.50"]
+
+
 def test_names_in_new_places_cannot_become_markup(tmp_path):
     write_campaign(tmp_path, (4,), responses=("mic01",), used=("mic01",), lines=40, evidence=True, calibration=True)
     evil = "<img src=x>"

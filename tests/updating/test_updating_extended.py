@@ -14,7 +14,8 @@ from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, 
 from lrbc_cli.reduction.reduced.affine import AffineModel
 from lrbc_cli.reduction.reduced.condense import air_is_diagonal
 from lrbc_cli.reduction.reduced.model import ReducedModel
-from lrbc_cli.updating.misfit.extended import ExtendedFrf, Nuisance
+from lrbc_cli.updating.misfit.extended import ExtendedFrf
+from lrbc_cli.updating.misfit.nuisances import Gain, ModelFactor, Nuisance, Shift
 
 S = 2j * np.pi * np.linspace(20.0, 380.0, 23)
 STRUCTURE, AIR = (60.0, 2e-5), (40.0, 1e-6)
@@ -95,10 +96,9 @@ class System:
 
 
 def nuisances(system: System) -> list[Nuisance]:
-    found = [Nuisance(kind="factor", name=name, index=0, mean=0.0, std=0.1, bounds=(-1.0, 1.0)) for name in system.recipe.names]
-    found += [Nuisance(kind="gain", name=f"r{i}", index=i, mean=0.0, std=0.3, bounds=(-5.0, 5.0)) for i in range(system.input_of.size)]
-    found += [Nuisance(kind="shift", name=f"h{k // 2}", index=k, mean=0.0, std=0.003, bounds=(-1.0, 1.0)) for k in range(4)]
-    return found
+    factors = [ModelFactor(name=name, std=0.1, reach=1.0) for name in system.recipe.names]
+    gains = [Gain(name=f"r{i}", index=i, std=0.3, reach=5.0) for i in range(system.input_of.size)]
+    return [*factors, *gains, *(Shift(name=f"h{k // 2}", load=k // 2, direction=k % 2, std=0.003, reach=1.0) for k in range(4))]
 
 
 CASES = {
@@ -141,7 +141,7 @@ def test_factors_cover_every_kind() -> None:
 def test_it_is_the_full_model(system: System) -> None:
     model = build(system)
     theta = point(model)
-    factors = model.factors(theta)
+    factors = model.effects(theta).factors
     offset = model.offset(theta)
     assert offset is not None
     gains = np.array([theta[model.parameters.size + i] for i, e in enumerate(model.nuisances) if e.kind == "gain"])
@@ -196,9 +196,7 @@ def test_logarithmic_derivatives(system: System, phase: bool) -> None:
 
 def test_some_of_the_responses(system: System) -> None:
     chosen = np.array([0, 2])
-    few = [e for e in nuisances(system) if e.kind != "gain"] + [
-        Nuisance(kind="gain", name="r2", index=2, mean=0.0, std=0.3, bounds=(-5.0, 5.0))
-    ]
+    few = [*(e for e in nuisances(system) if e.kind != "gain"), Gain(name="r2", index=2, std=0.3, reach=5.0)]
     model = ExtendedFrf(system.affine, S, system.parameters, few, chosen)
     theta = point(model)
     y, J = model.derivatives(theta)

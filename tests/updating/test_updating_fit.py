@@ -10,7 +10,7 @@ from linear import LinearModel, line_group
 
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.misfit.cost import Evaluation, Misfit
-from lrbc_cli.updating.misfit.extended import Nuisance
+from lrbc_cli.updating.misfit.nuisances import Gain
 from lrbc_cli.updating.posterior.fit import extended_misfit, follow_noise, no_worse, noise_of, posterior, residual_places, weighed
 from lrbc_cli.updating.search.descent import Level, descend
 from lrbc_cli.updating.search.optimise import HistoryEntry, Solution, gauss_newton
@@ -178,9 +178,7 @@ def test_further_unknowns_have_their_priors(eta: float) -> None:
     case = Case(8, strength=0.2)
     misfit = case.misfit(np.array([0.0, -0.5, 0.2, 0.0, 0.1])).with_eta(eta)
     variance = SIGMA**2
-    nuisances = tuple(
-        Nuisance(kind="gain", name=f"r{i}", index=i, mean=mean, std=0.3, bounds=(-9.0, 9.0)) for i, mean in enumerate((0.0, 0.2))
-    )
+    nuisances = tuple(Gain(name=f"r{i}", index=i, mean=mean, std=0.3, reach=9.0) for i, mean in enumerate((0.0, 0.2)))
     model = _WithGain(case.model, (0, 1))
     extended = extended_misfit(misfit, model, nuisances, variance)
     size, m = case.parameters.size, case.shapes.T.shape[1]

@@ -117,6 +117,7 @@ def test_nothing_wrong_and_nothing_loose_is_the_model(tmp_path: Path) -> None:
         (replace(EXACT, level=7.0), ()),
         (replace(EXACT, scatter=Scatter(hammer=0.003)), ()),
         (replace(EXACT, scatter=Scatter(gain=0.5)), ()),
+        (replace(EXACT, scatter=Scatter(factors={"damping.structure": 0.2})), ()),
         (EXACT, ("B3",)),
     ],
 )

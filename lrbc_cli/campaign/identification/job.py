@@ -26,7 +26,7 @@ from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.misfit.cost import SLOPE_STEP, ChangeError, Misfit
-from lrbc_cli.updating.misfit.extended import Nuisance
+from lrbc_cli.updating.misfit.nuisances import Nuisance
 from lrbc_cli.updating.posterior.fit import Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
 from lrbc_cli.updating.search.descent import Level, descend
 from lrbc_cli.updating.search.lcurve import l_curve
@@ -285,14 +285,13 @@ class Job:
 
     def _nuisances(self) -> tuple[Nuisance, ...]:
         """Nuisance parameters of this job; in the reference job only the hammer offset, as the others are relative to that job."""
-        update = self.inputs.campaign.update
         if self.against_reference:
-            return nuisances_of(self.inputs, update.nuisances)
-        return hits_of(self.inputs, update.nuisances) if self.name == update.reference else ()
+            return nuisances_of(self.inputs)
+        return hits_of(self.inputs) if self.name == self.inputs.campaign.update.reference else ()
 
     def _tight_frf(self) -> Complexes:
         """(m, U) FRFs of the model in the reference state on the selected lines, with the hammer offset of the reference job."""
-        nuisances = hits_of(self.inputs, self.inputs.campaign.update.nuisances)
+        nuisances = hits_of(self.inputs)
         offsets = {} if self.reference is None else self.reference.hammer_offset_m
         if not nuisances or self.source.stage is None or not offsets:
             return self.model.frf(self.prior)
@@ -378,7 +377,7 @@ class Job:
         """Whether gains are looked for: relative to the reference job, or of the reference job relative to the model."""
         update = self.inputs.campaign.update
         if self.against_reference:
-            return self.error is not None and update.nuisances.gain is None
+            return self.error is not None and self.method.nuisances.gain is None
         return self.method.approach != "paper" and self.name == update.reference and not none_shown(self.inputs, self._elsewhere(found))
 
     def gains_of(self, fit: Fit) -> Gains | None:

@@ -1,46 +1,68 @@
-"""Nuisance parameters of a job (speed of sound, gains, offset of the hammer point): as unknowns with priors, and as results."""
+"""Nuisance parameters of a job: as unknowns with priors, and as results.
+
+``DRIFTS`` defines all of them: a further one needs a function here, its setting in ``NuisanceConfig`` and a line in the guide. Results, the
+page and ``lrbc plan`` follow from its class (``updating.misfit.nuisances``), ``lrbc rehearse`` draws every global factor.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
-
-import numpy as np
 
 from lrbc_cli.arrays import Integers
 from lrbc_cli.campaign.identification.gains import Gains
-from lrbc_cli.campaign.reading.drift import KELVIN, speed_std
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.config.settings import NuisanceConfig
 from lrbc_cli.model.factors import SOUND_SPEED
-from lrbc_cli.updating.misfit.extended import Nuisance
+from lrbc_cli.updating.misfit.nuisances import Gain, ModelFactor, Nuisance, Shift, estimates
 from lrbc_cli.updating.posterior.fit import Posterior
 
+KELVIN = 273.15
 
-def nuisances_of(inputs: Inputs, nuisances: NuisanceConfig, responses: Integers | None = None) -> tuple[Nuisance, ...]:
+
+def _reach(inputs: Inputs, std: float) -> float:
+    return inputs.statistics.values.nuisance_reach * std
+
+
+def _sound_speed(inputs: Inputs, _: Integers) -> tuple[Nuisance, ...]:
+    """Speed of sound, which follows the square root of the temperature of the air."""
+    settings = inputs.method.nuisances
+    also, std = dict[str, float](), settings.sound_speed
+    if settings.temperature is not None:
+        also["temperature_kelvin"] = 2.0 * (settings.room + KELVIN)
+        std = settings.temperature / also["temperature_kelvin"]
+    if std is None or SOUND_SPEED not in inputs.recipe.names:
+        return ()
+    return (ModelFactor(name=SOUND_SPEED, words="speed of sound", std=std, reach=_reach(inputs, std), also=also),)
+
+
+def _gains(inputs: Inputs, responses: Integers) -> tuple[Nuisance, ...]:
+    """Gain of each of the responses [dB]."""
+    std = inputs.method.nuisances.gain
+    if std is None:
+        return ()
+    return tuple(Gain(name=inputs.responses[i].name, index=i, std=std, reach=_reach(inputs, std)) for i in responses.tolist())
+
+
+def hits_of(inputs: Inputs, _: Integers | None = None) -> tuple[Shift, ...]:
+    """Two offsets of each excitation point across its normal [m]: the only nuisance parameters that the reference job has, too."""
+    std = inputs.method.nuisances.hammer
+    if std is None or inputs.shifts is None:
+        return ()
+    return tuple(
+        Shift(name=f"{name} {axis}", load=load, direction=direction, std=std, reach=_reach(inputs, std))
+        for load, (name, (_, normal)) in enumerate(zip(inputs.excitations, inputs.excitation_points, strict=True))
+        for direction, axis in enumerate([axis for i, axis in enumerate("xyz", 1) if i != normal][:2])
+    )
+
+
+#: Functions of the inputs and of indices of responses that give the nuisance parameters; none if they are not set.
+DRIFTS: tuple[Callable[[Inputs, Integers], tuple[Nuisance, ...]], ...] = (_sound_speed, _gains, hits_of)
+
+
+def nuisances_of(inputs: Inputs, responses: Integers | None = None) -> tuple[Nuisance, ...]:
     """Nuisance parameters of the settings, with gains of the given responses (None: those used)."""
-    found: list[Nuisance] = []
-    speed = speed_std(nuisances)
-    if speed is not None and SOUND_SPEED in inputs.recipe.names:
-        found.append(_nuisance(inputs, "factor", SOUND_SPEED, 0, speed))
-    if nuisances.gain is not None:
-        chosen = (inputs.used if responses is None else responses).tolist()
-        found += [_nuisance(inputs, "gain", inputs.responses[i].name, i, nuisances.gain) for i in chosen]
-    return (*found, *hits_of(inputs, nuisances))
-
-
-def hits_of(inputs: Inputs, nuisances: NuisanceConfig) -> tuple[Nuisance, ...]:
-    """Nuisance parameters of the hammer: two offsets of each excitation point across its normal [m]."""
-    found: list[Nuisance] = []
-    if nuisances.hammer is not None and inputs.shifts is not None:
-        for load, (name, (_, normal)) in enumerate(zip(inputs.excitations, inputs.excitation_points, strict=True)):
-            along = [axis for i, axis in enumerate("xyz") if i + 1 != normal]
-            found += [_nuisance(inputs, "shift", f"{name} {along[k]}", 2 * load + k, nuisances.hammer) for k in range(2)]
-    return tuple(found)
-
-
-def _nuisance(inputs: Inputs, kind: str, name: str, index: int, std: float) -> Nuisance:
-    bound = inputs.statistics.values.nuisance_reach * std
-    return Nuisance(kind=kind, name=name, index=index, mean=0.0, std=std, bounds=(-bound, bound))
+    chosen = inputs.used if responses is None else responses
+    return tuple(nuisance for drift in DRIFTS for nuisance in drift(inputs, chosen))
 
 
 def gain_tree(inputs: Inputs, gains: Gains) -> dict[str, Any]:
@@ -52,20 +74,9 @@ def gain_tree(inputs: Inputs, gains: Gains) -> dict[str, Any]:
 
 def nuisance_tree(inputs: Inputs, knowledge: Posterior, gains: Gains | None = None) -> dict[str, Any]:
     """Estimates of the nuisance parameters and gains with standard deviations: the key ``nuisances`` of ``result.json``."""
-    nuisances, tree = inputs.campaign.update.nuisances, dict[str, Any]()
+    tree = estimates(knowledge.nuisances, knowledge.values, knowledge.std[knowledge.z.size :])
     if gains is not None and gains.shared:
         tree["common_gain_db"] = dict(zip(("value", "std"), gains.mean, strict=True))
     elif gains is not None:
         tree["gain_db"] = gain_tree(inputs, gains)
-    stds = knowledge.std[knowledge.z.size :]
-    for nuisance, value, std in zip(knowledge.nuisances, knowledge.values, stds, strict=True):
-        if nuisance.kind == "gain":
-            tree.setdefault("gain_db", {})[nuisance.name] = {"value": float(value), "std": float(std)}
-        elif nuisance.kind == "shift":
-            tree.setdefault("hammer_offset_mm", {})[nuisance.name] = {"value": 1e3 * float(value), "std": 1e3 * float(std)}
-        else:
-            tree["sound_speed_percent"] = {"value": 100.0 * float(np.expm1(value)), "std": 100.0 * float(std)}
-            if nuisances.temperature is not None:
-                kelvin = 2.0 * (nuisances.room + KELVIN)
-                tree["temperature_kelvin"] = {"value": kelvin * float(value), "std": kelvin * float(std)}
     return tree

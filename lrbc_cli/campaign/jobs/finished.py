@@ -25,6 +25,7 @@ from lrbc_cli.campaign.updated.shapes import shapes_of
 from lrbc_cli.model.terms import ParameterGroup
 from lrbc_cli.results import job
 from lrbc_cli.results.agreement import CorrelationRecord
+from lrbc_cli.results.nuisances import Nuisances
 from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.store import versions
 from lrbc_cli.updating.comparison.correlation import measured_values
@@ -138,7 +139,7 @@ def _judged(
             comparison="relative" if result.relative else "direct",
             scatter=tight.scatter.rms,
         ),
-        nuisances=job.Nuisances(**nuisance_tree(inputs, knowledge, result.gains)),
+        nuisances=Nuisances(**nuisance_tree(inputs, knowledge, result.gains)),
         method=inputs.method.tree(),
         iterations=solution.iterations,
         evaluations=solution.evaluations,

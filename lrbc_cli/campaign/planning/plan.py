@@ -39,8 +39,8 @@ from lrbc_cli.results.job import Certificate, Job, JobRecord, Lines, Provenance
 from lrbc_cli.results.plan import PlannedNoise, PlannedNuisance, PlanRecord, PlanSeconds, VisibilityLimits
 from lrbc_cli.results.store import read_job, versions
 from lrbc_cli.updating.misfit.cost import penalty_rows
-from lrbc_cli.updating.misfit.extended import Nuisance
 from lrbc_cli.updating.misfit.frf import Sensitive
+from lrbc_cli.updating.misfit.nuisances import Nuisance
 from lrbc_cli.updating.posterior.information import DETECTABLE, FACTOR, HIDDEN, LOSS, LOSSES, SIGMA_DB, Experiment, Unknowns, experiment
 from lrbc_cli.updating.statistics.lines import resonance_lines
 from lrbc_cli.updating.statistics.noise import Noise
@@ -207,8 +207,7 @@ class _Question:
     @cached_property
     def nuisances(self) -> tuple[Nuisance, ...]:
         """Nuisance parameters, with gains of all responses."""
-        inputs = self.source.inputs
-        return nuisances_of(inputs, inputs.campaign.update.nuisances, np.arange(len(inputs.responses)))
+        return nuisances_of(self.source.inputs, np.arange(len(self.source.inputs.responses)))
 
     def experiment(self, change: float) -> Experiment:
         """Linearised experiment with each target changed by ``change`` decades."""

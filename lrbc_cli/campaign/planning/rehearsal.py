@@ -173,7 +173,7 @@ class Rehearsal:
             size=self.parameters.size,
             errors=inputs.statistics.errors,
         )
-        self.nuisances = nuisances_of(inputs, inputs.campaign.update.nuisances, np.arange(len(inputs.responses)))
+        self.nuisances = nuisances_of(inputs, np.arange(len(inputs.responses)))
         self._tight = self.model.frf(self.theta)
         self._floor = self._noise_floor()
         self.detuned = self._detuning()
@@ -347,8 +347,7 @@ def assumptions(rehearsal: Rehearsal, draws: int, origin: str) -> list[str]:
     through = "" if joints else " of the stiffness along half a pitch on both sides"
     told = measured is not None and bool((measured.coherence > 0.0).any() or measured.sigma_db is not None)
     chain = f"as in the measurement of {update.reference}" if told else f"{100 * NOISE_SHARE:g} % of the rms of each response (assumed)"
-    kinds = {"factor": "speed of sound", "gain": "gains of the responses", "shift": "point of the hammer"}
-    drifts = ", ".join(dict.fromkeys(kinds[nuisance.kind] for nuisance in rehearsal.nuisances))
+    drifts = ", ".join(dict.fromkeys(nuisance.words or nuisance.name for nuisance in rehearsal.nuisances))
     values, mixture = rehearsal.inputs.statistics.values, mixes(rehearsal.inputs)
     std, scatter = (values.joint_std, prior.joint_tight_std) if joints else (values.std, prior.tight_std)
     beside = " (lower beside a bolt that is loose)" if mixture and not joints else ""

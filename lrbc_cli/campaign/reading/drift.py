@@ -4,24 +4,14 @@ from __future__ import annotations
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.config import Campaign
-from lrbc_cli.config.settings import NuisanceConfig
 from lrbc_cli.method.resolve import approach_of
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.shifts import load_shifts
 
-KELVIN = 273.15
-
-
-def speed_std(nuisances: NuisanceConfig) -> float | None:
-    """Relative standard deviation of the speed of sound; None if it is constant."""
-    if nuisances.temperature is not None:
-        return 0.5 * nuisances.temperature / (nuisances.room + KELVIN)
-    return nuisances.sound_speed
-
 
 def check_drift(campaign: Campaign, acoustic: bool) -> None:
     """Raise a ConfigError if nuisance parameters are given without a reference job, or for the speed of sound in a model without air."""
-    drift = [key for key, value in campaign.update.nuisances if value is not None and key != "room"]
+    drift = campaign.update.nuisances.given
     if drift and approach_of(campaign) == "paper":
         raise campaign.error(
             "drift is given, but results are not compared with a reference job",

@@ -31,8 +31,9 @@ from lrbc_cli.reduction.reduced.affine import AffineModel
 from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.reduction.threads import in_turn, single_threaded
-from lrbc_cli.updating.misfit.extended import ExtendedFrf, Nuisance
+from lrbc_cli.updating.misfit.extended import ExtendedFrf
 from lrbc_cli.updating.misfit.frf import FrfModel, port_model, reduced_model
+from lrbc_cli.updating.misfit.nuisances import Nuisance
 
 log = logging.getLogger(__name__)
 

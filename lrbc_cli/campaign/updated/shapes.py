@@ -62,7 +62,7 @@ def displacements(inputs: Inputs, stage: ReductionStage, result: Identification,
     affine = AffineModel(stage.reduction.model, inputs.recipe, inputs.shifts)
     drifted = ExtendedFrf(affine, s, result.parameters, result.posterior.nuisances, np.arange(len(inputs.responses)))
     theta = np.concatenate([result.solution.theta, result.posterior.values])
-    factors = drifted.factors(theta)
+    factors = drifted.effects(theta).factors
     one: Integers = np.zeros(len(stage.rows), dtype=np.int64)
     model = replace(
         affine.at(factors) if factors else affine.base,

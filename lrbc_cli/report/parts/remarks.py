@@ -7,8 +7,10 @@ from collections.abc import Sequence
 from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.html import Cell, Markup, details, table, tag
 from lrbc_cli.report.parts.tables import misfit_table, names_of
-from lrbc_cli.results.job import Estimate, JobRecord
+from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.model import CampaignRecord
+from lrbc_cli.results.nuisances import Estimate
+from lrbc_cli.updating.misfit.nuisances import title_of
 
 UNEXPLAINED = "the model does not explain the measurement: no verdict"
 UNVALIDATED = "not validated: the verdicts stand, but are no all-clear (reason: see the sentence of the job, or “Confidence and notes”)"
@@ -93,15 +95,7 @@ def _nuisances(jobs: Sequence[JobRecord]) -> Markup | None:
 
 def _estimates(job: JobRecord) -> dict[tuple[str, str], Estimate]:
     """Nuisance parameters of a job by title, and by response or direction."""
-    found = job.nuisances
-    several = {("gain [dB]", of): entry for of, entry in found.gain_db.items()}
-    several |= {("hammer offset [mm]", of): entry for of, entry in found.hammer_offset_mm.items()}
-    single = {
-        ("gain of all [dB]", ""): found.common_gain_db,
-        ("sound speed [%]", ""): found.sound_speed_percent,
-        ("temperature [K]", ""): found.temperature_kelvin,
-    }
-    return several | {key: entry for key, entry in single.items() if entry is not None}
+    return {(title_of(key), of): entry for key, of, entry in job.nuisances.entries()}
 
 
 def _nuisance(entry: Estimate | None) -> str:

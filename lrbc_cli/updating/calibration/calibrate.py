@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import scipy.linalg as sl
@@ -18,7 +19,8 @@ from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.reduced.affine import AffineModel
 from lrbc_cli.updating.calibration.apart import Losses, apart_notes, indistinguishable
 from lrbc_cli.updating.misfit.cost import Misfit, penalty_rows
-from lrbc_cli.updating.misfit.extended import ExtendedFrf, Nuisance
+from lrbc_cli.updating.misfit.extended import ExtendedFrf
+from lrbc_cli.updating.misfit.nuisances import ModelFactor, Nuisance, estimates
 from lrbc_cli.updating.normal import NORMAL_95
 from lrbc_cli.updating.posterior.fit import no_worse, noise_of
 from lrbc_cli.updating.search.optimise import Solution, gauss_newton
@@ -82,14 +84,14 @@ class FactorProblem:
     @property
     def scalars(self) -> tuple[Nuisance, ...]:
         """The unknown factors, as natural logarithms relative to those that the model contains; then the nuisance parameters."""
-        out, prior = [], self.statistics.calibration
+        out, prior = list[Nuisance](), self.statistics.calibration
         stiff, damps = (prior.stiff_std, prior.stiff_bound), (prior.damping_factor_std, prior.damping_bound)
         # Coarsening reduces the weight of the data for joints. Factors affect all resonances, so their prior is reduced alike.
         wide = float(np.sqrt(self.statistics.errors.coarsening)) if self.parameters.of_joints else 1.0
         for name in self.names:
             shift = float(np.log(self.base.get(name, 1.0)))
             std, bound = stiff if moves_resonances(self.model.recipe, name) else damps
-            out.append(Nuisance(kind="factor", name=name, index=0, mean=-shift, std=std * wide, bounds=(-bound - shift, bound - shift)))
+            out.append(ModelFactor(name=name, mean=-shift, std=std * wide, reach=bound))
         return (*out, *self.nuisances)
 
     @property
@@ -214,12 +216,11 @@ class FactorFit:
         return dict(zip(self.problem.names, std[: len(self.problem.names)].tolist(), strict=True))
 
     @property
-    def nuisances(self) -> dict[str, tuple[float, float]]:
-        """Value and standard deviation of each nuisance parameter."""
+    def nuisances(self) -> dict[str, Any]:
+        """Estimates of the nuisance parameters, see ``nuisances.estimates``."""
         at = self.problem.parameters.size + len(self.problem.names)
         std = np.sqrt(np.maximum(np.diag(self.covariance)[at:], 0.0))
-        names = [scalar.name for scalar in self.problem.nuisances]
-        return {name: (float(value), float(s)) for name, value, s in zip(names, self.solution.theta[at:], std, strict=True)}
+        return estimates(self.problem.nuisances, self.solution.theta[at:], std)
 
     def interval(self, name: str) -> tuple[float, float]:
         """95 % interval of a factor, of a log-normal posterior."""
@@ -435,8 +436,7 @@ def _remarks(problem: FactorProblem, theta: Floats) -> Sequence[str]:
     P, scalars = problem.parameters, problem.scalars
     for scalar, value in zip(scalars, theta[P.size :], strict=True):
         if not scalar.bounds[0] < value < scalar.bounds[1]:
-            shown = np.exp(value - scalar.mean) if scalar.kind == "factor" else value
-            found.append(f"{scalar.name}: at its bound {shown:.4g}, the measurement does not determine it")
+            found.append(f"{scalar.name}: at its bound {scalar.effect(value - scalar.mean):.4g}, the measurement does not determine it")
     for group, _, at in P.placed:
         if at is not None and group.damping is not None and not problem.hold:
             low, high = group.damping.bounds

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.updating.misfit.cost import ChangeError, Evaluation, Misfit
-from lrbc_cli.updating.misfit.extended import Nuisance
 from lrbc_cli.updating.misfit.frf import Sensitive
+from lrbc_cli.updating.misfit.nuisances import Nuisance
 from lrbc_cli.updating.search.optimise import HistoryEntry, Objective, Solution
 from lrbc_cli.updating.statistics.noise import Noise, estimate_noise, widened
 from lrbc_cli.updating.unknowns.shapes import Shapes
