@@ -15,6 +15,8 @@ from lrbc_cli.io.layout import TextLayout
 from lrbc_cli.io.matlab.frf import named_mat, read_frf_mat
 from lrbc_cli.io.matlab.variables import is_mat5
 from lrbc_cli.io.named import Named, coherences
+from lrbc_cli.io.npz.archive import is_npz
+from lrbc_cli.io.npz.frf import named_npz, read_frf_npz
 from lrbc_cli.io.text.frf import read_frf_text, read_text_coherence, write_frf_csv
 from lrbc_cli.io.uff.datasets import is_uff
 from lrbc_cli.io.uff.read import read_uff, read_uff_coherence
@@ -77,6 +79,7 @@ FORMATS = {
     for format in (
         FrfFormat("hdf5", lambda path, _: is_hdf5(path), read_frf_hdf5, _among_arrays(read_frf_hdf5, named_hdf5)),
         FrfFormat("mat-v5", lambda _, start: is_mat5(start), read_frf_mat, _among_arrays(read_frf_mat, named_mat)),
+        FrfFormat("npz", lambda _, start: is_npz(start), read_frf_npz, _among_arrays(read_frf_npz, named_npz)),
         FrfFormat("uff", lambda _, start: is_uff(start), read_uff, _of_functions),
         FrfFormat("text", lambda _, start: _is_text(start), read_frf_text, _of_columns),
     )
