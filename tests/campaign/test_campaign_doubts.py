@@ -10,7 +10,7 @@ import pytest
 from campaigns import Folder
 
 import lrbc_cli as lrbc
-from lrbc_cli.campaign.identification.compared.doubts import coarse_text, noise_level, offset_texts, own_fault_text, unreached, worsened
+from lrbc_cli.campaign.identification.compared.doubts import coarse_text, noise_level, offset_texts, own_fault_text, trusted, unreached, worsened
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.jobs.evidence import guessed_text
 from lrbc_cli.campaign.reading.doubts import springs
@@ -28,6 +28,14 @@ def update(folder: Folder, job: str, *overrides: str) -> Any:
     outcome = folder.run("update", "--json", "--job", job, *args)
     assert outcome.code == 0, outcome.stderr
     return outcome
+
+
+def test_a_power_that_explains_a_large_misfit_needs_no_narrow_interval() -> None:
+    integrated = Offset(response=0, db=0.2, half=2.7, power=-1, known=(), before=67.6, after=3.8, named=True)
+    sound = [Offset(response=i, db=0.1, half=0.2, power=0, known=(), before=1.0, after=1.0) for i in range(1, 14)]
+    assert trusted(integrated, [integrated, *sound])
+    little = replace(integrated, before=12.0)
+    assert not trusted(little, [little, *sound])
 
 
 def test_nothing_is_said_of_a_sound_campaign(frame_once: Folder) -> None:

@@ -64,8 +64,9 @@ def trusted(offset: Offset, offsets: Sequence[Offset]) -> bool:
     without a further factor, or in most responses.
     """
     alike = sum(other.named and other.power == offset.power for other in offsets)
-    # A factor many times its interval, which explains the whole misfit, needs no narrow interval.
-    reach = {o.response: abs(o.db) / EVIDENT_HALVES if abs(o.db) - o.before <= o.half else 0.0 for o in offsets}
+    # A factor many times its interval, which explains the whole misfit, needs no narrow interval; nor does such a power of the frequency.
+    explained = {o.response: o.before - o.after if o.power else abs(o.db) if abs(o.db) - o.before <= o.half else 0.0 for o in offsets}
+    reach = {response: db / EVIDENT_HALVES for response, db in explained.items()}
     firm = [o for o in offsets if o.named and o.half <= max(MOST_REACH, reach[o.response]) and o.after <= MOST_LEFT]
     shared = sum(other.power == offset.power and abs(other.db - offset.db) <= MOST_REACH for other in firm)
     # A factor that most other responses show, too, needs less evidence.
@@ -113,7 +114,8 @@ def _factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: s
         keys = ", ".join(f"responses.{inputs.responses[i].name}.quantity: {other}" for i in common.responses)
         if job != inputs.campaign.update.reference:
             keys += f" (if all jobs contain it; otherwise export {job} again as {quantity})"
-        keys += f", and format.quantity: {other} in each job whose file states {quantity}"
+        whole = f"format.quantity: {other} in each job whose file states {quantity}"
+        keys += f", and {whole if len(common.responses) == count else f'beside each labelled: {quantity}, if the files state that'}"
         return text, cause + keys + (f", and jobs.{job}.format.unit: {unit}" if unit else "")
     if b:
         return text, f"{likely} a derivative or an integral with respect to time, perhaps of the input. Convert the FRF file"
