@@ -10,7 +10,15 @@ import pytest
 from campaigns import Folder
 
 import lrbc_cli as lrbc
-from lrbc_cli.campaign.identification.compared.doubts import coarse_text, noise_level, offset_texts, own_fault_text, trusted, unreached, worsened
+from lrbc_cli.campaign.identification.compared.doubts import (
+    coarse_text,
+    noise_level,
+    offset_texts,
+    own_fault_text,
+    trusted,
+    unreached,
+    worsened,
+)
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.jobs.evidence import guessed_text
 from lrbc_cli.campaign.reading.doubts import springs
