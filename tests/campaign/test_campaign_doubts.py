@@ -244,6 +244,10 @@ def test_rotational_springs_as_the_table_says_are_in_no_other_unit(frame: Folder
 
 
 def test_what_auto_stands_for_where_the_frfs_do_not_say() -> None:
-    text = guessed_text("axial", Saturation(start=7.0, lower=2.0, upper=10.0, found=False))
+    limits = Saturation(start=7.0, lower=2.0, upper=10.0, found=False)
+    text = guessed_text("axial", limits, None)
     assert "guessed from the stiffness matrix (start 7, bounds 2 to 10, log10)" in text
     assert "write `initial` and `bounds` of parameters.axial instead of auto" in text
+    stated = guessed_text("axial", limits, 0.0)
+    assert "guessed from the stiffness matrix (bounds 2 to 10, log10)" in stated
+    assert "write `bounds` of parameters.axial instead of auto" in stated
