@@ -340,14 +340,15 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     offsets = factors_of(inputs, result.measurement, states)
     offsets = tuple(offset for offset in offsets if offset.response not in involved)
     swapped = "; ".join(exchanged_text(inputs, cycles, result.name) for cycles in by_sensors(inputs, exchanges))
+    units = offset_texts(inputs, offsets, result.name)
     compared = f"{compared_text(inputs, result)}; {largest_text(inputs, offsets)}"
     if reference is not None and reference.explained:
         wide = too_wide((result.measurement.frequency_hz, result.measurement.values[:, inputs.used]), rule=inputs.statistics.resolution)
-        fault = ("exchanged sensors" if swapped else wide and wide.text) or _levels_off(inputs, result, reference.job)
+        fault = "exchanged sensors" if swapped else "a factor or a phase, see the warnings" if units else wide and wide.text
+        fault = fault or _levels_off(inputs, result, reference.job)
         coarse = "" if fault else coarse_text(reference)
         compared += f"; {coarse or own_fault_text(inputs, result.misfit_final, reference.job, fault)}"
     job = inputs.campaign.jobs[result.name]
-    units = offset_texts(inputs, offsets, result.name)
     found = [*([swapped] if swapped else []), *units.values()]
     if gains is not None and not any(kind == "units" for kind, *_ in units):
         found.append((gain_text if gains.shared else level_text)(inputs, result.name, gains))
