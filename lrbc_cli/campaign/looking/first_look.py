@@ -216,7 +216,7 @@ def _looked_at(source: Looking, measurements: Mapping[str, Measurement], name: s
     if not told and held is not None:
         told |= _beside_tight(seen, held, reach)
         if not told and fitted is not None:
-            told |= _foreign(seen, held)
+            told |= _beside_fitted(seen, fitted) or _foreign(seen, held)
     return OfJob(told, offsets)
 
 
@@ -296,6 +296,13 @@ def _beside_tight(seen: Seen, tight: Complexes, reach: tuple[Floats | float, Flo
     alone = _alone(seen.inputs, every, f"its FRF in {reference}", seen.job)
     far = {i for i in range(every.size) if CLEARLY * every[i] > np.broadcast_to(reach[1], every.shape)[i]}
     return {key: text for key, text in alone.items() if key[1] in far} | {("level", i): text for i, text in away.items()}
+
+
+def _beside_fitted(seen: Seen, fitted: Complexes) -> Told:
+    """Single responses far from the state of the bolts that fits best (``fitted``, (F, R)), if that explains the others."""
+    every = apart(seen.measured, fitted)
+    told = _alone(seen.inputs, every, "the state of the bolts that fits best", seen.job)
+    return told if float(np.median(every)) <= LEAST_DIFFERENCE else {}
 
 
 def _foreign(seen: Seen, tight: Complexes) -> Told:
