@@ -96,7 +96,10 @@ class ResponseMisfit(BeforeAfter):
 
 
 class MisfitRecord(Record):
-    """Misfit over all lines of the band [dB]: of the responses used, of the validation channels (``held_out``), of each response."""
+    """Misfit over the lines of the band, values that are mostly noise left out [dB].
+
+    Of the responses used, of the validation channels (``held_out``), of each response.
+    """
 
     initial: Gap
     final: float

@@ -25,6 +25,7 @@ from lrbc_cli.campaign.identification.compared.likeness import (
     other_reading,
     outlying,
     run_backwards,
+    same_sensor,
     sideways,
     turned,
 )
@@ -299,10 +300,13 @@ def _beside_tight(seen: Seen, tight: Complexes, reach: tuple[Floats | float, Flo
 
 
 def _beside_fitted(seen: Seen, fitted: Complexes) -> Told:
-    """Single responses far from the state of the bolts that fits best (``fitted``, (F, R)), if that explains the others."""
+    """Sensors far from the state of the bolts that fits best (``fitted``, (F, R)), at every hammer point, if that explains the others."""
     every = apart(seen.measured, fitted)
-    told = _alone(seen.inputs, every, "the state of the bolts that fits best", seen.job)
-    return told if float(np.median(every)) <= LEAST_DIFFERENCE else {}
+    alone = _alone(seen.inputs, every, "the state of the bolts that fits best", seen.job)
+    if float(np.median(every)) > LEAST_DIFFERENCE:
+        return {}
+    # Errors of the model show at single hammer points, too.
+    return {key: text for key, text in alone.items() if all(("alone", k) in alone for k in same_sensor(seen.inputs, int(str(key[1]))))}
 
 
 def _foreign(seen: Seen, tight: Complexes) -> Told:

@@ -63,7 +63,7 @@ def not_tight(seen: Seen, held: Complexes) -> str:
     reference, name = seen.inputs.campaign.update.reference, seen.job
     stated, found = (float(np.median(apart(values, seen.model))) for values in (held, seen.measured))
     # Remove the model discrepancy of the reference job, which is that of another tight job, too.
-    there = held != 0
+    there = np.isfinite(held) & (held != 0)
     own = seen.reading(seen.measured * np.where(there, seen.model / np.where(there, held, 1.0), np.nan))
     before = float(np.median(apart(own.measured, own.model)))
     freed = looser(own, before) if before > LEAST_DIFFERENCE else ""

@@ -410,8 +410,8 @@ def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None) -> Iter
     elsewhere = misplaced_bolts(groups, bolts)
     if elsewhere is not None:
         yield (
-            f"{elsewhere}. Correct what is wrong, or remove the bolts that no term reaches; until then there is no all-clear (lrbc check --picture "
-            "shows the places)"
+            f"{elsewhere}. Correct what is wrong, or remove the bolts that no term reaches; until then there is no all-clear "
+            "(lrbc check --picture shows the places)"
         )
         return
     values = _reaching(groups)
