@@ -47,17 +47,22 @@ def frequency_unit(name: str, unit: str, path: Path, place: str) -> str:
 
 
 class Notes:
-    """Notes on the records of a file; a note that several records share becomes one line."""
+    """Notes and warnings on the records of a file; one that several records share becomes one line."""
 
     def __init__(self) -> None:
         self._about: dict[str, list[int]] = {}
         self._left: dict[str, list[int]] = {}
+        self._doubts: dict[str, list[int]] = {}
 
     def add(self, text: str, record: int | None = None) -> None:
         """Add a note about a record (its number), or about the whole file (None)."""
         places = self._about.setdefault(text, [])
         if record is not None:
             places.append(record)
+
+    def warn(self, text: str, record: int) -> None:
+        """Add a warning about a record."""
+        self._doubts.setdefault(text, []).append(record)
 
     def leave_out(self, what: str, record: int) -> None:
         """Note a record that is not used, and what it is."""
@@ -72,6 +77,10 @@ class Notes:
         """All notes in the order of their first record, then one line with the records that are not used."""
         told = [f"{_ranges(records)}: {text}" if records else text for text, records in self._about.items()]
         return (*told, *([f"left out: {self.left_out}"] if self._left else []))
+
+    def warnings(self) -> tuple[str, ...]:
+        """All warnings in the order of their first record."""
+        return tuple(f"{_ranges(records)}: {text}" for text, records in self._doubts.items())
 
 
 def check_frequencies(frequency: NDArray[np.float64], path: Path, place: str) -> None:
