@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import csv
+import io
 import re
 
 import numpy as np
@@ -364,3 +366,38 @@ def test_a_unit_of_phases_that_the_values_do_not_decide_is_warned_of(tmp_path, m
     assert {"'format: {phase: deg}'", "'format: {phase: rad}'"} == set(re.findall(r"'format: {phase: [a-z]+}'", warning))
     np.testing.assert_allclose(np.angle(found.records[0].values), np.angle(np.exp(1j * (phase if unit == "rad" else np.radians(phase)))))
     assert read(tmp_path, (tmp_path / "frf.txt").read_text(), TextLayout(phase="deg")).warnings == ()
+
+
+@pytest.mark.parametrize("quoting", [csv.QUOTE_ALL, csv.QUOTE_MINIMAL])
+@pytest.mark.parametrize("header", [["Frequenz", "a Realteil", "a Imaginärteil"], []])
+def test_quoted_decimal_commas_between_commas(tmp_path, quoting, header):
+    """The comma was called both decimal sign and separator, although quotes distinguish them."""
+    rows = [[f"{value:.17g}".replace(".", ",") for value in row] for row in zip(*REAL_IMAG, strict=True)]
+    text = io.StringIO()
+    csv.writer(text, quoting=quoting).writerows([*([header] if header else []), *rows, ["12", "3", "0"]])
+    for layout in (None, TextLayout(decimal=",")):
+        result = read(tmp_path, text.getvalue(), layout)
+        np.testing.assert_array_equal(result.records[0].values, [*H, 3.0])
+    assert "columns separated by comma, decimal comma" in result.notes
+    # A cell is named as it stands in the file.
+    with pytest.raises(DataError, match=r"line \d, column(.|\n)*-1,5e999"):
+        read(tmp_path, text.getvalue().replace('"-5"', "-5").replace("-5,", '"-1,5e999",', 1))
+
+
+def test_a_line_in_quotes_is_divided(tmp_path):
+    rows = table(["f,a_real,a_imag"], REAL_IMAG).splitlines()
+    np.testing.assert_array_equal(read(tmp_path, "\n".join(f'"{row}"' for row in rows) + "\n").records[0].values, H)
+
+
+def test_commas_without_quotes_are_not_both_signs(tmp_path):
+    with pytest.raises(DataError):
+        read(tmp_path, "f,a_real,a_imag\n10,1,5,2,5\n20,2,5,3,5\n", TextLayout(decimal=","))
+
+
+@pytest.mark.parametrize("words", ["Betrag Winkel", "Magnitude Angle", "Modulo Angolo"])
+def test_a_phase_may_be_called_an_angle(tmp_path, words):
+    """`acc1 Winkel in °` was not paired with `acc1 Betrag`."""
+    first, second = words.split()
+    (found,) = read(tmp_path, table([f"Frequenz in Hz;acc1 {first} in mm/s²/N;acc1 {second} in °"], MAG_DEG, ";", ",")).records
+    assert found.name == "acc1"
+    np.testing.assert_allclose(found.values, 1e-3 * H, rtol=1e-12)
