@@ -6,6 +6,7 @@ import gzip
 import re
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import scipy.io
@@ -18,6 +19,7 @@ from lrbc_cli.campaign.drafting.recognise import recognise
 from lrbc_cli.campaign.drafting.roles import edge_near, tight_states
 from lrbc_cli.config import load_campaign
 from lrbc_cli.config.document import parse
+from lrbc_cli.io.matrices.read import read_matrix
 from lrbc_cli.model.dofs import DofTable
 
 
@@ -484,3 +486,41 @@ def test_the_edge_beside_a_row_of_bolts() -> None:
     inside = np.all((grid >= low) & (grid <= high), axis=1)
     np.testing.assert_allclose(grid[inside], [[0.0, b, 0.0] for b in y if 0.09 < b < 0.91])
     assert edge_near(bolts[:, [1, 0, 2]], table) is None
+
+
+def exodus(path: Path) -> None:
+    """An exodus mesh as netCDF-4 stores it: coordinates in one array, as whole numbers of nodes in a dimension."""
+    with h5py.File(path, "w") as file:
+        file["num_nodes"], file["coord"] = np.zeros(12), np.arange(36.0).reshape(3, 12)
+        file["connect1"] = np.arange(1, 13).reshape(3, 4)
+
+
+@pytest.mark.parametrize("name", ["plate.e", "plate.exo"])
+def test_an_exodus_mesh_is_no_matrix(tmp_path: Path, name: str) -> None:
+    """Its coordinates were a matrix without a role, and no mesh was found."""
+    exodus(tmp_path / name)
+    found = recognise(tmp_path)
+    assert found.matrices == []
+    assert found.of("nodes") or re.search("meshio|mesh cannot be read", found.rest[tmp_path / name])
+    (tmp_path / name).write_bytes(b"CDF\x02" + bytes(60))
+    assert re.search("meshio|mesh", recognise(tmp_path).rest[tmp_path / name])
+
+
+@pytest.mark.parametrize("layout", ["csr", "csc"])
+def test_compressed_arrays_of_other_names_are_matrices(tmp_path: Path, layout: str) -> None:
+    """The files of elPaSo were `no FRF was recognised`."""
+    K, M, *_ = (csc(matrix) for matrix in chain(12))
+    with h5py.File(tmp_path / "system.h5", "w") as file:
+        for name, matrix in (("stiffness", K + csc(np.triu(np.ones(K.shape), 9))), ("mass", M)):
+            stored, group = matrix.asformat(layout), file.create_group(f"SystemMatrices/{name}")
+            group[f"cmp{layout.title()}Val"], group["vec,Ia"], group["vecJa"] = stored.data.astype(complex), stored.indptr, stored.indices
+        # These are no matrix, whatever their sizes.
+        file["curve/at"], file["curve/of"], file["curve/y"] = np.array([3, 1, 7]), np.array([9, 5]), np.array([1.0, 2.0, 3.0])
+    made = draft(tmp_path / "new", recognise(tmp_path))
+    names = {"data": f"cmp{layout.title()}Val", "indices": "vecJa", "indptr": "vec,Ia", **({"layout": "csc"} if layout == "csc" else {})}
+    expected = {role: {"file": "../system.h5", "group": f"SystemMatrices/{role}", "arrays": names} for role in ("stiffness", "mass")}
+    assert {role: yaml.safe_load(made.text())["model"][role] for role in expected} == expected
+    found = made.roles.operators["stiffness"]
+    assert found.arrays is not None
+    again = read_matrix(found.path, found.group, arrays=found.arrays).matrix
+    assert abs(again - (K + csc(np.triu(np.ones(K.shape), 9)))).max() == 0.0

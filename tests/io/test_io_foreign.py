@@ -394,6 +394,24 @@ def test_compressed_arrays_of_other_names(tmp_path: Path, base: int) -> None:
         read_matrix(tmp_path / "k.mtx", None, None, ArrayNames("cmpCsrVal", "ja", "vecCsrIa", "csr"))
 
 
+def test_a_file_without_a_matrix_says_what_to_do(tmp_path: Path) -> None:
+    """The error referred to a README that no longer lists the layouts."""
+    path = tmp_path / "system.h5"
+    with h5py.File(path, "w") as file:
+        file["title"] = 1
+    with pytest.raises(DataError, match="lrbc guide formats"):
+        read_matrix(path)
+    K = sp.csr_array(example())
+    with h5py.File(path, "a") as file:
+        file["a/K/v"], file["a/K/i"], file["a/K/p"] = K.data, K.indices, K.indptr
+    with pytest.raises(DataError, match=r"group: a/K, arrays: \{data: v, indices: i, indptr: p\}"):
+        read_matrix(path)
+    with h5py.File(path, "a") as file:
+        file["num_nodes"], file["coord"] = np.zeros(4), np.zeros((3, 4))
+    with pytest.raises(DataError, match=r"exodus mesh(.|\n)*dofs: \{nodes: FILE\}"):
+        read_matrix(path)
+
+
 def test_whole_numbers_are_no_matrix(tmp_path: Path) -> None:
     """Maps and indices beside a matrix: it is the only one, and what is asked for by name is refused by name."""
     path = tmp_path / "k.h5"

@@ -91,7 +91,8 @@ class Draft:
         if found.group is None and "#" not in found.path.name:
             return self.path(found.path)
         group = "" if found.group is None else f", group: {quoted(found.group)}"
-        return f"{{file: {self.path(found.path)}{group}}}"
+        arrays = "" if found.arrays is None else f", {found.arrays.setting(quoted)}"
+        return f"{{file: {self.path(found.path)}{group}{arrays}}}"
 
     def text(self) -> str:
         """The whole campaign file."""
