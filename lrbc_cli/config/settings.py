@@ -260,8 +260,8 @@ class TextFormat(Strict):
     )
     representation: Literal["real-imag", "magnitude-phase", "db-phase"] | None = Field(
         default=None,
-        description="What the two columns of a response contain. If omitted: recognised from the heading. HDF5 and MATLAB files: what the "
-        "last dimension of a real array (lines, responses, 2) contains. If omitted: such arrays are not read as FRFs.",
+        description="What the two columns of a response contain. If omitted: recognised from the heading. HDF5, MATLAB, .npz files: what "
+        "the last dimension of a real array (lines, responses, 2) contains. If omitted: such arrays are not read as FRFs.",
     )
     phase: Literal["deg", "rad"] | None = Field(default=None, description="Unit of the phase. If omitted: recognised.")
     unit: str | None = Field(
@@ -272,8 +272,8 @@ class TextFormat(Strict):
     )
     coherence: Column | None = Field(
         default=None,
-        description="Variable of a MATLAB or HDF5 file that contains the coherence, or column (name, or number from 1) of a text file with "
-        "one FRF. If omitted: variables called coherence, coh and similar beside the FRFs.",
+        description="Variable of a MATLAB, HDF5 or .npz file that contains the coherence, or column (name, or number from 1) of a text "
+        "file with one FRF. If omitted: variables called coherence, coh and similar beside the FRFs.",
     )
     columns: Annotated[dict[str, tuple[Column, Column]], AfterValidator(FrozenDict)] = Field(
         default={},
@@ -335,8 +335,8 @@ class JobConfig(Strict):
     """One measurement to identify."""
 
     frf: Files = Field(
-        description="File with the measured FRFs (UFF 58, CSV and other text, MATLAB, HDF5), recognised by content; or a list of files "
-        "with the same lines, for instance one for each response or hammer point. {file:, format:} is a file with its own layout."
+        description="File with the measured FRFs (UFF 58, CSV and other text, MATLAB, HDF5, NumPy .npz), recognised by content; or a list "
+        "of files with the same lines, for instance one for each response or hammer point. {file:, format:} is a file with its own layout."
     )
     removed: Annotated[tuple[str, ...], AfterValidator(check_unique)] = Field(
         default=(), description="Names of the bolts known to be removed. For the report only; the identification does not use them."

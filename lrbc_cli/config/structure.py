@@ -242,6 +242,9 @@ class ResponseConfig(PointConfig):
     quantity: Quantity | None = Field(
         default=None, description="pressure, displacement, velocity or acceleration. If omitted: pressure at PRES, else displacement."
     )
+    labelled: Quantity | None = Field(
+        default=None, description="Quantity that the FRF files wrongly state for this response: its numbers are taken as `quantity`."
+    )
     record: Record | None = Field(
         default=None,
         description="Record of this response in the FRF files, if its name differs: a name, a number from 1, or {node:, direction:}.",

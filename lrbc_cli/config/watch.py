@@ -15,7 +15,7 @@ from lrbc_cli.config.fields import FilePath, Name, Strict, check_unique, problem
 #: Endings of measurement files that analysers write.
 MEASURED = {
     *(".uff", ".unv", ".bunv", ".ufb", ".uf58", ".csv", ".txt", ".asc", ".ascii", ".dat", ".frf", ".h5", ".hdf5", ".mat"),
-    *(".tdms", ".lvm", ".xls", ".xlsx", ".npz", ".npy"),
+    *(".npz", ".tdms", ".lvm", ".xls", ".xlsx", ".npy"),
 }
 
 #: Beginnings of the names of hidden files and of lock files of editors and office programs.
@@ -40,7 +40,7 @@ class WatchConfig(Strict):
         | Annotated[tuple[Pattern, ...], Field(min_length=1), AfterValidator(check_unique), Tag("form:list")],
         told_apart(str, "one", "list"),
     ] = Field(
-        default=("*.uff", "*.unv", "*.csv", "*.txt", "*.h5", "*.hdf5", "*.mat"),
+        default=("*.uff", "*.unv", "*.csv", "*.txt", "*.h5", "*.hdf5", "*.mat", "*.npz"),
         description="Files in it that are measurements: one pattern or several. Upper and lower case are the same.",
     )
     like: Name | None = Field(

@@ -1,13 +1,15 @@
-"""Checks that all file readers share: files that are missing, truncated, damaged, or that claim or unpack to implausibly much data."""
+"""What all file readers share: recognition of formats, and checks for files that are missing, damaged, or claim implausibly much data."""
 
 from __future__ import annotations
 
 import gzip
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
+from typing import TypeVar
 
 from lrbc_cli.errors import DataError, LrbcError
 
@@ -29,6 +31,50 @@ _BARE = re.compile(r"(?<=[\d.])([+-]\d+)$")
 
 #: Arrays up to this size in bytes are not compared with the size of the file.
 SMALL_ALLOCATION = 64 * 2**20
+
+
+@dataclass(frozen=True)
+class FileFormat:
+    """A file format, and whether a file has it by its path and its first bytes (unpacked); sub-classes add the readers."""
+
+    name: str
+    told: Callable[[Path, bytes], bool]
+
+
+F = TypeVar("F", bound=FileFormat)
+
+
+def recognised(
+    formats: Iterable[F], path: Path, start: bytes, expected: str, foreign: Callable[[Path, bytes], tuple[str | None, str]]
+) -> F:
+    """First of the formats that a file has by its path and its first bytes.
+
+    Parameters
+    ----------
+    formats, path, start
+        As named.
+    expected
+        The formats in words.
+    foreign
+        Program or format of any other file, None if unknown, and what to do instead.
+
+    Raises
+    ------
+    DataError
+        If it has none of them.
+    """
+    found = next((format for format in formats if format.told(path, start)), None)
+    if found is None:
+        program, hint = foreign(path, start)
+        problem = f"this is {program}" if program else "the format of this file is not known"
+        raise DataError(problem, file=path, expected=expected, found=program or _described(start), hint=hint)
+    return found
+
+
+def _described(start: bytes) -> str:
+    if b"\0" in start or sum(byte > 126 for byte in start) > len(start) // 4:
+        return f"binary data starting with {start[:8].hex(' ')}"
+    return repr(start.splitlines()[0][:60].decode("latin-1")) if start.splitlines() else "blank lines"
 
 
 def require_file(path: Path) -> int:

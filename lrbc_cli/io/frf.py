@@ -3,37 +3,86 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from lrbc_cli.arrays import Floats
 from lrbc_cli.errors import ConfigError, DataError
-from lrbc_cli.io.common import head, require_file
+from lrbc_cli.io.common import FileFormat, head, recognised, require_file
 from lrbc_cli.io.hdf5.frf import named_hdf5, read_frf_hdf5, write_frf_hdf5
 from lrbc_cli.io.hdf5.tools import is_hdf5
 from lrbc_cli.io.layout import TextLayout
 from lrbc_cli.io.matlab.frf import named_mat, read_frf_mat
 from lrbc_cli.io.matlab.variables import is_mat5
-from lrbc_cli.io.named import coherences
+from lrbc_cli.io.named import Named, coherences
+from lrbc_cli.io.npz.archive import is_npz
+from lrbc_cli.io.npz.frf import named_npz, read_frf_npz
 from lrbc_cli.io.text.frf import read_frf_text, read_text_coherence, write_frf_csv
 from lrbc_cli.io.uff.datasets import is_uff
 from lrbc_cli.io.uff.read import read_uff, read_uff_coherence
 from lrbc_cli.io.uff.write import write_uff
 from lrbc_cli.model.frf import FrfSet
 
-__all__ = ["READERS", "WRITERS", "CoherenceKey", "TextLayout", "detect_frf_format", "read_coherence", "read_frf", "write_frf"]
+__all__ = ["FORMATS", "WRITERS", "CoherenceKey", "TextLayout", "detect_frf_format", "read_coherence", "read_frf", "write_frf"]
 
 #: Name of a record, or (node, direction) of its response.
 CoherenceKey = str | tuple[int, int]
 
-#: Reader of each format; a new format is a module, a line here and a line in ``detect_frf_format``.
-READERS: dict[str, Callable[[Path, TextLayout], FrfSet]] = {
-    "uff": read_uff,
-    "hdf5": read_frf_hdf5,
-    "mat-v5": read_frf_mat,
-    "text": read_frf_text,
+#: Keys of one coherence, its frequencies [Hz] and its values, both (F,).
+CoherenceEntry = tuple[tuple[CoherenceKey, ...], Floats, Floats]
+CoherenceReader = Callable[[Path, TextLayout], list[CoherenceEntry]]
+
+
+@dataclass(frozen=True)
+class FrfFormat(FileFormat):
+    """A format of FRF files: the reader of all FRFs of a file, and that of all coherences."""
+
+    read: Callable[[Path, TextLayout], FrfSet]
+    coherences: CoherenceReader
+
+
+def _keys(name: str, node: int | None, direction: int) -> tuple[CoherenceKey, ...]:
+    return (*([name] if name else []), *([(node, direction)] if node else []))
+
+
+def _by_name(found: dict[str, tuple[Floats, Floats]]) -> list[CoherenceEntry]:
+    return [((name,), *pair) for name, pair in found.items()]
+
+
+def _of_columns(path: Path, layout: TextLayout) -> list[CoherenceEntry]:
+    return _by_name(read_text_coherence(path, layout))
+
+
+def _of_functions(path: Path, _: TextLayout) -> list[CoherenceEntry]:
+    return [(_keys(c.name, *c.dof[:2]), c.frequency_hz, c.values) for c in read_uff_coherence(path)]
+
+
+def _among_arrays(read: Callable[[Path, TextLayout], FrfSet], named: Callable[[Path], Named]) -> CoherenceReader:
+    """Reader of the coherences that belong to FRFs of a file, or, if it has no FRFs, of its arrays called coherence."""
+
+    def coherence(path: Path, layout: TextLayout) -> list[CoherenceEntry]:
+        try:
+            records = read(path, layout).records
+        except DataError:
+            if found := coherences(named(path), path, layout):
+                return _by_name(found)
+            raise
+        known = [(r, r.coherence) for r in records if r.coherence is not None]
+        return [(_keys(r.name, r.response_node, r.response_direction), r.frequency_hz, values) for r, values in known]
+
+    return coherence
+
+
+#: Formats by their names, in the order of the checks; a new format is a module and a line here.
+FORMATS = {
+    format.name: format
+    for format in (
+        FrfFormat("hdf5", lambda path, _: is_hdf5(path), read_frf_hdf5, _among_arrays(read_frf_hdf5, named_hdf5)),
+        FrfFormat("mat-v5", lambda _, start: is_mat5(start), read_frf_mat, _among_arrays(read_frf_mat, named_mat)),
+        FrfFormat("npz", lambda _, start: is_npz(start), read_frf_npz, _among_arrays(read_frf_npz, named_npz)),
+        FrfFormat("uff", lambda _, start: is_uff(start), read_uff, _of_functions),
+        FrfFormat("text", lambda _, start: _is_text(start), read_frf_text, _of_columns),
+    )
 }
 
 #: First bytes of other files that measurement programs write, to name them in the error.
@@ -44,6 +93,16 @@ _FOREIGN = {
     b"RIFF": "a sound file",
     b"%%MatrixMarket": "a matrix, in the format Matrix Market",
 }
+
+
+def _foreign(_: Path, start: bytes) -> tuple[str | None, str]:
+    known = next((text for mark, text in _FOREIGN.items() if start.startswith(mark)), None)
+    return known, "export one of these; a universal file is the best choice"
+
+
+def _is_text(start: bytes) -> bool:
+    return not start.startswith(tuple(_FOREIGN)) and (b"\0" not in start or start[:2] in (b"\xff\xfe", b"\xfe\xff"))
+
 
 #: Writer by the file's ending.
 WRITERS: dict[str, Callable[[Path, FrfSet], None]] = {
@@ -56,7 +115,7 @@ WRITERS: dict[str, Callable[[Path, FrfSet], None]] = {
 
 
 def detect_frf_format(path: Path) -> str:
-    """Format of an FRF file (a key of ``READERS``), recognised by its content.
+    """Format of an FRF file (a key of ``FORMATS``), recognised by its content.
 
     Raises
     ------
@@ -64,26 +123,8 @@ def detect_frf_format(path: Path) -> str:
         If the file cannot be read or its content is in none of these formats.
     """
     require_file(path)
-    start = head(path, 4096)
-    if is_hdf5(path):
-        return "hdf5"
-    if is_mat5(start):
-        return "mat-v5"
-    if is_uff(start):
-        return "uff"
-    known = next((text for mark, text in _FOREIGN.items() if start.startswith(mark)), None)
-    if known is not None:
-        expected = "a universal file (dataset 58), CSV or other text, HDF5 or MATLAB"
-        raise DataError(f"this is {known}", file=path, expected=expected, found="no FRFs that can be read", hint="export one of these")
-    if b"\0" not in start or start[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return "text"
-    raise DataError(
-        "the format of this file is not known",
-        file=path,
-        expected="a universal file (dataset 58), CSV or other text, HDF5 or MATLAB",
-        found=f"binary data starting with {start[:8].hex(' ')}",
-        hint="export a universal file or CSV",
-    )
+    expected = "a universal file (dataset 58), CSV or other text, HDF5, MATLAB or NumPy (.npz)"
+    return recognised(FORMATS.values(), path, head(path, 4096), expected, _foreign).name
 
 
 def read_frf(path: Path, layout: TextLayout | None = None) -> FrfSet:
@@ -92,7 +133,7 @@ def read_frf(path: Path, layout: TextLayout | None = None) -> FrfSet:
     Parameters
     ----------
     path
-        Universal file (58, 58b), CSV or other text, HDF5 in the package's own layout, or MATLAB v5.
+        Universal file (58, 58b), CSV or other text, HDF5, MATLAB or ``.npz`` of NumPy.
     layout
         What the file does not state itself; ``unit`` and ``quantity`` apply to every format.
 
@@ -102,7 +143,7 @@ def read_frf(path: Path, layout: TextLayout | None = None) -> FrfSet:
         If the file is missing or damaged, holds no FRF, or a value or frequency is wrong.
     """
     path = Path(path)
-    found = READERS[detect_frf_format(path)](path, layout or TextLayout())
+    found = FORMATS[detect_frf_format(path)].read(path, layout or TextLayout())
     records = [replace(record, number=record.number or at + 1, file=str(path)) for at, record in enumerate(found.records)]
     return replace(found, records=tuple(records))
 
@@ -124,13 +165,13 @@ def write_frf(path: Path, frf: FrfSet) -> None:
     writer(path, frf)
 
 
-def read_coherence(path: Path, layout: TextLayout | None = None) -> dict[CoherenceKey, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+def read_coherence(path: Path, layout: TextLayout | None = None) -> dict[CoherenceKey, tuple[Floats, Floats]]:
     """Read all coherence functions of a file.
 
     Parameters
     ----------
     path
-        Universal file with functions of type 6, HDF5, MATLAB v5, or text with one column for each coherence.
+        Universal file with functions of type 6, HDF5, MATLAB, ``.npz`` of NumPy, or text with one column for each coherence.
     layout
         What the file does not state itself.
 
@@ -145,38 +186,20 @@ def read_coherence(path: Path, layout: TextLayout | None = None) -> dict[Coheren
     DataError
         If the file holds no coherence, a value lies outside 0 to 1, or no key is unique.
     """
-    path, layout = Path(path), layout or TextLayout()
-    kind = detect_frf_format(path)
-    if kind == "text":
-        return {name: pair for name, pair in read_text_coherence(path, layout).items()}
-    if kind == "uff":
-        entries = [(c.name, c.dof[:2], c.frequency_hz, c.values) for c in read_uff_coherence(path)]
-    else:
-        try:
-            records = READERS[kind](path, layout).records
-        except DataError:
-            # The file may hold coherences only.
-            found_named = coherences(named_mat(path) if kind == "mat-v5" else named_hdf5(path), path, layout)
-            if not found_named:
-                raise
-            return {name: pair for name, pair in found_named.items()}
-        entries = [
-            (r.name, (r.response_node or 0, r.response_direction), r.frequency_hz, r.coherence) for r in records if r.coherence is not None
-        ]
-    found: dict[CoherenceKey, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
+    path = Path(path)
+    found: dict[CoherenceKey, tuple[Floats, Floats]] = {}
     shared: set[CoherenceKey] = set()
-    for name, (node, direction), frequency, values in entries:
-        keys: list[CoherenceKey] = ([name] if name else []) + ([(node, direction)] if node else [])
-        for key in keys:
-            if key in found:
-                shared.add(key)
-            found[key] = (frequency, values)
+    entries = list(FORMATS[detect_frf_format(path)].coherences(path, layout or TextLayout()))
+    for keys, frequency, values in entries:
+        shared.update(key for key in keys if key in found)
+        found.update(dict.fromkeys(keys, (frequency, values)))
     result = {key: value for key, value in found.items() if key not in shared}
     if not result:
         raise DataError(
-            "the coherences in the file cannot be distinguished",
+            "the coherences in the file cannot be distinguished" if entries else "the file contains FRFs, but no coherence",
             file=path,
-            expected="names or nodes that differ",
+            expected="names or nodes that differ" if entries else "coherences beside the FRFs, called coherence, coh or similar",
             found=f"{len(entries)} functions",
+            hint="give them names" if entries else "set 'format: {coherence: ...}' of the job to the variable that contains them",
         )
     return result

@@ -37,7 +37,7 @@ class TextLayout:
     quantity : str or None
         pressure, displacement, velocity or acceleration.
     coherence : str, int or None
-        Variable (MATLAB, HDF5) that holds the coherence; in a text file with one FRF, name or number (from 1) of its column.
+        Variable (MATLAB, HDF5, ``.npz``) that holds the coherence; in a text file with one FRF, name or number (from 1) of its column.
     columns : mapping
         Record name to the name or number (from 1) of each of its two columns; all other columns are left out.
     """

@@ -1,6 +1,6 @@
-"""Recognises FRFs among named arrays: variables of MATLAB files, fields of their structures, data sets of HDF5 files of any origin.
+"""Recognises FRFs among named arrays: variables of MATLAB files, fields of their structures, data sets of HDF5 files, arrays of NumPy.
 
-The MATLAB and HDF5 readers turn a file into ``Named``; frequencies, FRFs, names, units and coherences are recognised here.
+The readers of these formats turn a file into ``Named``; frequencies, FRFs, names, units and coherences are recognised here.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from lrbc_cli.io.frf_common import (
     scaled,
 )
 from lrbc_cli.io.layout import TextLayout
+from lrbc_cli.io.sparse import numeric
 from lrbc_cli.io.text.header import heading
 from lrbc_cli.io.units import parse_unit
 from lrbc_cli.model.frf import FrfRecord, FrfSet
@@ -37,6 +38,8 @@ from lrbc_cli.model.frf import FrfRecord, FrfSet
 _AXES = {"frequency_hz", "frequency", "freq", "f", "fhz", "f_hz", "freq_hz", "freqs", "frequencies", "hz", "frequenz", "omega"}
 _COHERENCES = {"coherence", "coh", "gamma2", "cxy", "coherences", "mscohere", "kohaerenz"}
 _NAMES = {"names", "name", "labels", "label", "channels", "channel_names", "channelnames", "responses", "response_names", "sensors"}
+#: Most entries of a list of texts; they need far more memory than in the file, and no file has so many channels.
+_MOST_TEXTS = 2**20
 _UNITS = {"units", "unit", "y_unit", "yunit", "y_units"}
 
 
@@ -100,6 +103,20 @@ class Named:
         return next(iter(found.values()), ())
 
 
+def named_arrays(values: Mapping[str, NDArray[Any]], path: Path) -> Named:
+    """Sort arrays of any type into numbers and texts; all others, and very long lists of texts, are left out."""
+    arrays: dict[str, NDArray[Any]] = {}
+    texts: dict[str, tuple[str, ...]] = {}
+    for name, array in values.items():
+        if array.dtype.kind in "fiubc" or set(array.dtype.names or ()) == {"real", "imag"}:
+            arrays[name] = numeric(array, path, name)
+        elif array.dtype.kind in "SUO" and array.size <= _MOST_TEXTS:
+            found = [one.decode("utf-8", "replace") if isinstance(one, bytes) else one for one in array.ravel().tolist()]
+            if all(isinstance(one, str) for one in found):
+                texts[name] = tuple(found)
+    return Named(arrays, texts)
+
+
 def frf_set(named: Named, path: Path, layout: TextLayout) -> FrfSet:
     """All FRFs among named arrays, with their coherences.
 
@@ -148,7 +165,7 @@ def coherences(named: Named, path: Path, layout: TextLayout) -> dict[str, tuple[
     found: dict[str, tuple[Floats, Floats]] = {}
     for name, array in named.arrays.items():
         axis = reader.axis_of(name)
-        if axis is None or not reader.is_coherence(name):
+        if axis is None or axis.size not in array.shape or not reader.is_coherence(name):
             continue
         columns = _columns(array, axis.size)
         for label, column in zip(reader.labels(name, columns), columns, strict=True):
@@ -207,7 +224,7 @@ class _NamedFrfs:
     def _no_axis(self, place: str, count: int) -> DataError:
         """Error that no array is called a frequency, with a vector of `count` entries that may be one as a hint."""
         arrays = self.named.arrays
-        vectors = [_last(key) for key, array in arrays.items() if array.size == max(array.shape) == count and array.dtype.kind == "f"]
+        vectors = [_last(key) for key, array in arrays.items() if count in array.shape and array.size == count and array.dtype.kind == "f"]
         name, unit = (vectors[0], frequency_unit(vectors[0], "", self.path, place)) if vectors else ("...", "...")
         return DataError(
             "no frequency variable was recognised",
@@ -351,7 +368,7 @@ class _NamedFrfs:
         fitting = [
             key
             for key, array in self.named.arrays.items()
-            if self.is_coherence(key) and _group(key) == _group(name) and array.size * len(shape) and array.size == np.prod(shape)
+            if self.is_coherence(key) and _group(key) == _group(name) and axis.size in array.shape and array.size == np.prod(shape)
         ]
         own = [key for key in fitting if heading(_last(key)).name and heading(_last(key)).name == _last(name)]
         chosen = own or ([key for key in fitting if not heading(_last(key)).name or len(fitting) == 1])
@@ -394,7 +411,7 @@ def _spread(named: Named) -> Named:
         values = f"{group}.y_values.values"
         if last != "increment" or values not in arrays:
             continue
-        start, step, count = (float(arrays.pop(f"{group}.x_values.{part}", np.zeros(1)).ravel()[0].real) for part in _TESTLAB)
+        start, step, count = (float(np.append(arrays.pop(f"{group}.x_values.{part}", ()), 0.0)[0].real) for part in _TESTLAB)
         if not (step > 0 and 1 < count <= arrays[values].size):
             continue
         arrays[f"{group}.f"] = start + step * np.arange(int(count))

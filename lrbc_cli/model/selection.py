@@ -47,6 +47,12 @@ def nearest(table: DofTable, point: Sequence[float], component: str) -> tuple[in
     return int(candidates[best]), float(distance[best])
 
 
+def coincident(table: DofTable, dof: int) -> list[int]:
+    """Numbers of the other nodes at the place of a DOF that have its component, as of another part at a joint; ascending."""
+    same = (table.component == table.component[dof]) & (table.xyz == table.xyz[dof]).all(axis=1) & (table.node != table.node[dof])
+    return sorted(int(node) for node in table.node[same])
+
+
 def spacing(table: DofTable, dof: int) -> float:
     """Local mesh size [m]: distance from a DOF to the nearest node elsewhere with the same component; 0 if there is none."""
     away = np.linalg.norm(table.xyz[table.component == table.component[dof]] - table.xyz[dof], axis=1)

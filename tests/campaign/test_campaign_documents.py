@@ -17,7 +17,8 @@ from campaigns import Folder, lrbc
 from pydantic import ValidationError
 
 from lrbc_cli.errors import ConfigError, DataError, NumericalError
-from lrbc_cli.results.job import Certificate, Estimate, FailedJob, JobRecord, Lines, Provenance
+from lrbc_cli.results.job import Certificate, FailedJob, JobRecord, Lines, Provenance
+from lrbc_cli.results.nuisances import Estimate
 from lrbc_cli.results.store import FILES, digest_of, read_job, results_schema
 from lrbc_cli.updating.statistics.model import StatisticalModel
 

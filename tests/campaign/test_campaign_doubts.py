@@ -10,7 +10,15 @@ import pytest
 from campaigns import Folder
 
 import lrbc_cli as lrbc
-from lrbc_cli.campaign.identification.compared.doubts import coarse_text, noise_level, offset_texts, own_fault_text, unreached, worsened
+from lrbc_cli.campaign.identification.compared.doubts import (
+    coarse_text,
+    noise_level,
+    offset_texts,
+    own_fault_text,
+    trusted,
+    unreached,
+    worsened,
+)
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.jobs.evidence import guessed_text
 from lrbc_cli.campaign.reading.doubts import springs
@@ -28,6 +36,14 @@ def update(folder: Folder, job: str, *overrides: str) -> Any:
     outcome = folder.run("update", "--json", "--job", job, *args)
     assert outcome.code == 0, outcome.stderr
     return outcome
+
+
+def test_a_power_that_explains_a_large_misfit_needs_no_narrow_interval() -> None:
+    integrated = Offset(response=0, db=0.2, half=2.7, power=-1, known=(), before=67.6, after=3.8, named=True)
+    sound = [Offset(response=i, db=0.1, half=0.2, power=0, known=(), before=1.0, after=1.0) for i in range(1, 14)]
+    assert trusted(integrated, [integrated, *sound])
+    little = replace(integrated, before=12.0)
+    assert not trusted(little, [little, *sound])
 
 
 def test_nothing_is_said_of_a_sound_campaign(frame_once: Folder) -> None:
@@ -228,6 +244,10 @@ def test_rotational_springs_as_the_table_says_are_in_no_other_unit(frame: Folder
 
 
 def test_what_auto_stands_for_where_the_frfs_do_not_say() -> None:
-    text = guessed_text("axial", Saturation(start=7.0, lower=2.0, upper=10.0, found=False))
+    limits = Saturation(start=7.0, lower=2.0, upper=10.0, found=False)
+    text = guessed_text("axial", limits, None)
     assert "guessed from the stiffness matrix (start 7, bounds 2 to 10, log10)" in text
     assert "write `initial` and `bounds` of parameters.axial instead of auto" in text
+    stated = guessed_text("axial", limits, 0.0)
+    assert "guessed from the stiffness matrix (bounds 2 to 10, log10)" in stated
+    assert "write `bounds` of parameters.axial instead of auto" in stated

@@ -214,6 +214,29 @@ def test_no_measurement_is_dropped_whose_name_is_taken(tmp_path: Path) -> None:
     assert {name: job["coherence"] for name, job in jobs.items() if "coherence" in job} == {"tight-2": "../tight-2 coherence.csv"}
 
 
+def test_archives_of_numpy(tmp_path: Path) -> None:
+    """Matrices, FRFs and coherences of one kind of file; of a file with a wrong value no part is taken for a matrix."""
+    K, M = chain(12)
+    frequency = np.arange(20.0, 90.0)
+    H, coherence = np.full((frequency.size, 2), 1.5 + 0.5j), np.full((frequency.size, 2), 0.99)
+    axis = {"freq": frequency, "names": ["acc1", "acc2"], "unit": "m/s^2/N"}
+    np.savez(tmp_path / "model.npz", K=K.toarray(), M=M.toarray())
+    np.savez(tmp_path / "tight.npz", **axis, H=H)
+    np.savez_compressed(tmp_path / "loose.npz", **axis, H=2 * H, coherence=coherence)
+    np.savez(tmp_path / "tight coherence.npz", **axis, coherence=coherence)
+    np.savez(tmp_path / "bad.npz", **axis, H=np.where(frequency[:, None] > 50, np.nan, H))
+    found = recognise(tmp_path)
+    assert [(one.path.name, one.group) for one in found.matrices] == [("model.npz", "K"), ("model.npz", "M")]
+    assert [(path.name, why.partition(";")[0]) for path, why in found.rest.items()] == [
+        ("bad.npz", "the FRF contains a value that is not a finite number")
+    ]
+    tree = yaml.safe_load(draft(tmp_path / "new", found).text())
+    assert tree["jobs"]["tight"] == {"frf": "../tight.npz", "coherence": "../tight coherence.npz"}
+    assert tree["jobs"]["loose"]["frf"] == "../loose.npz"
+    assert tree["model"]["stiffness"] == {"file": "../model.npz", "group": "K"}
+    assert list(tree["responses"]) == ["acc1", "acc2"]
+
+
 def test_one_matrix_in_two_formats_is_no_stiffness_and_mass(tmp_path: Path) -> None:
     K = csc(chain(12)[0])
     scipy.io.mmwrite(tmp_path / "a.mtx", K)

@@ -184,6 +184,9 @@ def test_scale(box: Folder) -> None:
 
 
 def test_quantities_must_agree(box: Folder) -> None:
+    wrong = ("responses.acc1.quantity=velocity", "responses.acc1.labelled=acceleration")
+    np.testing.assert_array_equal(measured(box, *wrong).values, measured(box).values)
+    assert refused(box, wrong[0], "responses.acc1.labelled=displacement").found == "acceleration"
     error = refused(box, "responses.acc1.quantity=velocity")
     assert error.exit_code == 3
     assert (error.expected, error.found, error.place) == ("velocity", "acceleration", "record 4")

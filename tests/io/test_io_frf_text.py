@@ -285,6 +285,14 @@ def test_negative_magnitudes_are_refused(tmp_path):
     assert in_db.values[1] == pytest.approx(10 ** (-0.02) * np.exp(1j * np.deg2rad(40)))
 
 
+def test_columns_between_0_and_1_may_be_coherences(tmp_path):
+    columns = (FREQUENCY, *(np.full(FREQUENCY.size, value) for value in (0.9, 0.95, 1.0)))
+    with pytest.raises(DataError, match="cannot be paired") as caught:
+        read(tmp_path, table(["f,a,b,c"], columns))
+    assert caught.value.hint.startswith("check whether these are coherences")
+    assert caught.value.hint.endswith("else give the pairs under 'format: {columns: {NAME: [first, second]}}' of the job")
+
+
 def test_a_last_line_without_an_end_is_told(tmp_path):
     text = "frequency_hz,a_real,a_imag\n10,0.5,30\n20,0.4,4"
     (warning,) = read(tmp_path, text.encode()).warnings

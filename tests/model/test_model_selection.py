@@ -12,6 +12,7 @@ from lrbc_cli.model.selection import (
     along,
     arc_length,
     at_node,
+    coincident,
     edges_of,
     in_box,
     is_line,
@@ -63,6 +64,11 @@ def test_spacing_is_the_distance_to_another_node():
     assert spacing(dofs, 0) == pytest.approx(0.1)
     assert spacing(dofs, 8) == pytest.approx(0.5)
     assert spacing(dofs, dofs.size - 1) == 0.0
+    # Two parts that meet at a joint: the nearest node elsewhere counts.
+    twice = table([*NODES, NODES[0]])
+    assert spacing(twice, 0) == pytest.approx(0.1)
+    assert coincident(dofs, 0) == []
+    assert coincident(twice, 0) == [int(twice.node[-2])]
 
 
 def test_box_includes_its_borders_and_orders_along_the_edge():

@@ -172,7 +172,7 @@ def _table_kind(path: Path) -> str | None:
 
 
 def _frfs(path: Path, found: FilesFound) -> bool:
-    """Take universal, HDF5 and MATLAB files with FRFs; text files are tried last (``_text_frfs``)."""
+    """Take universal, HDF5, MATLAB and NumPy files with FRFs; text files are tried last (``_text_frfs``)."""
     start = head(path, 4096)
     if b"\0" not in start and not start.lstrip().startswith(b"-1"):
         return False
@@ -188,16 +188,14 @@ def _text_frfs(path: Path, found: FilesFound) -> bool:
 
 def _matrices(path: Path, found: FilesFound) -> bool:
     names = matrix_names(path)
-    for name in names:
-        read = read_vectors(path, name)
-        if min(read.matrix.shape) > 0:
-            found.matrices.append(MatrixFound(path, name, read.matrix, read.labels))
+    read = {name: read_vectors(path, name) for name in names}
+    found.matrices += [MatrixFound(path, name, one.matrix, one.labels) for name, one in read.items() if min(one.matrix.shape) > 0]
     compressed = 0
-    for name, arrays in compressed_groups(path).items():
+    for group, arrays in compressed_groups(path).items():
         # Three arrays of these sizes may be something else.
         with suppress(LrbcError):
-            read = read_vectors(path, name, "hdf5", arrays)
-            found.matrices.append(MatrixFound(path, name, read.matrix, read.labels, arrays))
+            one = read_vectors(path, group, "hdf5", arrays)
+            found.matrices.append(MatrixFound(path, group, one.matrix, one.labels, arrays))
             compressed += 1
     return bool(names) or compressed > 0
 

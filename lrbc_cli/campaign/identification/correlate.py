@@ -25,12 +25,12 @@ def correlation_record(inputs: Inputs, found: Correlation) -> CorrelationRecord:
     initial, final = found.mean_peaks.shifts_percent()
     used, validation = inputs.used, inputs.validation
     return CorrelationRecord(
-        frac_initial=mean_of(found.frac_initial[used]),
-        frac_final=mean_of(found.frac_final[used]),
-        frac_held_out_initial=mean_of(found.frac_initial[validation]),
-        frac_held_out_final=mean_of(found.frac_final[validation]),
-        fdac_diagonal_initial=mean_of(np.diag(found.fdac_initial)),
-        fdac_diagonal_final=mean_of(np.diag(found.fdac_final)),
+        frac_initial=mean_or_gap(found.frac_initial[used]),
+        frac_final=mean_or_gap(found.frac_final[used]),
+        frac_held_out_initial=mean_or_gap(found.frac_initial[validation]),
+        frac_held_out_final=mean_or_gap(found.frac_final[validation]),
+        fdac_diagonal_initial=mean_or_gap(np.diag(found.fdac_initial)),
+        fdac_diagonal_final=mean_or_gap(np.diag(found.fdac_final)),
         peak_shift_percent_initial=initial,
         peak_shift_percent_final=final,
         mean_spectrum=Spectrum(peaks=_peaks(found.mean_peaks)),
@@ -49,10 +49,16 @@ def _peaks(table: PeakTable) -> tuple[Peak, ...]:
     return tuple(Peak(measured_hz=m, initial_hz=i, final_hz=f) for m, i, f in zip(*rounded, strict=True))
 
 
-def mean_of(values: Floats) -> float:
-    """Mean of the finite values; NaN if there are none."""
+def mean_of(values: Floats) -> float | None:
+    """Mean of the finite values; None if there are none."""
     finite = values[np.isfinite(values)]
-    return float(finite.mean()) if finite.size else float("nan")
+    return float(finite.mean()) if finite.size else None
+
+
+def mean_or_gap(values: Floats) -> float:
+    """The same as records have it: NaN if there are none."""
+    found = mean_of(values)
+    return float("nan") if found is None else found
 
 
 def fdac_rows(result: Identification, found: Correlation) -> list[list[float]]:

@@ -188,7 +188,8 @@ def matched(inputs: Inputs, job: JobConfig, name: str, frf: FrfSet) -> list[FrfR
     records: list[FrfRecord | None] = []
     files = [str(file) for files in job.measurements for file in files]
     for response in inputs.responses:
-        wanted = job.records.get(response.name, inputs.campaign.responses[response.name].record)
+        settings = inputs.campaign.responses[response.name]
+        wanted = job.records.get(response.name, settings.record)
         if isinstance(wanted, FileRecordRef) and str(wanted.file) not in files:
             keys = ("jobs", name, "records", response.name) if response.name in job.records else ("responses", response.name, "record")
             raise inputs.campaign.error(
@@ -199,14 +200,15 @@ def matched(inputs: Inputs, job: JobConfig, name: str, frf: FrfSet) -> list[FrfR
                 hint="list it under frf of the job",
             )
         record = match_record(response, wanted, frf, inputs)
-        if record is not None and record.quantity not in (None, response.quantity):
+        if record is not None and record.quantity not in (None, response.quantity, settings.labelled):
             raise DataError(
                 f"the record of response {response.name} has another quantity",
                 file=record.file or job.first,
                 place=record.place,
                 expected=response.quantity,
                 found=record.quantity,
-                hint=f"set responses.{response.name}.quantity or, if the file states it wrongly, jobs.{name}.format.quantity",
+                hint=f"set responses.{response.name}.quantity; if the file states it wrongly, also responses.{response.name}.labelled: "
+                f"{record.quantity}, or jobs.{name}.format.quantity for all its records",
             )
         records.append(record)
     _require_own(inputs, job, name, records)

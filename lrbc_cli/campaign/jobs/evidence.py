@@ -344,12 +344,14 @@ def _alternatives(inputs: Inputs, result: Identification) -> tuple[tuple[tuple[f
     return tuple((tuple(found.get(column) for column in columns), share) for found, share in states)
 
 
-def guessed_text(name: str, limits: Saturation) -> str:
-    """Note on start value and bounds that were guessed because the FRFs do not show where they saturate."""
+def guessed_text(name: str, limits: Saturation, start: float | None) -> str:
+    """Note on bounds, and on a start value unless it is given, that were guessed because the FRFs do not show where they saturate."""
+    guessed = f"bounds {limits.lower:.3g} to {limits.upper:.3g}, log10"
+    guessed, keys = (f"start {limits.start:.3g}, {guessed}", "`initial` and `bounds`") if start is None else (guessed, "`bounds`")
     return (
         f"{name}: the FRFs do not show above which stiffness a joint is practically rigid, and below which practically free. `auto` was "
-        f"therefore guessed from the stiffness matrix (start {limits.start:.3g}, bounds {limits.lower:.3g} to {limits.upper:.3g}, log10). "
-        f"If values end at one of these bounds, write `initial` and `bounds` of parameters.{name} instead of auto; otherwise do nothing"
+        f"therefore guessed from the stiffness matrix ({guessed}). If values end at one of these bounds, write {keys} of "
+        f"parameters.{name} instead of auto; otherwise do nothing"
     )
 
 
@@ -360,7 +362,8 @@ def remarks(inputs: Inputs, result: Identification) -> list[str]:
         limits = result.saturations.get(group.name)
         config = inputs.campaign.parameters[group.name]
         if limits is not None and not limits.found and (config.start is None or config.bounds == "auto"):
-            found.append(guessed_text(group.name, limits))
+            low, high = float(group.bounds[:, 0].min()), float(group.bounds[:, 1].max())
+            found.append(guessed_text(group.name, replace(limits, lower=low, upper=high), config.start))
         p, bounds = result.solution.theta[values], group.bounds
         low, high = int(np.sum(p <= bounds[:, 0])), int(np.sum(p >= bounds[:, 1]))
         if low or high:

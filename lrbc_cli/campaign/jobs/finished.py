@@ -10,7 +10,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.digests import origin, program
-from lrbc_cli.campaign.identification.correlate import FDAC_COLUMNS, correlation_of, correlation_record, fdac_rows, mean_of
+from lrbc_cli.campaign.identification.correlate import FDAC_COLUMNS, correlation_of, correlation_record, fdac_rows, mean_or_gap
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.nuisances import nuisance_tree
 from lrbc_cli.campaign.identification.records import Measurement
@@ -225,10 +225,10 @@ def misfit_record(inputs: Inputs, before: Floats, after: Floats) -> job.MisfitRe
     """The misfits of a result, from (R,) mean misfits before and after the identification [dB]."""
     used, validation = inputs.used, inputs.validation
     return job.MisfitRecord(
-        initial=mean_of(before[used]),
-        final=mean_of(after[used]),
-        held_out_initial=mean_of(before[validation]),
-        held_out_final=mean_of(after[validation]),
+        initial=mean_or_gap(before[used]),
+        final=mean_or_gap(after[used]),
+        held_out_initial=mean_or_gap(before[validation]),
+        held_out_final=mean_or_gap(after[validation]),
         responses={
             response.name: job.ResponseMisfit(initial=before[i], final=after[i], used=bool(i in used))
             for i, response in enumerate(inputs.responses)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, MOST_LEFT, levels, spread
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.looking.rescaled import scaled_text
@@ -120,8 +121,17 @@ def shifted(own: Measurement, other: Measurement, *, most: float = 2.0) -> str:
     return f"{abs(aside):.3g} Hz {'higher' if aside > 0.0 else 'lower'}"
 
 
+def _aside(measurement: Measurement, left: Callable[[Floats], float], frequency_hz: Floats, *, share: float = 0.15) -> tuple[float, float]:
+    """Shift of all frequencies with the smallest misfit [Hz], in line spacings and at most a ``share`` of the band, and that misfit."""
+    step = float(np.median(np.diff(measurement.frequency_hz)))
+    count = int(share * float(np.ptp(frequency_hz)) / step)
+    # Peaks are a few lines wide: first in steps of two lines, then of half a line about the best of these.
+    coarse = min((step * k for k in range(-count, count + 1, 2)), key=lambda shift: left(frequency_hz + shift))
+    return min((left(frequency_hz + shift), shift) for shift in coarse + step * np.arange(-1.5, 2.0, 0.5))[::-1]
+
+
 def stretched_text(measurement: Measurement, seen: Seen, *, most: float = 2.0, steps: int = 280) -> str | None:
-    """Warning with the factor between measured and computed frequencies, if one explains the measurement; else None.
+    """Warning with the factor or the shift between measured and computed frequencies, if one explains the measurement; else None.
 
     Parameters
     ----------
@@ -134,15 +144,22 @@ def stretched_text(measurement: Measurement, seen: Seen, *, most: float = 2.0, s
     """
     own, here, frequency_hz = levels(measurement.values), levels(seen.model), seen.measurement.frequency_hz
 
-    def left(factor: float) -> float:
-        read = np.column_stack([np.interp(frequency_hz * factor, measurement.frequency_hz, level, np.nan, np.nan) for level in own.T])
+    def left(there: Floats) -> float:
+        read = np.column_stack([np.interp(there, measurement.frequency_hz, level, np.nan, np.nan) for level in own.T])
         return float(np.median(spread(read - here, 0)))
 
     factors = most ** (np.arange(-steps, steps + 1) / steps)
-    found = [left(float(factor)) for factor in factors]
+    found = [left(frequency_hz * factor) for factor in factors]
     best, before = float(factors[int(np.argmin(found))]), found[steps]
-    if min(found) > min(MOST_LEFT, CLEARLY * before):
+    aside, after = _aside(measurement, left, frequency_hz)
+    if min(*found, after) > min(MOST_LEFT, CLEARLY * before):
         return None
+    if after < CLEARLY * min(found):
+        return (
+            f"all measured resonances are probably {abs(aside):.4g} Hz {'above' if aside > 0.0 else 'below'} those of the model: this "
+            f"shift reduces the level misfit from {before:.1f} to {after:.1f} dB (mean level of each response removed). Check the start "
+            "frequency in the headers of the files, and whether lines were left out; correct the frequencies"
+        )
     wrong = (
         f"the model is too {'soft' if best > 1.0 else 'stiff'} or too {'heavy' if best > 1.0 else 'light'} (modulus, thickness, density)"
     )

@@ -39,7 +39,7 @@ from lrbc_cli.campaign.looking.moved import hammer_text, hammers_text, sensor_te
 from lrbc_cli.campaign.looking.rescaled import overdamped_text, rescaled_text, softness_text
 from lrbc_cli.campaign.looking.states import Looking, Seen, nearest_states, reach_of_one
 from lrbc_cli.campaign.looking.tables import other_tables
-from lrbc_cli.campaign.looking.tightness import UNLIKE, looser, lowered_text, not_tight, taken_as_tight, tighter_text
+from lrbc_cli.campaign.looking.tightness import UNLIKE, looser, lowered_text, not_tight, of_other_unit_text, taken_as_tight, tighter_text
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misread
 from lrbc_cli.campaign.reduced import cache
@@ -105,14 +105,16 @@ def first_look(
     try:
         if misread(inputs.campaign, inputs.model, inputs.groups, inputs.dofs):
             return FirstLook(note="measured and computed FRFs are compared once the warnings on model and parameters are corrected")
+        low, high = inputs.campaign.reduction.band
+        whole = [name for name, found in measurements.items() if np.ptp(found.frequency_hz) > LEAST_BAND * (high - low)]
+        if measurements and not whole:
+            return FirstLook(note="measured and computed FRFs are compared once reduction.band is a band that was measured")
         source = _source(inputs, folder, progress)
         if source is None:
             return FirstLook(
                 note="measured and computed FRFs (units, signs, exchanged sensors) are compared once `lrbc reduce` has been run"
             )
         reference = inputs.campaign.update.reference
-        low, high = inputs.campaign.reduction.band
-        whole = [name for name, found in measurements.items() if np.ptp(found.frequency_hz) > LEAST_BAND * (high - low)]
         order = sorted(whole, key=lambda name: name != reference)
         # A matrix that does not contain the baseline subtracted from it gives no FRFs to compare with.
         if lacking := _lacking(inputs, source):
@@ -214,7 +216,7 @@ def _looked_at(source: Looking, measurements: Mapping[str, Measurement], name: s
     if not told and held is not None:
         told |= _beside_tight(seen, held, reach)
         if not told and fitted is not None:
-            told |= _foreign(seen, held)
+            told |= _beside_fitted(seen, fitted) or _foreign(seen, held)
     return OfJob(told, offsets)
 
 
@@ -234,6 +236,8 @@ def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: 
     # Nothing found is no all-clear while the FRFs of another excitation are not fitted.
     if not again.told and ("coordinates" in kinds or max(after.by_excitation.values()) > LEAST_DIFFERENCE):
         return calibrated, first
+    if unit := of_other_unit_text(seen, after):
+        return calibrated, OfJob({("springs",): unit})
     lowered = lowered_text(seen, after)
     return calibrated, replace(again, told=again.told | {("lowered",): lowered}) if lowered else again
 
@@ -294,6 +298,13 @@ def _beside_tight(seen: Seen, tight: Complexes, reach: tuple[Floats | float, Flo
     return {key: text for key, text in alone.items() if key[1] in far} | {("level", i): text for i, text in away.items()}
 
 
+def _beside_fitted(seen: Seen, fitted: Complexes) -> Told:
+    """Single responses far from the state of the bolts that fits best (``fitted``, (F, R)), if that explains the others."""
+    every = apart(seen.measured, fitted)
+    told = _alone(seen.inputs, every, "the state of the bolts that fits best", seen.job)
+    return told if float(np.median(every)) <= LEAST_DIFFERENCE else {}
+
+
 def _foreign(seen: Seen, tight: Complexes) -> Told:
     """Warning if no state of the model, the fitted one included, is near a measurement, although the tight state is explained."""
     least = seen.left
@@ -321,9 +332,12 @@ def _placed(seen: Seen, told: Told) -> Told:
     # In the reference job no bolt is loose, so a smaller misfit is examined already.
     # With a calibrated model a single hammer point may be wrong.
     far = max(seen.by_excitation.values()) if seen.reference and seen.source.start else float(every.min())
-    if ("unlike",) in told or (not told and far > (LEAST_DIFFERENCE if seen.reference else UNLIKE)):
+    struck = _of_one_blow(seen, told)
+    if ("unlike",) in told or struck or (not told and far > (LEAST_DIFFERENCE if seen.reference else UNLIKE)):
         if text := hammer_text(seen, away):
             return {("hammer",): text}
+        if struck:
+            return {("hammer",): struck}
         if seen.reference and (text := held_text(seen, float(every[0]))):
             return {("held",): text}
         if seen.reference and ("unlike",) in told:
@@ -339,6 +353,23 @@ def _placed(seen: Seen, told: Told) -> Told:
         if seen.source.start and not where and apart(seen.measured, seen.model)[int(str(key[1]))] <= UNLIKE
     }
     return {key: text + elsewhere.get(key, "") for key, text in told.items() if key not in weak}
+
+
+def _of_one_blow(seen: Seen, told: Told) -> str:
+    """Warning if the single responses that differ are most of those of one excitation and none of another; else empty."""
+    alone = [int(str(key[1])) for key in told if key[0] == "alone"]
+    away, input_of = seen.by_excitation, seen.inputs.input_of
+    if not alone or len(away) < 2 or len(own := set(input_of[alone].tolist())) > 1:
+        return ""
+    at = own.pop()
+    if 2 * len(alone) <= int((input_of == at).sum()):
+        return ""
+    name, rest = seen.inputs.excitations[at], max(db for other, db in away.items() if other != at)
+    return (
+        f"FRFs of {name} differ from the model by {away[at]:.1f} dB (median over its responses, mean level of each removed), those of "
+        f"other excitations by {rest:.1f} dB at most. Check the place and the direction of excitation.{name}, and that its records are not "
+        "those of another hammer point"
+    )
 
 
 def _stated(seen: Seen, told: Told) -> Told:
@@ -372,6 +403,7 @@ def _unlike(seen: Seen, measurements: Mapping[str, Measurement]) -> Told:
             return {("idle",): idle}
     if float(np.median(own)) > UNLIKE:
         far = f"level misfits of {min(own):.1f} to {max(own):.1f} dB at the start values (mean level of each response removed)"
+        far += _uneven_text(seen)
         if tighter := tighter_text(seen, measurements):
             return {("unlike",): f"measured and computed FRFs differ: {far}. {tighter}{looser(seen, typical)}"}
         causes = "the springs whose places are warned of may be the reason; otherwise " if inputs.springs_doubt else ""
@@ -383,6 +415,15 @@ def _unlike(seen: Seen, measurements: Mapping[str, Measurement]) -> Told:
             causes = f"this is the reference job{free}. Set update.reference to a tight job, or measure it again; otherwise {causes}"
         told["unlike",] = f"measured and computed FRFs have little in common: {far}. {causes[:1].upper()}{causes[1:]}"
     return told | _alone(inputs, every, "the model")
+
+
+def _uneven_text(seen: Seen, *, uneven: float = 1.5) -> str:
+    """Clause that names the excitation whose FRFs differ most, if by ``uneven`` times as much as any other's; else empty."""
+    worst, *others = sorted(seen.by_excitation.items(), key=lambda item: -item[1])
+    if not others or worst[1] < uneven * others[0][1]:
+        return ""
+    name = seen.inputs.excitations[worst[0]]
+    return f", mostly those of {name} ({worst[1]:.1f} dB, others up to {others[0][1]:.1f} dB: check excitation.{name} first)"
 
 
 def _alone(inputs: Inputs, every: Floats, of: str, job: str | None = None) -> Told:

@@ -37,6 +37,16 @@ PROMINENCE = 3.0
 LINES, MOST_WORK = 12, 2e12
 
 
+def _explains(left: float, off: float, before: float, *, near: float = 1.0, further: float = 1.5) -> bool:
+    """Whether a factor explains a misfit: ``left`` of ``before`` remains, and the levels are ``off`` by a constant [dB].
+
+    Levels within ``near`` [dB] are evidence of their own, because a wrong factor leaves them anywhere: then ``further`` times as much
+    misfit may remain, as of a model that is not calibrated.
+    """
+    wider = further if abs(off) < near else 1.0
+    return abs(off) < MOST_OFF and left < min(wider * MOST_LEFT, min(1.0, wider * CLEARLY) * before)
+
+
 def rescaled_text(seen: Seen, before: float) -> str | None:
     """Warning that names the matrix (stiffness or mass) that is wrong by the factor of a unit; None if no factor explains the misfit.
 
@@ -69,7 +79,7 @@ def rescaled_text(seen: Seen, before: float) -> str | None:
         for matrix, size, values, level in _cases(few, factor):
             difference = levels(few.measured) - levels(values)
             left, off = float(np.median(spread(difference, 0))), float(np.nanmedian(difference)) - level
-            if left < min(MOST_LEFT, CLEARLY * before) and abs(off) < MOST_OFF:
+            if _explains(left, off, before):
                 found.append((left, matrix, size, factor))
     if not found:
         return None

@@ -107,6 +107,30 @@ def looser(seen: Seen, typical: float) -> str:
     return ""
 
 
+def of_other_unit_text(before: Seen, after: Seen, *, least: float = 1.5, alike: float = 0.5) -> str:
+    """Warning that names a table of springs that a rough calibration changes by a power of ten as a whole; empty if there is none.
+
+    Parameters
+    ----------
+    before, after : Seen
+        The reference job with the model as exported, and with the roughly calibrated one.
+    least, alike : float
+        Least change of the median of a table, and largest scatter of its springs about it (median) [decades].
+    """
+    for group, where, _ in before.parameters.placed:
+        table = before.inputs.campaign.parameters[group.name].select.bushings
+        moved = (after.parameters.initial - before.parameters.initial)[where]
+        by = float(np.median(moved))
+        if table is None or abs(by) < least or float(np.median(np.abs(moved - by))) > alike:
+            continue
+        return (
+            f"a rough calibration from this job multiplies all springs of {group.name} by about {10.0 ** round(by):.0e}. Check their unit: "
+            "stiffnesses are in N/m and N m/rad, or in the units of `units` (1 N/mm = 1e3 N/m, 1 N mm/rad = 1e-3 N m/rad). If so, multiply "
+            f"the column stiffness of {table.name} by that"
+        )
+    return ""
+
+
 def lowered_text(before: Seen, after: Seen, *, least: float = 1.0) -> str:
     """Warning that names bolts of which a rough calibration lowers all springs; empty if there are none.
 

@@ -425,6 +425,6 @@ def _linearised(inputs: Inputs, by: str, tightened: bool, draws: int | None, *, 
         why = "--draws 0" if draws == 0 else "no bolt can be loosened"
     return [
         f"linearised, not rehearsed ({why}): `lrbc update` may find less",
-        f"normal prior of {std:g} decades; loose below {threshold(inputs, joints):g} decades, with {100 * update.confidence:g} %",
+        f"normal prior of {std:g} decades; loose below {threshold(inputs, joints):.2g} decades, with {100 * update.confidence:g} %",
         "no error of the model except the noise, and no drift except what update.nuisances lists",
     ]

@@ -350,13 +350,15 @@ def assumptions(rehearsal: Rehearsal, draws: int, origin: str) -> list[str]:
     drifts = ", ".join(dict.fromkeys(nuisance.words or nuisance.name for nuisance in rehearsal.nuisances))
     values, mixture = rehearsal.inputs.statistics.values, mixes(rehearsal.inputs)
     std, scatter = (values.joint_std, prior.joint_tight_std) if joints else (values.std, prior.tight_std)
-    beside = " (lower beside a bolt that is loose)" if mixture and not joints else ""
+    lower = ["beside a bolt that is loose"] if mixture and not joints else []
+    lower += ["by the scatter of the baselines"] if update.baselines else []
+    beside = f" (lower {' and '.join(lower)})" if lower else ""
     reference = [] if update.reference else ["a reference job with all bolts tight is also measured, although update.reference gives none"]
     return [
         *reference,
         f"judged by rehearsal: measurements are drawn, identified and judged as `lrbc update` does, {draws} for each bolt and loss",
         f"prior of the verdicts: {'each bolt tight or loose (mixture)' if mixture else f'normal, {std:g} decades'}; loose "
-        f"below {threshold(rehearsal.inputs, joints):g} decades{beside}, with "
+        f"below {threshold(rehearsal.inputs, joints):.2g} decades{beside}, with "
         f"{100 * update.confidence:g} %",
         f"a single bolt loses {losses} decades{through}; tight bolts scatter by {scatter:g}",
         f"model discrepancy {rehearsal.noise.sigma:.2g} dB per line ({origin}), as of a structure whose frequencies differ by "

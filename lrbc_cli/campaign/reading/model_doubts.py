@@ -385,9 +385,11 @@ def misplaced_bolts(groups: Sequence[TermGroup], bolts: PointTable | None) -> st
     named, (how, reached) = f"{', '.join(lost[:6])}{' ...' if len(lost) > 6 else ''}", otherwise
     count = len(bolts.name)
     then = "every bolt lies" if reached == count else f"{reached} of {count} bolts, not {count - len(lost)}, lie"
+    picked = [group.name for group in groups if group.config.select.box is not None or group.config.select.along is not None]
+    other = f", or whether {' and '.join(f'parameters.{name}.select' for name in picked)} picks another edge" if picked else ""
     return (
         f"{named} of the bolts file lie{'s' if len(lost) == 1 else ''} beside all identified terms; with {how} {then} at terms: check "
-        "whether the file was written in other axes or from another origin"
+        f"whether the file was written in other axes or from another origin{other}"
     )
 
 
@@ -408,7 +410,7 @@ def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None) -> Iter
     elsewhere = misplaced_bolts(groups, bolts)
     if elsewhere is not None:
         yield (
-            f"{elsewhere}. Correct it, or remove the bolts that no term reaches; until then there is no all-clear (lrbc check --picture "
+            f"{elsewhere}. Correct what is wrong, or remove the bolts that no term reaches; until then there is no all-clear (lrbc check --picture "
             "shows the places)"
         )
         return

@@ -18,7 +18,7 @@ from lrbc_cli.config.structure import DofSource, ProportionalDamping
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import listing
 from lrbc_cli.model.dofs import DofTable
-from lrbc_cli.model.selection import nearest, pitch, spacing
+from lrbc_cli.model.selection import coincident, nearest, pitch, spacing
 from lrbc_cli.model.units import SI, USUAL_SYSTEMS, parse_system
 
 #: Largest possible wave speed in a mesh, ``sqrt(K_ii / M_ii)`` times the node spacing [m/s]: in diamond it is 18 km/s, and the estimate is
@@ -153,6 +153,18 @@ class NearPoint:
     component: str
     warning: str
     away: float
+
+
+def shared_place(key: str, dofs: DofTable, dof: int) -> list[str]:
+    """Warning if other nodes lie at the place of a DOF that ``near`` found, as where two parts are joined; else empty."""
+    others = coincident(dofs, dof)
+    if not others:
+        return []
+    nodes = ", ".join(str(node) for node in (int(dofs.node[dof]), *others))
+    return [
+        f"{key}: nodes {nodes} lie at the same place, and `near` takes the first. If they belong to several parts, write "
+        f"{{node:, component: {dofs.component[dof]}}} for the part that is meant"
+    ]
 
 
 def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> tuple[list[str], bool]:

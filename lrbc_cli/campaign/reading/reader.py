@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.reading.dof_source import Numbering, aligned
 from lrbc_cli.campaign.reading.joints import HELD
-from lrbc_cli.campaign.reading.places import AT_NODE, NearPoint
+from lrbc_cli.campaign.reading.places import AT_NODE, NearPoint, shared_place
 from lrbc_cli.campaign.reading.triangles import whole
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.fields import MatrixRef, OperatorRef
@@ -420,6 +420,7 @@ class ModelReader:
             raise campaign.error("no DOF has this component", *keys, "component", expected=f"one of {components}", found=point.component)
         dof, distance = found
         size = spacing(table, dof)
+        self.warn(*shared_place(".".join(keys), table, dof))
         text = f"node {table.node[dof]} {point.component}, {1e3 * distance:.2f} mm from the given point"
         beside = (
             f"{'.'.join(keys)}: the nearest node {table.node[dof]} is {1e3 * distance:.1f} mm away (mesh size {1e3 * size:.0f} mm); "

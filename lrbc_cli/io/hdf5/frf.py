@@ -21,7 +21,7 @@ from lrbc_cli.io.common import listing
 from lrbc_cli.io.frf_common import check_frequencies, clean_coherence, first_bad, not_finite, scaled
 from lrbc_cli.io.hdf5.tools import fixed_texts, hdf5_image, load, lookup, open_hdf5, read_safely, sealed, text_attribute
 from lrbc_cli.io.layout import TextLayout
-from lrbc_cli.io.named import Named, frf_set
+from lrbc_cli.io.named import Named, frf_set, named_arrays
 from lrbc_cli.io.sparse import numeric
 from lrbc_cli.model.frf import QUANTITIES, FrfRecord, FrfSet
 
@@ -183,13 +183,10 @@ def _put(node: Any, name: str, path: Path, arrays: dict[str, NDArray[Any]], text
         cells = [np.asarray(load(node.file[one], path)) for one in values.T.ravel().tolist()[:_MOST_OBJECTS]]
         if all(cell.dtype.kind == "u" for cell in cells):
             texts[name] = tuple("".join(map(chr, cell.ravel().tolist())).strip() for cell in cells)
-    elif values.dtype.kind in "fiubc" or values.dtype.names is not None:
-        if values.dtype.names is None or set(values.dtype.names) == {"real", "imag"}:
-            arrays[name] = numeric(values.T if kind is not None else values, path, name)
-    elif values.dtype.kind in "SUO":
-        found = [one.decode("utf-8", "replace") if isinstance(one, bytes) else one for one in values.ravel().tolist()]
-        if all(isinstance(one, str) for one in found):
-            texts[name] = tuple(found)
+    else:
+        found = named_arrays({name: values.T if kind is not None else values}, path)
+        arrays.update(found.arrays)
+        texts.update(found.texts)
 
 
 def write_frf_hdf5(path: Path, frf: FrfSet) -> None:

@@ -160,8 +160,7 @@ def read_mat5_matrix(path: Path, group: str | None = None) -> MatrixFile:
         If the file is damaged, or the variable is missing or not a matrix.
     """
     variables = list_variables(path)
-    # Arrays of whole numbers are indices and maps, not matrices.
-    names = [name for name, shape, kind in variables if kind in ("sparse", "double", "single") and len(shape) == 2]
+    names = _matrices_of(variables)
     notes: list[str] = []
     if not group:
         group = only_matrix(names, path, notes, beside=[f"{name} ({kind})" for name, _, kind in variables], hint=None)
@@ -172,6 +171,22 @@ def read_mat5_matrix(path: Path, group: str | None = None) -> MatrixFile:
         notes.append(f"{group!r} is stored dense")
         value = canonical(value, path, group)
     return MatrixFile(matrix=value, format="mat-v5", notes=tuple(notes))
+
+
+def mat5_matrix_names(path: Path) -> list[str]:
+    """Names of the sparse and dense matrices of a file.
+
+    Raises
+    ------
+    DataError
+        If the file is damaged.
+    """
+    return _matrices_of(list_variables(path))
+
+
+def _matrices_of(variables: list[tuple[str, tuple[int, ...], str]]) -> list[str]:
+    # Arrays of whole numbers are indices and maps, not matrices.
+    return [name for name, shape, kind in variables if kind in ("sparse", "double", "single") and len(shape) == 2]
 
 
 def _variables(path: Path, elements: bool = False) -> list[_Variable]:

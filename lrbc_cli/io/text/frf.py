@@ -439,8 +439,7 @@ def _instead(table: TextTable, columns: Sequence[_Column]) -> str:
     known = values[np.isfinite(values)]
     plain = "give the pairs under 'format: {columns: {NAME: [first, second]}}' of the job"
     if known.size and known.min() >= 0.0 and known.max() <= 1.0 and np.median(known) > 0.5:
-        return "check whether these are coherences; if so, give the file under `coherence` of the job and the FRFs under `frf`; else "
-        f"{plain}"
+        return f"check whether these are coherences; if so, give them under `coherence` of the job and the FRFs under `frf`; else {plain}"
     if known.size and known.min() >= 0.0:
         return f"check whether these are magnitudes without phases; if so, export real and imaginary part; else {plain}"
     return plain

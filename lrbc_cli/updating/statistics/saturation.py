@@ -113,7 +113,7 @@ def saturation(
         reached = distance(high, clamped) <= limits.bound_db and distance(low, free) <= limits.bound_db
         if not (reached and distance(low, clamped) > limits.start_db):
             return Saturation(middle + limits.fallback[1], middle + limits.fallback[0], middle + limits.fallback[2], found=False)
-    start = crossing(clamped, limits.start_db, low, high, rising=False)
-    upper = crossing(clamped, limits.bound_db, start, high, rising=False)
-    lower = crossing(free, limits.bound_db, low, start, rising=True)
+        start = crossing(clamped, limits.start_db, low, high, rising=False)
+        upper = crossing(clamped, limits.bound_db, start, high, rising=False)
+        lower = crossing(free, limits.bound_db, low, start, rising=True)
     return Saturation(start, min(lower, start - 1.0), max(upper, start + 0.5))

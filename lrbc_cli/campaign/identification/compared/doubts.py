@@ -64,8 +64,9 @@ def trusted(offset: Offset, offsets: Sequence[Offset]) -> bool:
     without a further factor, or in most responses.
     """
     alike = sum(other.named and other.power == offset.power for other in offsets)
-    # A factor many times its interval, which explains the whole misfit, needs no narrow interval.
-    reach = {o.response: abs(o.db) / EVIDENT_HALVES if abs(o.db) - o.before <= o.half else 0.0 for o in offsets}
+    # A factor many times its interval, which explains the whole misfit, needs no narrow interval; nor does such a power of the frequency.
+    explained = {o.response: o.before - o.after if o.power else abs(o.db) if abs(o.db) - o.before <= o.half else 0.0 for o in offsets}
+    reach = {response: db / EVIDENT_HALVES for response, db in explained.items()}
     firm = [o for o in offsets if o.named and o.half <= max(MOST_REACH, reach[o.response]) and o.after <= MOST_LEFT]
     shared = sum(other.power == offset.power and abs(other.db - offset.db) <= MOST_REACH for other in firm)
     # A factor that most other responses show, too, needs less evidence.
@@ -113,7 +114,8 @@ def _factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: s
         keys = ", ".join(f"responses.{inputs.responses[i].name}.quantity: {other}" for i in common.responses)
         if job != inputs.campaign.update.reference:
             keys += f" (if all jobs contain it; otherwise export {job} again as {quantity})"
-        keys += f", and format.quantity: {other} in each job whose file states {quantity}"
+        whole = f"format.quantity: {other} in each job whose file states {quantity}"
+        keys += f", and {whole if len(common.responses) == count else f'beside each labelled: {quantity}, if the files state that'}"
         return text, cause + keys + (f", and jobs.{job}.format.unit: {unit}" if unit else "")
     if b:
         return text, f"{likely} a derivative or an integral with respect to time, perhaps of the input. Convert the FRF file"
@@ -338,14 +340,15 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     offsets = factors_of(inputs, result.measurement, states)
     offsets = tuple(offset for offset in offsets if offset.response not in involved)
     swapped = "; ".join(exchanged_text(inputs, cycles, result.name) for cycles in by_sensors(inputs, exchanges))
+    units = offset_texts(inputs, offsets, result.name)
     compared = f"{compared_text(inputs, result)}; {largest_text(inputs, offsets)}"
     if reference is not None and reference.explained:
         wide = too_wide((result.measurement.frequency_hz, result.measurement.values[:, inputs.used]), rule=inputs.statistics.resolution)
-        fault = ("exchanged sensors" if swapped else wide and wide.text) or _levels_off(inputs, result, reference.job)
+        fault = "exchanged sensors" if swapped else "a factor or a phase, see the warnings" if units else wide and wide.text
+        fault = fault or _levels_off(inputs, result, reference.job)
         coarse = "" if fault else coarse_text(reference)
         compared += f"; {coarse or own_fault_text(inputs, result.misfit_final, reference.job, fault)}"
     job = inputs.campaign.jobs[result.name]
-    units = offset_texts(inputs, offsets, result.name)
     found = [*([swapped] if swapped else []), *units.values()]
     if gains is not None and not any(kind == "units" for kind, *_ in units):
         found.append((gain_text if gains.shared else level_text)(inputs, result.name, gains))

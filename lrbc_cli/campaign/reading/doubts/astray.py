@@ -69,9 +69,11 @@ def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str
     nearest_to = [names.index(owner[int(np.argmin(np.linalg.norm(springs - point, axis=1)))]) for point in xyz]
     if sorted(nearest_to) == list(range(len(names))):
         ways[_exchange_text(names, nearest_to, lost.tolist())] = xyz[np.argsort(nearest_to)]
+    others = [name for name in bolts.name if name not in owner]
+    beside = f"; {', '.join(others[:_MOST])} of it have no springs: check whether it is the list of this structure" if others else ""
     fix = next(
         (way for way, points in ways.items() if not astray(points, 1.0).any()),
-        "correct the places there, or the nodes of the springs",
+        f"correct the places there, or the nodes of the springs{beside}",
     )
     which = ", ".join(names[k] for k in lost[:8]) + (" ..." if lost.size > 8 else "")
     lie, its = ("lies", "its") if lost.size == 1 else ("lie", "their")
