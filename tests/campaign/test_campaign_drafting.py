@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import re
+import zipfile
 from pathlib import Path
 
 import h5py
@@ -547,3 +548,11 @@ def test_compressed_arrays_of_other_names_are_matrices(tmp_path: Path, layout: s
     assert found.arrays is not None
     again = read_matrix(found.path, found.group, arrays=found.arrays).matrix
     assert abs(again - (K + csc(np.triu(np.ones(K.shape), 9)))).max() == 0.0
+
+
+def test_a_model_of_another_program_says_how_to_export_its_matrices(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "plate.mph", "w") as archive:
+        archive.writestr("dmodel.xml", "<model/>")
+    assert recognise(tmp_path).rest == {
+        tmp_path / "plate.mph": "this is a model of COMSOL; in COMSOL: mphmatrix and save in LiveLink for MATLAB"
+    }

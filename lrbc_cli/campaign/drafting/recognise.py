@@ -217,7 +217,7 @@ def _nodes(path: Path, found: FilesFound) -> bool:
 #: Reader of files with a given ending.
 PROMISED = {
     **dict.fromkeys((".csv", ".txt", ".asc"), _text_frfs),
-    **dict.fromkeys((".mtx", ".gz", ".full", ".op4", ".pch"), _matrices),
+    **dict.fromkeys((".mtx", ".gz", ".full", ".op4", ".pch", ".mph", ".wbpz"), _matrices),
 }
 
 

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 from lrbc_cli.io.hdf5.layouts import MESH
+from lrbc_cli.io.npz.others import other_archive
 
 _ABAQUS = "in Abaqus: *MATRIX GENERATE, STIFFNESS, MASS and *MATRIX OUTPUT, STIFFNESS, MASS, FORMAT=MATRIX INPUT in a step of its own"
 _ANSYS = "in Ansys: /AUX2, then HBMAT with mapping, or *SMAT and *EXPORT,...,MMF"
@@ -59,6 +60,9 @@ def written_by(path: Path, start: bytes) -> tuple[str | None, str]:
     start
         First bytes of the file.
     """
+    archive = other_archive(path, start)
+    if archive is not None:
+        return archive.program, archive.matrix
     if of_elements(start):
         return "a substructure or single elements of Abaqus, not an assembled matrix", _ABAQUS
     first = start.lstrip().upper()
