@@ -17,6 +17,7 @@ from lrbc_cli.io.matlab.variables import is_mat5
 from lrbc_cli.io.named import Named, coherences
 from lrbc_cli.io.npz.archive import is_npz
 from lrbc_cli.io.npz.frf import named_npz, read_frf_npz
+from lrbc_cli.io.npz.others import other_archive
 from lrbc_cli.io.text.frf import read_frf_text, read_text_coherence, write_frf_csv
 from lrbc_cli.io.uff.datasets import is_uff
 from lrbc_cli.io.uff.read import read_uff, read_uff_coherence
@@ -95,7 +96,10 @@ _FOREIGN = {
 }
 
 
-def _foreign(_: Path, start: bytes) -> tuple[str | None, str]:
+def _foreign(path: Path, start: bytes) -> tuple[str | None, str]:
+    archive = other_archive(path, start)
+    if archive is not None:
+        return archive.program, archive.frf
     known = next((text for mark, text in _FOREIGN.items() if start.startswith(mark)), None)
     return known, "export one of these; a universal file is the best choice"
 

@@ -16,8 +16,25 @@ from lrbc_cli.io.units import Unit, decibel, numerator_quantity, parse_unit, res
 
 _CIRCULAR = re.compile(r"(omega|w|\u03c9)(?![a-z])|(angular|circular) freq|kreisfreq|pulsation")
 _FREQUENCY_UNITS = re.compile(r"(?<![a-z])(k?hz|hertz|cps|rad(s|ians?)?)(?![a-z])|^(1/s(ec)?|s(\^?-|⁻)[1¹])$")
+#: Name of a function with its response and its reference.
+_FUNCTION = re.compile(r"\s*(?:H[0-9v]?|FRF|TF)\s*\(\s*([^(),;/|\s][^(),;/|]{0,80}?)\s*[,;/|]\s*[^(),;/|]{1,80}\)\s*", re.IGNORECASE)
 #: Value of each frequency unit in Hz.
 HERTZ = {"Hz": 1.0, "kHz": 1e3, "rad/s": 1.0 / (2.0 * np.pi)}
+
+
+def response_of(name: str) -> str:
+    """Response in the name of a function such as ``H1(acc1/hammer)``; any other name is returned as it is."""
+    match = _FUNCTION.fullmatch(name)
+    return match[1] if match else name
+
+
+def alike(name: str) -> str:
+    """Name for comparison: the response only, without case and separators, so that ``Acc 1`` is ``acc1``.
+
+    Separators between digits stay (``1.1`` is not ``11``), and so does a sign before a direction (``1:-Z``).
+    """
+    text = re.sub(r"[\s_.]+", " ", response_of(name).strip().casefold())
+    return re.sub(r"(?<!\d) | (?!\d)|(?<=[^\W\d])-(?=\d)", "", text)
 
 
 def frequency_unit(name: str, unit: str, path: Path, place: str) -> str:
@@ -47,17 +64,22 @@ def frequency_unit(name: str, unit: str, path: Path, place: str) -> str:
 
 
 class Notes:
-    """Notes on the records of a file; a note that several records share becomes one line."""
+    """Notes and warnings on the records of a file; one that several records share becomes one line."""
 
     def __init__(self) -> None:
         self._about: dict[str, list[int]] = {}
         self._left: dict[str, list[int]] = {}
+        self._doubts: dict[str, list[int]] = {}
 
     def add(self, text: str, record: int | None = None) -> None:
         """Add a note about a record (its number), or about the whole file (None)."""
         places = self._about.setdefault(text, [])
         if record is not None:
             places.append(record)
+
+    def warn(self, text: str, record: int) -> None:
+        """Add a warning about a record."""
+        self._doubts.setdefault(text, []).append(record)
 
     def leave_out(self, what: str, record: int) -> None:
         """Note a record that is not used, and what it is."""
@@ -72,6 +94,10 @@ class Notes:
         """All notes in the order of their first record, then one line with the records that are not used."""
         told = [f"{_ranges(records)}: {text}" if records else text for text, records in self._about.items()]
         return (*told, *([f"left out: {self.left_out}"] if self._left else []))
+
+    def warnings(self) -> tuple[str, ...]:
+        """All warnings in the order of their first record."""
+        return tuple(f"{_ranges(records)}: {text}" for text, records in self._doubts.items())
 
 
 def check_frequencies(frequency: NDArray[np.float64], path: Path, place: str) -> None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import gzip
 import re
+import zipfile
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import scipy.io
@@ -13,11 +15,12 @@ import yaml
 from campaigns import ROOT, Folder, Result, box, lrbc
 from systems import chain, csc
 
-from lrbc_cli.campaign.drafting.draft import draft, quoted
+from lrbc_cli.campaign.drafting.draft import Draft, draft, quoted
 from lrbc_cli.campaign.drafting.recognise import recognise
 from lrbc_cli.campaign.drafting.roles import edge_near, tight_states
 from lrbc_cli.config import load_campaign
 from lrbc_cli.config.document import parse
+from lrbc_cli.io.matrices.read import read_matrix
 from lrbc_cli.model.dofs import DofTable
 
 
@@ -93,6 +96,110 @@ def test_files_of_one_channel_each_are_a_job_together(tmp_path: Path, pattern: s
     assert list(tree["responses"]) == ["acc1", "acc2"]
     assert tree["update"]["reference"] == "tight"
     assert tree["reduction"]["band"] == [20, 89]
+
+
+STATES, SENSORS = ("fest", "lose-2"), ("acc1", "acc2", "acc3")
+
+
+def unnamed(folder: Path, names: list[str], sensors: str = "") -> Draft:
+    """Draft for files of one FRF each, without its name; `sensors`: names in a table of points."""
+    for k, name in enumerate(names):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        rows = "".join(f"{f},{1.5 + k},0.5\n" for f in range(20, 90))
+        (folder / name).write_text("Frequenz,Realteil,Imaginärteil\n" + rows, encoding="utf-8")
+    if sensors:
+        rows = "".join(f"{name},{0.1 * k},0,0,UZ\n" for k, name in enumerate(["hammer", *sensors.split()]))
+        (folder / "points.csv").write_text("name,x,y,z,component\n" + rows)
+    return draft(folder / "new", recognise(folder))
+
+
+def named_in(made: Draft) -> dict[str, dict[str, str]]:
+    """File of each response, for each job: by its name, or as its records say."""
+    tree = yaml.safe_load(made.text())
+    found = {}
+    for name, job in tree["jobs"].items():
+        files = [job["frf"]] if isinstance(job["frf"], str) else job["frf"]
+        records = {key: record["file"] for key, record in job.get("records", {}).items()}
+        assert set(records.values()) <= set(files)
+        by_stem = {Path(file).stem: file for file in files if file not in records.values()}
+        found[name] = {key: file.removeprefix("../") for key, file in {**by_stem, **records}.items()}
+    return found
+
+
+@pytest.mark.parametrize(
+    ("pattern", "sensors"),
+    [
+        ("{state}/{sensor}.txt", SENSORS),
+        ("{state}/{sensor}.txt", ("links", "rechts")),
+        ("{sensor}/{state}.txt", SENSORS),
+        ("{state}_{sensor}.txt", SENSORS),
+        ("{sensor}-{state}.txt", SENSORS),
+        ("day/{state} {sensor}.txt", SENSORS),
+    ],
+)
+def test_frfs_without_a_name_are_named_after_their_files(tmp_path: Path, pattern: str, sensors: tuple[str, ...]) -> None:
+    """Every file was a job of its own, with one response r1, and the run refused the campaign file."""
+    made = unnamed(tmp_path, [pattern.format(state=state, sensor=sensor) for state in STATES for sensor in sensors])
+    expected = {state: {sensor: pattern.format(state=state, sensor=sensor) for sensor in sensors} for state in STATES}
+    assert named_in(made) == expected
+    tree = yaml.safe_load(made.text())
+    assert list(tree["responses"]) == list(sensors)
+    assert tree["update"]["reference"] == "fest"
+    assert any(f"{2 * len(sensors)} FRFs have no name in their files" in item for item in made.todo)
+
+
+@pytest.mark.parametrize("pattern", ["{state}/{sensor}.txt", "{sensor}/{state}.txt", "{state}_{sensor}.txt", "{sensor}_{state}.txt"])
+def test_names_of_the_table_of_points_tell_files_of_sensors(tmp_path: Path, pattern: str) -> None:
+    """Also where a file of one state is missing in folders, or one state was measured."""
+    names = [pattern.format(state=state, sensor=sensor) for state in ("day1", "day2") for sensor in ("left", "right")]
+    made = unnamed(tmp_path, names, "Left right")
+    assert {name: set(of) for name, of in named_in(made).items()} == {"day1": {"left", "right"}, "day2": {"left", "right"}}
+    assert "near: [0.1, 0, 0]" in made.text()
+
+
+def test_sensors_of_one_state_are_one_job(tmp_path: Path) -> None:
+    assert named_in(unnamed(tmp_path, ["fest/acc1.txt", "fest/acc2.txt"])) == {"fest": {"acc1": "fest/acc1.txt", "acc2": "fest/acc2.txt"}}
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["tight.txt", "loose.txt"],
+        ["day1/tight.txt", "day1/loose.txt", "day2/tight.txt", "day2/loose.txt"],
+        ["tight-1.txt", "tight-2.txt", "loose-1.txt", "loose-2.txt"],
+        ["b1-loose.txt", "b1-half.txt", "b2-loose.txt", "b2-half.txt"],
+        ["fest_acc1.txt", "fest_acc2.txt", "lose_acc1.txt"],
+    ],
+)
+def test_files_of_states_are_not_taken_for_sensors(tmp_path: Path, names: list[str]) -> None:
+    tree = yaml.safe_load(unnamed(tmp_path, names).text())
+    assert sorted(job["frf"] for job in tree["jobs"].values()) == sorted(f"../{name}" for name in names)
+    assert list(tree["responses"]) == ["r1"]
+
+
+def test_folders_of_the_same_name_are_states_of_their_own(tmp_path: Path) -> None:
+    names = [f"{day}/run/acc{k}.txt" for day in ("mon", "tue") for k in (1, 2)]
+    assert named_in(unnamed(tmp_path, names)) == {
+        f"{day}-run": {f"acc{k}": f"{day}/run/acc{k}.txt" for k in (1, 2)} for day in ("mon", "tue")
+    }
+
+
+def test_coherences_belong_to_the_files_of_their_own_folder(tmp_path: Path) -> None:
+    for state in STATES:
+        (tmp_path / state).mkdir()
+        (tmp_path / state / "acc1_coh.csv").write_text("frequency_hz,coherence\n" + "".join(f"{f},0.99\n" for f in range(20, 90)))
+    made = unnamed(tmp_path, [f"{state}/acc1.txt" for state in STATES])
+    jobs = yaml.safe_load(made.text())["jobs"]
+    assert {name: job["coherence"] for name, job in jobs.items()} == {state: f"../{state}/acc1_coh.csv" for state in STATES}
+
+
+def test_points_are_found_by_names_that_are_alike(tmp_path: Path) -> None:
+    rows = "".join(f"{f},1.5,0.5\n" for f in range(20, 90))
+    (tmp_path / "tight.csv").write_text("frequency_hz,H1(Acc 1/hammer) real,H1(Acc 1/hammer) imag\n" + rows)
+    (tmp_path / "points.csv").write_text("name,x,y,z,component\nhammer,0,0,0,UZ\nacc1,0.1,0,0,UX\n")
+    tree = yaml.safe_load(draft(tmp_path / "new", recognise(tmp_path)).text())
+    expected = {"near": [0.1, 0, 0], "component": "UX", "record": "H1(Acc 1/hammer)", "quantity": "acceleration"}
+    assert tree["responses"] == {"Acc-1": expected}
 
 
 def test_no_measurement_is_dropped_whose_name_is_taken(tmp_path: Path) -> None:
@@ -403,3 +510,49 @@ def test_the_edge_beside_a_row_of_bolts() -> None:
     inside = np.all((grid >= low) & (grid <= high), axis=1)
     np.testing.assert_allclose(grid[inside], [[0.0, b, 0.0] for b in y if 0.09 < b < 0.91])
     assert edge_near(bolts[:, [1, 0, 2]], table) is None
+
+
+def exodus(path: Path) -> None:
+    """An exodus mesh as netCDF-4 stores it: coordinates in one array, as whole numbers of nodes in a dimension."""
+    with h5py.File(path, "w") as file:
+        file["num_nodes"], file["coord"] = np.zeros(12), np.arange(36.0).reshape(3, 12)
+        file["connect1"] = np.arange(1, 13).reshape(3, 4)
+
+
+@pytest.mark.parametrize("name", ["plate.e", "plate.exo"])
+def test_an_exodus_mesh_is_no_matrix(tmp_path: Path, name: str) -> None:
+    """Its coordinates were a matrix without a role, and no mesh was found."""
+    exodus(tmp_path / name)
+    found = recognise(tmp_path)
+    assert found.matrices == []
+    assert found.of("nodes") or re.search("meshio|mesh cannot be read", found.rest[tmp_path / name])
+    (tmp_path / name).write_bytes(b"CDF\x02" + bytes(60))
+    assert re.search("meshio|mesh", recognise(tmp_path).rest[tmp_path / name])
+
+
+@pytest.mark.parametrize("layout", ["csr", "csc"])
+def test_compressed_arrays_of_other_names_are_matrices(tmp_path: Path, layout: str) -> None:
+    """The files of elPaSo were `no FRF was recognised`."""
+    K, M, *_ = (csc(matrix) for matrix in chain(12))
+    with h5py.File(tmp_path / "system.h5", "w") as file:
+        for name, matrix in (("stiffness", K + csc(np.triu(np.ones(K.shape), 9))), ("mass", M)):
+            stored, group = matrix.asformat(layout), file.create_group(f"SystemMatrices/{name}")
+            group[f"cmp{layout.title()}Val"], group["vec,Ia"], group["vecJa"] = stored.data.astype(complex), stored.indptr, stored.indices
+        # These are no matrix, whatever their sizes.
+        file["curve/at"], file["curve/of"], file["curve/y"] = np.array([3, 1, 7]), np.array([9, 5]), np.array([1.0, 2.0, 3.0])
+    made = draft(tmp_path / "new", recognise(tmp_path))
+    names = {"data": f"cmp{layout.title()}Val", "indices": "vecJa", "indptr": "vec,Ia", **({"layout": "csc"} if layout == "csc" else {})}
+    expected = {role: {"file": "../system.h5", "group": f"SystemMatrices/{role}", "arrays": names} for role in ("stiffness", "mass")}
+    assert {role: yaml.safe_load(made.text())["model"][role] for role in expected} == expected
+    found = made.roles.operators["stiffness"]
+    assert found.arrays is not None
+    again = read_matrix(found.path, found.group, arrays=found.arrays).matrix
+    assert abs(again - (K + csc(np.triu(np.ones(K.shape), 9)))).max() == 0.0
+
+
+def test_a_model_of_another_program_says_how_to_export_its_matrices(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "plate.mph", "w") as archive:
+        archive.writestr("dmodel.xml", "<model/>")
+    assert recognise(tmp_path).rest == {
+        tmp_path / "plate.mph": "this is a model of COMSOL; in COMSOL: mphmatrix and save in LiveLink for MATLAB"
+    }

@@ -13,6 +13,7 @@ from lrbc_cli.campaign.digests import about_measurement
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.frf import read_frf, write_frf
+from lrbc_cli.io.frf_common import alike
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
 
@@ -47,6 +48,43 @@ def test_by_name(box: Folder) -> None:
     assert found.lines == "191 lines from 20 to 400 Hz"
     assert found.warnings == ()
     assert np.isnan(found.coherence).all()
+
+
+@pytest.mark.parametrize(
+    "written", ["H1({}/hammer)", "h1({},hammer:+Z)", "FRF ({} / hammer)", "{0[0]} {0[1]}", "{0[0]}_{0[1]}", "{0[0]}-{0[1]}"]
+)
+def test_by_a_name_that_is_alike(box: Folder, written: str) -> None:
+    """A response called acc1 did not find `H1(acc1/hammer)` nor `Acc 1`."""
+
+    def name(record: FrfRecord) -> str:
+        parts = record.name[:-1].capitalize(), record.name[-1]
+        return written.format(parts if "0[" in written else record.name)
+
+    before = rewrite(box, lambda r: replace(r, name=name(r), response_node=None))
+    np.testing.assert_allclose(measured(box).values, np.stack([r.values for r in before], axis=1), rtol=1e-11)
+
+
+@pytest.mark.parametrize("other", ["H1(mic1/shaker)", "MIC 1"])
+def test_names_that_are_alike_must_not_be_ambiguous(box: Folder, other: str) -> None:
+    path = box.data / "loose.uff"
+    first, *rest = (replace(record, response_node=None) for record in read_frf(path).records)
+    write_frf(path, FrfSet("", (replace(first, name="H1(mic1/hammer)"), replace(first, name=other), *rest)))
+    error = refused(box, "jobs.tight.frf=data/loose.uff", "jobs.loose.frf=data/tight.uff", job="tight")
+    assert "no record of response mic1" in str(error)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "same"),
+    [
+        ("Acc 1", "acc1", True),
+        ("acc1.1", "acc11", False),
+        ("acc1:-Z", "acc1:Z", False),
+        ("H1(a/b", "a", False),
+        ("acc 1.1", "Acc1_1", True),
+    ],
+)
+def test_names_that_are_alike(one: str, other: str, same: bool) -> None:
+    assert (alike(one) == alike(other)) is same
 
 
 def test_by_node_and_direction(box: Folder) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import gzip
 import re
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import scipy.sparse as sp
 from foreign_files import write_abaqus, write_dmig, write_harwell_boeing, write_op4, write_sierra
 
 from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.io.frf import read_frf
 from lrbc_cli.io.hdf5.matrices import ArrayNames
 from lrbc_cli.io.matrices.read import detect_format, read_matrix
 from lrbc_cli.io.text.dof_maps import read_dof_map
@@ -392,6 +394,53 @@ def test_compressed_arrays_of_other_names(tmp_path: Path, base: int) -> None:
     (tmp_path / "k.mtx").write_text("1 1 2.0\n")
     with pytest.raises(ConfigError, match="HDF5"):
         read_matrix(tmp_path / "k.mtx", None, None, ArrayNames("cmpCsrVal", "ja", "vecCsrIa", "csr"))
+
+
+@pytest.mark.parametrize(
+    ("name", "members", "program", "matrix", "frf"),
+    [
+        ("a.mph", ["fileversion", "dmodel.xml", "geometry1.mphbin"], "a model of COMSOL", "mphmatrix", "Export, Table"),
+        ("a.bin", ["modelinfo.xml"], "a model of COMSOL", "mphmatrix", "Export, Table"),
+        ("a.wbpz", ["p.wbpj", "p_files/dp0/SYS/MECH/file.full"], "a project of Ansys Workbench", "HBMAT", "export the frequency response"),
+        ("a.xlsx", ["[Content_Types].xml", "xl/workbook.xml"], "an Excel workbook", "row, column and value", "CSV"),
+        ("a.ods", ["mimetype", "content.xml"], "a document of LibreOffice", "row, column and value", "CSV"),
+        ("a.zip", ["data/K.mtx", "acc1.uff"], "a zip archive", "unpack it(.|\n)*K.mtx", "unpack it(.|\n)*acc1.uff"),
+        ("broken.mph", None, "a model of COMSOL", "mphmatrix", "Export, Table"),
+    ],
+)
+def test_archives_of_other_programs_are_named(
+    tmp_path: Path, name: str, members: list[str] | None, program: str, matrix: str, frf: str
+) -> None:
+    """They were archives without a matrix, to be unpacked, or `an Excel workbook or a zip archive`."""
+    path = tmp_path / name
+    if members is None:
+        path.write_bytes(b"PK\3\4" + bytes(100))
+    else:
+        with zipfile.ZipFile(path, "w") as archive:
+            for member in members:
+                archive.writestr(member, b"content")
+    with pytest.raises(DataError, match=f"this is {program}(.|\\n)*{matrix}"):
+        read_matrix(path)
+    with pytest.raises(DataError, match=f"this is {program}(.|\\n)*{frf}"):
+        read_frf(path)
+
+
+def test_a_file_without_a_matrix_says_what_to_do(tmp_path: Path) -> None:
+    """The error referred to a README that no longer lists the layouts."""
+    path = tmp_path / "system.h5"
+    with h5py.File(path, "w") as file:
+        file["title"] = 1
+    with pytest.raises(DataError, match="lrbc guide formats"):
+        read_matrix(path)
+    K = sp.csr_array(example())
+    with h5py.File(path, "a") as file:
+        file["a/K/v"], file["a/K/i"], file["a/K/p"] = K.data, K.indices, K.indptr
+    with pytest.raises(DataError, match=r"group: a/K, arrays: \{data: v, indices: i, indptr: p\}"):
+        read_matrix(path)
+    with h5py.File(path, "a") as file:
+        file["num_nodes"], file["coord"] = np.zeros(4), np.zeros((3, 4))
+    with pytest.raises(DataError, match=r"exodus mesh(.|\n)*dofs: \{nodes: FILE\}"):
+        read_matrix(path)
 
 
 def test_whole_numbers_are_no_matrix(tmp_path: Path) -> None:

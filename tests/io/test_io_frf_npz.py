@@ -301,7 +301,7 @@ def test_a_changed_value_is_found(tmp_path: Path) -> None:
 
 def test_archives_of_other_files_are_named(tmp_path: Path) -> None:
     path = zipped(tmp_path / "frf.npz", {"[Content_Types].xml": b"<xml/>"})
-    with pytest.raises(DataError, match="this is an Excel workbook or a zip archive"):
+    with pytest.raises(DataError, match=r"this is a zip archive(.|\n)*unpack it(.|\n)*Content_Types"):
         read_frf(path)
     path.write_bytes(b"PK\x03\x04")
     with pytest.raises(DataError, match="this is an Excel workbook or a zip archive"):

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import csv
+import io
+import re
 
 import numpy as np
 import pytest
@@ -311,3 +314,98 @@ def test_damage_gives_a_data_error_or_frfs(tmp_path, data):
         for found in read(tmp_path, bytes(content)).records:
             assert np.all(np.isfinite(found.values))
             assert np.all(np.diff(found.frequency_hz) > 0)
+
+
+def resonant(noise=0.02, lines=400):
+    """FRFs of three modes at two points, with noise: (frequencies, values), (lines,) and (lines, 2)."""
+    frequency = np.linspace(20.0, 400.0, lines)
+    own, shapes = np.array([60.0, 150.0, 290.0]), np.array([[1.0, 1.0, 1.0], [1.0, -0.7, 0.9]])
+    modes = -(frequency[:, None] ** 2) / (own**2 - frequency[:, None] ** 2 + 0.02j * own * frequency[:, None])
+    rng = np.random.default_rng(3)
+    values = modes @ shapes.T
+    return frequency, values * (1 + noise * (rng.standard_normal(values.shape) + 1j * rng.standard_normal(values.shape)))
+
+
+def polar(frequency, values, phases, db=False):
+    magnitudes = 20 * np.log10(np.abs(values)) if db else np.abs(values)
+    columns = [column for k in range(values.shape[1]) for column in (magnitudes[:, k], phases[:, k])]
+    return table([f"f,a_{'db' if db else 'mag'},a_phase,b_{'db' if db else 'mag'},b_phase"], [frequency, *columns])
+
+
+@pytest.mark.parametrize("db", [False, True])
+@pytest.mark.parametrize("every", [1, 8])
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+@pytest.mark.parametrize("kind", ["deg", "deg 0 to 360", "deg unwrapped", "rad", "rad unwrapped"])
+def test_values_decide_the_unit_of_phases_without_one(tmp_path, kind, noise, every, db):
+    """Unwrapped radians beyond one turn were read as degrees, with a note only."""
+    frequency, values = resonant(noise)
+    frequency, values = frequency[::every], values[::every]
+    angle = np.unwrap(np.angle(values), axis=0) + 2 * np.pi if "unwrapped" in kind else np.angle(values)
+    phases = angle if kind.startswith("rad") else np.degrees(angle)
+    found = read(tmp_path, polar(frequency, values, phases % 360 if "360" in kind else phases, db))
+    for record, expected in zip(found.records, values.T, strict=True):
+        np.testing.assert_allclose(record.values, expected, rtol=1e-9)
+    assert found.warnings == ()
+
+
+def test_all_phases_of_a_table_are_in_the_same_unit(tmp_path):
+    """A column of degrees that stays within one turn in radians was read as radians beside one that does not."""
+    frequency, values = resonant()
+    values[:, 1] = 1.0 + 0.05 * values[:, 1] / np.abs(values[:, 1]).max()
+    found = read(tmp_path, polar(frequency, values, np.angle(values, deg=True)))
+    np.testing.assert_allclose(found.records[1].values, values[:, 1], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("magnitude", "phase", "unit"),
+    [
+        (np.ones(6), np.array([0.0, 1.0, 2.5, 4.5, 7.0, 9.0]), "deg"),
+        (np.ones(6), np.array([0.0, 0.2, 0.1, 0.3, 0.5, 0.4]), "rad"),
+        (np.exp(0.1 * np.arange(6.0)), np.degrees(0.015 * np.arange(6.0)), "rad"),
+        (np.exp(np.arange(2.0)), np.array([8.0, 9.0]), "deg"),
+        # Radians that were unwrapped before lines were left out.
+        (np.exp(np.array([0.0, 1.5, 0.0, 3.0, 2.0, 0.0])), np.array([0.0, 2.0, -4.0, -9.0, -6.0, -7.0]), "deg"),
+    ],
+)
+def test_a_unit_of_phases_that_the_values_do_not_decide_is_warned_of(tmp_path, magnitude, phase, unit):
+    found = read(tmp_path, polar(np.arange(10.0, 10.0 + phase.size), magnitude[:, None] * np.ones(2), phase[:, None] * np.ones(2)))
+    (warning,) = found.warnings
+    assert f"read as {unit}" in warning
+    assert {"'format: {phase: deg}'", "'format: {phase: rad}'"} == set(re.findall(r"'format: {phase: [a-z]+}'", warning))
+    np.testing.assert_allclose(np.angle(found.records[0].values), np.angle(np.exp(1j * (phase if unit == "rad" else np.radians(phase)))))
+    assert read(tmp_path, (tmp_path / "frf.txt").read_text(), TextLayout(phase="deg")).warnings == ()
+
+
+@pytest.mark.parametrize("quoting", [csv.QUOTE_ALL, csv.QUOTE_MINIMAL])
+@pytest.mark.parametrize("header", [["Frequenz", "a Realteil", "a Imaginärteil"], []])
+def test_quoted_decimal_commas_between_commas(tmp_path, quoting, header):
+    """The comma was called both decimal sign and separator, although quotes distinguish them."""
+    rows = [[f"{value:.17g}".replace(".", ",") for value in row] for row in zip(*REAL_IMAG, strict=True)]
+    text = io.StringIO()
+    csv.writer(text, quoting=quoting).writerows([*([header] if header else []), *rows, ["12", "3", "0"]])
+    for layout in (None, TextLayout(decimal=",")):
+        result = read(tmp_path, text.getvalue(), layout)
+        np.testing.assert_array_equal(result.records[0].values, [*H, 3.0])
+    assert "columns separated by comma, decimal comma" in result.notes
+    # A cell is named as it stands in the file.
+    with pytest.raises(DataError, match=r"line \d, column(.|\n)*-1,5e999"):
+        read(tmp_path, text.getvalue().replace('"-5"', "-5").replace("-5,", '"-1,5e999",', 1))
+
+
+def test_a_line_in_quotes_is_divided(tmp_path):
+    rows = table(["f,a_real,a_imag"], REAL_IMAG).splitlines()
+    np.testing.assert_array_equal(read(tmp_path, "\n".join(f'"{row}"' for row in rows) + "\n").records[0].values, H)
+
+
+def test_commas_without_quotes_are_not_both_signs(tmp_path):
+    with pytest.raises(DataError):
+        read(tmp_path, "f,a_real,a_imag\n10,1,5,2,5\n20,2,5,3,5\n", TextLayout(decimal=","))
+
+
+@pytest.mark.parametrize("words", ["Betrag Winkel", "Magnitude Angle", "Modulo Angolo"])
+def test_a_phase_may_be_called_an_angle(tmp_path, words):
+    """`acc1 Winkel in °` was not paired with `acc1 Betrag`."""
+    first, second = words.split()
+    (found,) = read(tmp_path, table([f"Frequenz in Hz;acc1 {first} in mm/s²/N;acc1 {second} in °"], MAG_DEG, ";", ",")).records
+    assert found.name == "acc1"
+    np.testing.assert_allclose(found.values, 1e-3 * H, rtol=1e-12)

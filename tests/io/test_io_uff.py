@@ -215,7 +215,7 @@ def test_units(tmp_path, units_dataset, numerator, denominator, response, factor
     assert found.quantity == quantity
     assert (abs(factor - 1) > 1e-12) == any("to give SI" in note for note in result.notes)
     if units_dataset is None and parse_fails(numerator[4]):
-        assert any("SI assumed" in note for note in result.notes)
+        assert any("SI assumed" in note for note in (*result.notes, *result.warnings))
 
 
 def parse_fails(label):
@@ -594,3 +594,25 @@ def test_a_coherence_on_other_lines_is_told_by_the_number_of_its_record() -> Non
     notes = Notes()
     assert _attach([record], [Coherence("mic01", (7, 3, 0, 0), three, three / 3, 5)], notes)[0].coherence is None
     assert "record 4: the coherence has different lines; left out" in notes.lines()
+
+
+@pytest.mark.parametrize(
+    ("head", "meant"), [("", "SI assumed"), (units(*SI), "factor 1 to SI taken from dataset 164"), (units(*MM), "factor 1 to SI taken")]
+)
+@pytest.mark.parametrize(
+    ("above", "below", "told"),
+    [("V", "V", "'V' over 'V'"), ("EU", "NONE", "'EU'"), ("NONE", "V", "'' over 'V'"), ("m/s^2", "V", "'m/s^2' over 'V'")],
+)
+def test_labels_that_are_not_understood_are_warned_of(tmp_path, above, below, told, head, meant):
+    """An uncalibrated chain (V over V) counted as SI with only a note."""
+    one = function(numerator=(12, 0, 0, "Acceleration", above), denominator=(13, 0, 0, "Force", below))
+    (warning,) = read(tmp_path, head + one + one).warnings
+    assert warning.startswith(f"records 1-2: unit {told} not understood, {meant}")
+    assert "'format: {unit: ...}'" in warning
+    assert read(tmp_path, head + one, TextLayout(unit="g/N")).warnings == ()
+
+
+@pytest.mark.parametrize("labels", [("NONE", "NONE"), ("NONE", "N"), ("", ""), ("m/s^2", "NONE"), ("m/s^2", "N"), ("g", "lbf"), ("-", "N")])
+def test_labels_that_are_understood_or_missing_are_not_warned_of(tmp_path, labels):
+    one = function(numerator=(12, 0, 0, "Acceleration", labels[0]), denominator=(13, 0, 0, "Force", labels[1]))
+    assert read(tmp_path, one).warnings == ()

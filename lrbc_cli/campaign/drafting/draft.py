@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from lrbc_cli.campaign.drafting.channels import NamedFile, jobs_of, name_after_files, other_names
 from lrbc_cli.campaign.drafting.recognise import FilesFound, MatrixFound
 from lrbc_cli.campaign.drafting.roles import (
     HAMMER,
@@ -28,10 +29,11 @@ from lrbc_cli.campaign.drafting.roles import (
 )
 from lrbc_cli.campaign.reading.reader import LABELS
 from lrbc_cli.config.document import resolve_scalar
-from lrbc_cli.config.fields import job_name, plain_name
+from lrbc_cli.config.fields import plain_name
 from lrbc_cli.config.skeleton import SCHEMA_LINE
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.io.common import listing
+from lrbc_cli.io.frf_common import response_of
 from lrbc_cli.io.text.bushings import read_bushings
 from lrbc_cli.io.text.tables import read_dof_list, read_points, read_positions
 from lrbc_cli.model.dofs import DofTable
@@ -58,6 +60,8 @@ class Draft:
     folder : Path
         Folder of the campaign file.
     found : FilesFound
+    named : dict of NamedFile
+        FRFs that are named after their files.
     roles : Roles
     table : DofTable or None
     todo : list of str
@@ -68,6 +72,7 @@ class Draft:
 
     folder: Path
     found: FilesFound
+    named: dict[Path, NamedFile]
     roles: Roles
     table: DofTable | None
     todo: list[str] = field(default_factory=list)
@@ -86,7 +91,8 @@ class Draft:
         if found.group is None and "#" not in found.path.name:
             return self.path(found.path)
         group = "" if found.group is None else f", group: {quoted(found.group)}"
-        return f"{{file: {self.path(found.path)}{group}}}"
+        arrays = "" if found.arrays is None else f", {found.arrays.setting(quoted)}"
+        return f"{{file: {self.path(found.path)}{group}{arrays}}}"
 
     def text(self) -> str:
         """The whole campaign file."""
@@ -235,13 +241,13 @@ class Draft:
         numbered = bool(records) and self._numbered(records)
         for number, record in enumerate(records, start=1):
             plain = _name(
-                record.name,
+                response_of(record.name),
                 f"n{record.response_node}-{LABELS[record.response_direction].lower()}" if record.response_node else f"r{number}",
             )
             name = plain if plain not in names else f"{plain}-{number}"
             further = "" if name == record.name else f", record: {_record(record, number)}"
             names.append(name)
-            point = self.roles.points.get(record.name.strip().lower())
+            point = self.roles.point(record.name)
             place = (
                 self._near(point)
                 if point is not None
@@ -249,7 +255,7 @@ class Draft:
                 if numbered
                 else None
             )
-            quantity = record.quantity or (point.quantity if point else None) or _quantity(record.name)
+            quantity = record.quantity or (point.quantity if point else None) or _quantity(response_of(record.name))
             further += f", quantity: {quantity}" if quantity else ""
             if place is None:
                 lost.append((name, record, further))
@@ -366,33 +372,37 @@ class Draft:
         ]
 
     def _jobs(self) -> dict[str, list[Path]]:
-        """Files of each job: one file, or all files with a single record of the same state."""
-        states: dict[tuple[Path, str], list[Path]] = {}
-        for path, frf in self.found.measurements.items():
-            states.setdefault((path.parent, _state_of(path, frf.records)), []).append(path)
-        jobs: dict[str, list[Path]] = {}
-        for (parent, state), paths in states.items():
-            name = state if len(paths) > 1 else paths[0].stem
-            jobs[job_name([name, f"{parent.name}-{name}"], jobs, self.found.called(paths[0]))] = paths
+        """Files of each job."""
+        jobs = jobs_of(self.found, self.named)
         self.recognised += [f"{len(jobs)} jobs: {', '.join(jobs)}"] if jobs else []
+        if self.named:
+            path, one = next(iter(self.named.items()))
+            self.todo.append(
+                f"jobs and responses: {len(self.named)} FRFs have no name in their files, so the files give it: "
+                f"{self.found.called(path)} is taken as {one.channel} in the state {one.state}"
+            )
         return jobs
 
     def _job(self, paths: Sequence[Path]) -> str:
         # The longest matching name counts: `tight-2-coherence` belongs to `tight-2`, not to `tight`.
         stems = {path.stem.lower() for path in self.found.measurements}
         of = {c: max((stem for stem in stems if stem in c.stem.lower()), key=len, default="") for c in self.found.coherences}
-        own = [c for c, stem in of.items() if stem in (path.stem.lower() for path in paths)]
+        # Files of the same name in several folders belong to the coherences of their own folder.
+        folders = {path.parent for path in self.found.measurements}
+        places = {(path.stem.lower(), path.parent) for path in paths}
+        own = [c for c, stem in of.items() if any(stem == mine and (c.parent == at or c.parent not in folders) for mine, at in places)]
         keys = {"frf": paths, **({"coherence": own} if own else {})}
         lists = {key: [self.path(path) for path in several] for key, several in keys.items()}
-        return (
-            "{" + ", ".join(f"{key}: {texts[0] if len(texts) == 1 else '[' + ', '.join(texts) + ']'}" for key, texts in lists.items()) + "}"
-        )
+        parts = [f"{key}: {texts[0] if len(texts) == 1 else '[' + ', '.join(texts) + ']'}" for key, texts in lists.items()]
+        others = [f"{name}: {{file: {self.path(path)}}}" for name, path in other_names(paths, self.named).items()]
+        return "{" + ", ".join([*parts, *([f"records: {{{', '.join(others)}}}"] if others else [])]) + "}"
 
 
 def draft(folder: Path, found: FilesFound) -> Draft:
     """Draft of a campaign file in ``folder`` for the recognised files."""
+    named = name_after_files(found)
     roles = roles_of(found)
-    return Draft(folder=folder, found=found, roles=roles, table=table_of(found, roles))
+    return Draft(folder=folder, found=found, named=named, roles=roles, table=table_of(found, roles))
 
 
 def quoted(text: str) -> str:
@@ -404,15 +414,6 @@ def quoted(text: str) -> str:
 def _name(text: str, otherwise: str) -> str:
     """A text as a name in the campaign file, without accents."""
     return plain_name(text) or otherwise
-
-
-def _state_of(path: Path, records: Sequence[FrfRecord]) -> str:
-    """State of a file: its name without that of its single record, or the name of its folder if nothing remains."""
-    channel = records[0].name.strip() if len(records) == 1 else ""
-    if not channel or channel.lower() not in path.stem.lower():
-        return path.stem
-    at = path.stem.lower().index(channel.lower())
-    return (path.stem[:at] + path.stem[at + len(channel) :]).strip("-_. ") or path.parent.name
 
 
 def _record(record: FrfRecord, number: int) -> str:

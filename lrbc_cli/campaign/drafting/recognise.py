@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -13,6 +14,7 @@ from lrbc_cli.errors import ConfigError, LrbcError
 from lrbc_cli.io.common import head
 from lrbc_cli.io.encoding import decode
 from lrbc_cli.io.frf import read_coherence, read_frf
+from lrbc_cli.io.hdf5.layouts import ArrayNames, compressed_groups, is_exodus
 from lrbc_cli.io.matrices.read import matrix_names, read_vectors
 from lrbc_cli.io.text.dof_maps import read_dof_map
 from lrbc_cli.io.text.nodes import read_nodes
@@ -40,12 +42,13 @@ TABLES: tuple[tuple[str, set[str], set[str]], ...] = (
 
 @dataclass(frozen=True)
 class MatrixFound:
-    """A matrix with its file, its name in the file if any, and its DOF labels."""
+    """A matrix with its file, its name in the file if any, its DOF labels, and the names of its arrays if they are not the usual ones."""
 
     path: Path
     group: str | None
     matrix: Any
     labels: DofLabels | None
+    arrays: ArrayNames | None = None
 
     @property
     def name(self) -> str:
@@ -139,7 +142,7 @@ def _look_at(path: Path, found: FilesFound) -> None:
         found.coherences.append(path)
         return
     why: dict[Callable[[Path, FilesFound], bool], str] = {}
-    for take in (_frfs, _matrices, _nodes, _text_frfs):
+    for take in (_nodes,) if _is_mesh(path) else (_frfs, _matrices, _nodes, _text_frfs):
         try:
             if take(path, found):
                 return
@@ -187,7 +190,22 @@ def _matrices(path: Path, found: FilesFound) -> bool:
     names = matrix_names(path)
     read = {name: read_vectors(path, name) for name in names}
     found.matrices += [MatrixFound(path, name, one.matrix, one.labels) for name, one in read.items() if min(one.matrix.shape) > 0]
-    return bool(names)
+    compressed = 0
+    for group, arrays in compressed_groups(path).items():
+        # Three arrays of these sizes may be something else.
+        with suppress(LrbcError):
+            one = read_vectors(path, group, "hdf5", arrays)
+            found.matrices.append(MatrixFound(path, group, one.matrix, one.labels, arrays))
+            compressed += 1
+    return bool(names) or compressed > 0
+
+
+def _is_mesh(path: Path) -> bool:
+    """Whether a file is an exodus mesh (netCDF); its coordinates are no matrix."""
+    try:
+        return head(path, 4).startswith(b"CDF") or is_exodus(path)
+    except LrbcError:
+        return False
 
 
 def _nodes(path: Path, found: FilesFound) -> bool:
@@ -199,7 +217,7 @@ def _nodes(path: Path, found: FilesFound) -> bool:
 #: Reader of files with a given ending.
 PROMISED = {
     **dict.fromkeys((".csv", ".txt", ".asc"), _text_frfs),
-    **dict.fromkeys((".mtx", ".gz", ".full", ".op4", ".pch"), _matrices),
+    **dict.fromkeys((".mtx", ".gz", ".full", ".op4", ".pch", ".mph", ".wbpz"), _matrices),
 }
 
 

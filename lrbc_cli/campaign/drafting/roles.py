@@ -17,6 +17,7 @@ from lrbc_cli.campaign.reading.dof_source import numbering
 from lrbc_cli.campaign.reading.places import likely_units
 from lrbc_cli.config.structure import DofSource
 from lrbc_cli.errors import DataError, LrbcError
+from lrbc_cli.io.frf_common import alike
 from lrbc_cli.io.sparse import MatrixFile
 from lrbc_cli.io.text.bushings import read_bushings
 from lrbc_cli.io.text.tables import read_positions, read_table
@@ -86,6 +87,11 @@ class Roles:
     points: dict[str, PointFound] = field(default_factory=dict)
     spare: list[str] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
+
+    def point(self, name: str) -> PointFound | None:
+        """Point of a sensor by the name of its record, or by the only name that is alike; None if there is none."""
+        near = [point for key, point in self.points.items() if alike(key) == alike(name)]
+        return self.points.get(name.strip().lower()) or (near[0] if len(near) == 1 else None)
 
 
 def roles_of(found: FilesFound) -> Roles:
@@ -190,7 +196,7 @@ def _vectors(found: FilesFound, roles: Roles) -> None:
 
 def _named_points(found: FilesFound, roles: Roles) -> None:
     """Assign tables of named points to bolts, or to places of sensors and hammer."""
-    records = {record.name.strip().lower() for frf in found.measurements.values() for record in frf.records}
+    records = {alike(record.name) for frf in found.measurements.values() for record in frf.records}
     for path in (*found.of("points"), *found.of("named")):
         try:
             table = read_table(path, ("name", "x", "y", "z"), ("component", "quantity"))
@@ -198,7 +204,7 @@ def _named_points(found: FilesFound, roles: Roles) -> None:
         except LrbcError as error:
             roles.doubts.append(f"{found.called(path)}: {error.problem}")
             continue
-        measured = any(name.strip().lower() in records or HAMMER.search(name) for name in names)
+        measured = any(alike(name) in records or HAMMER.search(name) for name in names)
         if path in found.of("named") and (BOLTS.search(path.stem) or not measured):
             if roles.bolts is None:
                 roles.bolts = path

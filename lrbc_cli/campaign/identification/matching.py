@@ -13,6 +13,7 @@ from lrbc_cli.campaign.reading.places import MILLIMETRES
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.config.structure import FileRecordRef, PointConfig, RecordRef
 from lrbc_cli.errors import DataError
+from lrbc_cli.io.frf_common import alike
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.model.selection import nearest, spacing
@@ -111,7 +112,7 @@ def _one(found: list[FrfRecord], how: str, response: Response, frf: FrfSet, inpu
 
 
 def match_record(response: Response, wanted: Wanted | None, frf: FrfSet, inputs: Inputs) -> FrfRecord | None:
-    """Record of a response: as the campaign states, else by name, by node and direction, or by reciprocity.
+    """Record of a response: as the campaign states, else by name, node and direction, reciprocity, or a name that is only alike.
 
     Returns
     -------
@@ -130,8 +131,10 @@ def match_record(response: Response, wanted: Wanted | None, frf: FrfSet, inputs:
     if wanted is not None:
         return one(_asked(wanted), _wanted_text(wanted))
     found = one(_asked(response.name), f"name {response.name}")
-    if found is not None or response.node is None:
+    if found is not None:
         return found
+    if response.node is None:
+        return _named_alike(response, frf, inputs)
     driven, _ = inputs.excitation_points[response.input]
     several = len(inputs.excitations) > 1
 
@@ -147,7 +150,20 @@ def match_record(response: Response, wanted: Wanted | None, frf: FrfSet, inputs:
 
     direction = "" if response.direction is None else f" direction {response.direction}"
     found = one(fits, f"node {response.node}{direction}")
-    return found if found is not None else one(lambda r: reciprocal(r, response, inputs), f"hammer at node {response.node}{direction}")
+    found = found if found is not None else one(lambda r: reciprocal(r, response, inputs), f"hammer at node {response.node}{direction}")
+    return found if found is not None else _named_alike(response, frf, inputs)
+
+
+def _named_alike(response: Response, frf: FrfSet, inputs: Inputs) -> FrfRecord | None:
+    """The only record with a name such as ``H1(acc1/hammer)`` or ``Acc 1`` for the response ``acc1``.
+
+    None if several records or responses are alike, or the record has the name of another response.
+    """
+    wanted = alike(response.name)
+    found = [record for record in frf.records if alike(record.name) == wanted]
+    others = [other.name for other in inputs.responses if other is not response]
+    taken = any(alike(name) == wanted or _named(record, name) for record in found for name in others)
+    return found[0] if len(found) == 1 and not taken else None
 
 
 def reciprocal(record: FrfRecord, response: Response, inputs: Inputs) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,20 +10,13 @@ import numpy as np
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import head, listing
+from lrbc_cli.io.hdf5.layouts import MESH, ArrayNames, arrays_of, groups_in, holds_exodus
 from lrbc_cli.io.hdf5.tools import load, lookup, open_hdf5, read_safely, shape_attribute, text_attribute
 from lrbc_cli.io.sparse import MatrixFile, canonical, from_compressed, no_such_matrix, only_matrix
 
+__all__ = ["ArrayNames", "hdf5_matrix_names", "read_hdf5_matrix"]
+
 _VERSIONS = ("0.1.0",)
-
-
-@dataclass(frozen=True)
-class ArrayNames:
-    """Names of the arrays of a compressed matrix, and whether rows (``csr``) or columns (``csc``) are compressed."""
-
-    data: str
-    indices: str
-    indptr: str
-    layout: Literal["csr", "csc"]
 
 
 def read_hdf5_matrix(path: Path, group: str | None = None, arrays: ArrayNames | None = None) -> MatrixFile:
@@ -75,8 +67,12 @@ def _read(path: Path, group: str | None, arrays: ArrayNames | None) -> MatrixFil
         if not group and arrays is not None:
             group = "/"
         if not group:
-            beside, hint = [f"{key!r}" for key in file], "see the README for the layouts that are read"
-            group = only_matrix(_candidates(file), path, notes, beside=beside, hint=hint)
+            if holds_exodus(file):
+                raise DataError(
+                    "this is an exodus mesh, not a matrix", file=path, expected="a matrix", found="nodes and elements", hint=MESH
+                )
+            beside = [f"{key!r}" for key in file]
+            group = only_matrix(_candidates(file), path, notes, beside=beside, hint=_layouts(file))
         try:
             node = lookup(file, group if group in file else group.replace(".", "/"), path)
         except KeyError:
@@ -105,7 +101,16 @@ def _layout(node: Any) -> str | None:
     return legacy if legacy in ("csr", "csc") else None
 
 
+def _layouts(file: h5py.File) -> str:
+    """What to do with a file without a matrix."""
+    for name, arrays in groups_in(file).items():
+        return f"if {name} is a compressed matrix, write `{{file: FILE, group: {name}, {arrays.setting()}}}`"
+    return "`lrbc guide formats` lists the layouts that are read"
+
+
 def _candidates(file: h5py.File) -> list[str]:
+    if holds_exodus(file):
+        return []
     names: list[str] = []
 
     def visit(name: str, node: Any) -> None:
@@ -118,18 +123,6 @@ def _candidates(file: h5py.File) -> list[str]:
 
     file.visititems(visit)
     return names
-
-
-def _mapping(node: Any) -> str | None:
-    """Setting that names the arrays of a group, if three of them look like those of a compressed matrix; else None."""
-    if not isinstance(node, h5py.Group):
-        return None
-    arrays = {name: item for name, item in node.items() if isinstance(item, h5py.Dataset) and len(item.shape or ()) == 1}
-    whole = sorted((name for name, item in arrays.items() if item.dtype.kind in "iu"), key=lambda name: arrays[name].size)
-    rest = [name for name in arrays if name not in whole]
-    if len(whole) != 2 or len(rest) != 1 or arrays[rest[0]].size != arrays[whole[1]].size:
-        return None
-    return f"add `arrays: {{data: {rest[0]}, indices: {whole[1]}, indptr: {whole[0]}}}` beside `file:` and `group:`"
 
 
 def _read_arrays(node: Any, name: str, path: Path, arrays: ArrayNames, notes: list[str]) -> Any:
@@ -158,7 +151,7 @@ def _read_node(node: Any, name: str, path: Path, matlab: bool, notes: list[str])
             expected="a group with 'encoding-type' csr_matrix or csc_matrix, a MATLAB sparse matrix, or a two-dimensional dataset of real "
             "or complex numbers",
             found=inside,
-            hint=_mapping(node),
+            hint=f"add `{arrays.setting()}` beside `file:` and `group:`" if (arrays := arrays_of(node)) else None,
         )
     if layout == "dense":
         values = load(node, path)

@@ -5,18 +5,20 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from lrbc_cli.io.hdf5.layouts import MESH
+from lrbc_cli.io.npz.others import other_archive
+
 _ABAQUS = "in Abaqus: *MATRIX GENERATE, STIFFNESS, MASS and *MATRIX OUTPUT, STIFFNESS, MASS, FORMAT=MATRIX INPUT in a step of its own"
 _ANSYS = "in Ansys: /AUX2, then HBMAT with mapping, or *SMAT and *EXPORT,...,MMF"
 _NASTRAN = "in Nastran: EXTSEOUT(STIFFNESS,MASS,DMIGPCH), or OUTPUT4 of KAA and MAA"
 _COMSOL = "in COMSOL: mphmatrix and save in LiveLink for MATLAB"
-_MESH = "a mesh goes to `dofs: {nodes: FILE}`"
 
 #: First bytes of a file, the program that wrote it, and what to do.
 _STARTS: tuple[tuple[bytes, str, str], ...] = (
-    (b"CDF", "an exodus mesh or another netCDF file", _MESH),
-    (b"$MeshFormat", "a mesh of gmsh", _MESH),
+    (b"CDF", "an exodus mesh or another netCDF file", MESH),
+    (b"$MeshFormat", "a mesh of gmsh", MESH),
     (b"*HEADING", "an input file of Abaqus or CalculiX, not a matrix", _ABAQUS),
-    (b"*NODE", "an input file of Abaqus or CalculiX, not a matrix", _MESH),
+    (b"*NODE", "an input file of Abaqus or CalculiX, not a matrix", MESH),
     (b"*", "an input file of Abaqus or CalculiX, not a matrix", _ABAQUS),
     (b"/COM", "an input file of Ansys, not a matrix", _ANSYS),
     (b"<?xml", "a file in XML", "export matrices as text"),
@@ -58,6 +60,9 @@ def written_by(path: Path, start: bytes) -> tuple[str | None, str]:
     start
         First bytes of the file.
     """
+    archive = other_archive(path, start)
+    if archive is not None:
+        return archive.program, archive.matrix
     if of_elements(start):
         return "a substructure or single elements of Abaqus, not an assembled matrix", _ABAQUS
     first = start.lstrip().upper()

@@ -22,6 +22,7 @@ from lrbc_cli.io.matrices.op4 import is_op4, op4_names, read_op4
 from lrbc_cli.io.matrices.triplets import read_triplets, triplets_format
 from lrbc_cli.io.npz.archive import SIGNATURE as NPZ_SIGNATURE
 from lrbc_cli.io.npz.matrices import npz_matrix_names, read_npz_matrix
+from lrbc_cli.io.npz.others import other_archive
 from lrbc_cli.io.sparse import MatrixFile, require_square
 
 
@@ -48,7 +49,9 @@ FORMATS = {
         ),
         MatrixFileFormat("hdf5", lambda path, _: is_hdf5(path), read_hdf5_matrix, hdf5_matrix_names),
         MatrixFileFormat("mat-v5", lambda _, start: is_mat5(start), read_mat5_matrix, mat5_matrix_names),
-        MatrixFileFormat("npz", lambda _, start: start[:4] == NPZ_SIGNATURE, read_npz_matrix, npz_matrix_names),
+        MatrixFileFormat(
+            "npz", lambda path, start: start[:4] == NPZ_SIGNATURE and not other_archive(path, start), read_npz_matrix, npz_matrix_names
+        ),
         # Formats without a fixed mark.
         MatrixFileFormat("nastran-op4", lambda _, start: is_op4(start), read_op4, _if_several(op4_names)),
         MatrixFileFormat("ansys-full", lambda _, start: is_ansys_full(start), read_ansys_full, lambda _: ["K", "M"]),

@@ -26,7 +26,7 @@ from lrbc_cli.io.frf_common import (
     scaled,
 )
 from lrbc_cli.io.layout import TextLayout
-from lrbc_cli.io.text.angles import angle_unit
+from lrbc_cli.io.text.angles import PhaseColumn, angle_units
 from lrbc_cli.io.text.blocks import Block, blocks
 from lrbc_cli.io.text.sniff import TextTable, read_table
 from lrbc_cli.io.units import decibel, parse_unit
@@ -91,10 +91,11 @@ def _of_table(table: TextTable, path: Path, layout: TextLayout, within: str = ""
         coherences = {_only(pairs, table.called(named), path).name: named}
     records = []
     warnings: list[str] = []
+    polar = [PhaseColumn(magnitude=p.first, phase=p.second, in_db=p.kind == "db-phase") for p in pairs if p.kind != "real-imag"]
+    angles = dict(zip((column.phase for column in polar), angle_units(table, polar, layout, notes, warnings), strict=True))
     for pair in pairs:
         name, about = pair.name, f"{within}column {table.called(pair.first)}"
-        angle = "rad" if pair.kind == "real-imag" else angle_unit(table, pair.second, layout, notes, warnings)
-        values = combined(*_parts(table, pair, path), pair.kind, angle)
+        values = combined(*_parts(table, pair, path), pair.kind, angles.get(pair.second, "rad"))
         scale, quantity = conversion(_unit(table, pair, units, layout, path), layout, path, about, notes, warnings)
         coherence = _coherence(table, coherences[name], path, name, notes) if name in coherences else None
         values = scaled(values, scale, path, about)

@@ -20,7 +20,7 @@ WORDS = {
         "parte immaginaria, parte imaginaria",
         "magnitude": "magnitude, mag, amplitude, amp, abs, betrag, modul, module, modulus, modulo, gain, level, pegel, niveau",
         "db": "db, magnitude_db, mag_db",
-        "phase": "phase, ph, phi, arg, phasenwinkel, phase angle, fase",
+        "phase": "phase, ph, phi, arg, phasenwinkel, phase angle, fase, winkel, angle, angolo, angulo",
         "phase-deg": "phase_deg",
         "phase-rad": "phase_rad",
         "coherence": "coherence, coh, koharenz, kohaerenz, coherenz, coerenza, coherencia",

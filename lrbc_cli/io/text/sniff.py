@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +20,8 @@ from lrbc_cli.io.text.header import Heading, read_headings, stated_axis_unit, st
 _POINT = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eEdD][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)|", re.IGNORECASE)
 _COMMA = re.compile(r"[-+]?(?:\d+(?:,\d+)?|,\d+)(?:[eEdD][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)|", re.IGNORECASE)
 _CANDIDATES = (("\t", "."), (";", "."), (",", "."), (" ", "."), ("\t", ","), (";", ","), (" ", ","))
+# A quoted number with a decimal comma: only with such cells may commas separate the columns, too.
+_QUOTED_COMMA = re.compile(r'"\s*[-+]?\d*,\d+(?:[eEdD][-+]?\d+)?\s*"')
 # Number of lines at the end of a file from which its separators are determined.
 _SAMPLE = 200
 # A complex number in one cell, recognised by its imaginary unit.
@@ -80,7 +83,8 @@ def read_table(path: Path, layout: TextLayout, lines: list[str], before: int = 0
         If there is no such block, or a line in it does not fit.
     """
     skip = layout.skip or 0
-    candidates = [(d, p) for d, p in _CANDIDATES if layout.delimiter in (None, d) and layout.decimal in (None, p)]
+    known = [*_CANDIDATES, *([(",", ",")] if any(map(_QUOTED_COMMA.search, lines[-_SAMPLE:])) else [])]
+    candidates = [(d, p) for d, p in known if layout.delimiter in (None, d) and layout.decimal in (None, p)]
     best, parts = _best(lines[skip:], candidates), None
     if best is None and (halved := _halved(lines, candidates)) is not None:
         lines, parts = halved
@@ -164,8 +168,19 @@ def _split(line: str, delimiter: str) -> list[str]:
     if delimiter == " ":
         return line.split()
     if '"' in line:
+        # Quotes protect separators, unless they surround the whole line.
+        if len(cells := _quoted(line, delimiter)) > 1:
+            return cells
         line = line.replace('"', "")
     return [cell.strip() for cell in line.split(delimiter)]
+
+
+def _quoted(line: str, delimiter: str) -> list[str]:
+    """Cells of a line, some of them in quotes; empty if the quotes are unusable."""
+    try:
+        return [cell.replace('"', "").strip() for cell in next(csv.reader([line.strip()], delimiter=delimiter), [])]
+    except csv.Error:
+        return []
 
 
 def _fits(line: str, delimiter: str, decimal: str, width: int | None) -> bool:

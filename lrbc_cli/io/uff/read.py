@@ -109,7 +109,7 @@ def read_uff(path: Path, layout: TextLayout) -> FrfSet:
     # The fifth ID line may be a name, see `_name`.
     said = dict.fromkeys(line.strip() for function in functions for line in function.id_lines[:4])
     titles = tuple(line for line in said if line not in ("", "NONE"))
-    return FrfSet(str(path), tuple(_attach(records, coherences, notes)), notes.lines(), titles=titles)
+    return FrfSet(str(path), tuple(_attach(records, coherences, notes)), notes.lines(), notes.warnings(), titles=titles)
 
 
 def _unnamed_frf(function: UffFunction, notes: Notes) -> bool:
@@ -260,9 +260,12 @@ def _conversion(function: UffFunction, units: UffUnits | None, layout: TextLayou
             found=f"{function.numerator.unit!r} over {function.denominator.unit or 'N'!r}, which gives {label.factor:.6g}",
             hint="set 'format: {unit: ...}' of the job",
         )
-    if label is None and table is None:
-        unread = function.numerator.unit
-        notes.add(f"no units (no dataset 164{f', unit {unread!r} not understood' if unread else ''}); SI assumed", record)
+    unread = _unread(function) if label is None else ""
+    if unread:
+        meant = "SI assumed" if table is None else f"factor {table:.6g} to SI taken from dataset 164"
+        notes.warn(f"unit {unread} not understood, {meant}: set 'format: {{unit: ...}}' of the job", record)
+    elif label is None and table is None:
+        notes.add("no units (no dataset 164, no labels); SI assumed", record)
     if quantity is None:
         notes.add("the file does not state the quantity of the FRF", record)
     return (label.factor if label is not None else table if table is not None else 1.0), quantity
@@ -281,6 +284,16 @@ def _label_unit(function: UffFunction) -> Unit | None:
     if below is None:
         return above / Unit(1.0, force=1) if not function.denominator.unit else None
     return above / below if response_quantity(above / below) is not None else None
+
+
+def _unread(function: UffFunction) -> str:
+    """Unit labels of the axes for messages, where they do not state the unit of an FRF; empty if there are none."""
+    above, below = (
+        "" if axis.unit.strip("- ").upper() in ("", "NONE") else axis.unit for axis in (function.numerator, function.denominator)
+    )
+    if not above and (not below or parse_unit(below) is not None):
+        return ""
+    return f"{above!r} over {below!r}" if below else repr(above)
 
 
 def _require_force(function: UffFunction, path: Path, notes: Notes) -> None:

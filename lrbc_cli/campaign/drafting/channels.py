@@ -1,0 +1,169 @@
+"""Sorts FRF files into jobs, and names FRFs without a name after their files or folders."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from lrbc_cli.campaign.drafting.recognise import FilesFound
+from lrbc_cli.campaign.drafting.roles import BOLTS, HAMMER, names_loose, tight_states
+from lrbc_cli.config.fields import job_name, plain_name
+from lrbc_cli.errors import LrbcError
+from lrbc_cli.io.frf_common import alike
+from lrbc_cli.io.text.tables import read_table
+from lrbc_cli.model.frf import FrfRecord
+
+#: Names of numbered sensors and channels.
+CHANNELS = re.compile(r"(acc|bes|beschl|mic|mik|vel|disp|sens|sensor|kanal|ch|chan|channel)[\s_.-]*\d+[\s_.-]*[xyz]?", re.IGNORECASE)
+
+#: Separators between the state and the channel in the name of a file.
+_SEPARATORS = re.compile(r"[\s_.-]+")
+
+#: Separators from either end of a name at which it may be divided.
+_DIVISIONS = (-1, 0, -2, 1, -3, 2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NamedFile:
+    """State and channel of an FRF without a name, by its file.
+
+    Attributes
+    ----------
+    folder : Path
+        Folder of all files of the measurement.
+    state : str
+        Name of the measurement.
+    channel : str
+        Name of the FRF.
+    """
+
+    folder: Path
+    state: str
+    channel: str
+
+
+def name_after_files(found: FilesFound) -> dict[Path, NamedFile]:
+    """Name the FRFs without a name, which are alone in their files, where the files or folders name sensors; `found` is changed.
+
+    Three layouts are recognised: ``tight/acc1.txt``, ``acc1/tight.txt`` and ``tight_acc1.txt``. The first one needs the same files in
+    several folders or names of the table of points; the others need names of that table, or of numbered sensors.
+    """
+    unnamed = [path for path, frf in found.measurements.items() if len(frf.records) == 1 and _is_nameless(frf.records[0])]
+    is_channel = _channels(found)
+    named: dict[Path, NamedFile] = {}
+    for folder in dict.fromkeys(path.parent for path in unnamed):
+        named |= _by_parts(folder, [path for path in unnamed if path.parent == folder], is_channel)
+    named |= _by_folders(found, [path for path in unnamed if path not in named], is_channel)
+    for path, one in named.items():
+        frf = found.measurements[path]
+        found.measurements[path] = replace(frf, records=(replace(frf.records[0], name=one.channel),))
+    return named
+
+
+def jobs_of(found: FilesFound, named: Mapping[Path, NamedFile]) -> dict[str, list[Path]]:
+    """Files of each job: one file, or all files with a single record of the same state."""
+    states: dict[tuple[Path, str], list[Path]] = {}
+    for path, frf in found.measurements.items():
+        one = named.get(path)
+        key = (path.parent, _state_of(path, frf.records)) if one is None else (one.folder, one.state)
+        states.setdefault(key, []).append(path)
+    jobs: dict[str, list[Path]] = {}
+    for (parent, state), paths in states.items():
+        name = state if len(paths) > 1 or paths[0] in named else paths[0].stem
+        jobs[job_name([name, f"{parent.name}-{name}"], jobs, found.called(paths[0]))] = paths
+    return jobs
+
+
+def other_names(paths: Sequence[Path], named: Mapping[Path, NamedFile]) -> dict[str, Path]:
+    """Files by the name of their FRF, where this is not the name of the file, which the readers give it."""
+    return {one.channel: path for path in paths if (one := named.get(path)) is not None and alike(one.channel) != alike(path.stem)}
+
+
+def _is_nameless(record: FrfRecord) -> bool:
+    return not record.name.strip() and record.response_node is None
+
+
+def _channels(found: FilesFound) -> Callable[[str], bool]:
+    """Test whether a name is that of a sensor: in a table of points, or by its word."""
+    points: set[str] = set()
+    for path in (*found.of("points"), *found.of("named")):
+        if BOLTS.search(path.stem) is None:
+            with suppress(LrbcError):
+                names = read_table(path, ("name",), ("x", "y", "z", "component", "quantity")).text("name")
+                points.update(alike(name) for name in names if HAMMER.search(name) is None)
+    return lambda text: alike(text) in points or CHANNELS.fullmatch(text.strip()) is not None
+
+
+def _is_state(text: str) -> bool:
+    """Whether a name says that something is tight or loose."""
+    return names_loose(text) or bool(tight_states({text: text})[0])
+
+
+def _mostly(texts: Iterable[str], test: Callable[[str], bool]) -> bool:
+    told = [test(text) for text in texts]
+    return 2 * sum(told) > len(told)
+
+
+def _by_parts(folder: Path, paths: Sequence[Path], is_channel: Callable[[str], bool]) -> dict[Path, NamedFile]:
+    """Files of one folder such as ``tight_acc1.txt``: all pairs of the states and the channels in their names."""
+    for at in _DIVISIONS:
+        for last in (True, False):
+            found: dict[Path, NamedFile] = {}
+            for path in paths:
+                cuts = list(_SEPARATORS.finditer(path.stem))
+                if at >= len(cuts) or -at > len(cuts):
+                    continue
+                left, right = path.stem[: cuts[at].start()], path.stem[cuts[at].end() :]
+                state, channel = (left, right) if last else (right, left)
+                if state and is_channel(channel) and not is_channel(state):
+                    found[path] = NamedFile(folder=folder, state=state, channel=plain_name(channel))
+            pairs = {(one.state.lower(), alike(one.channel)) for one in found.values()}
+            states, channels = {state for state, _ in pairs}, {channel for _, channel in pairs}
+            if 2 * len(found) > len(paths) and len(channels) > 1 and len(pairs) == len(found) == len(states) * len(channels):
+                return found
+    return {}
+
+
+def _by_folders(found: FilesFound, paths: Sequence[Path], is_channel: Callable[[str], bool]) -> dict[Path, NamedFile]:
+    """Files such as ``tight/acc1.txt`` or ``acc1/tight.txt``."""
+    folders = dict.fromkeys(path.parent for path in paths)
+    stems = {path.stem for path in paths}
+    by_channel = _mostly(stems, is_channel)
+    if not by_channel and len(folders) > 1 and _mostly([folder.name for folder in folders], is_channel):
+        return {
+            path: NamedFile(folder=path.parent.parent, state=path.stem, channel=plain_name(path.parent.name))
+            for path in paths
+            if is_channel(path.parent.name)
+        }
+    if not by_channel and any(map(_is_state, stems)):
+        return {}
+    often = Counter(alike(path.stem) for path in paths)
+    names = _called(found, folders)
+    return {
+        path: NamedFile(folder=path.parent, state=names[path.parent], channel=path.stem)
+        for path in paths
+        if often[alike(path.stem)] > 1 or is_channel(path.stem)
+    }
+
+
+def _called(found: FilesFound, folders: Iterable[Path]) -> dict[Path, str]:
+    """Names of folders, with the folders around them where names repeat."""
+    own = {folder: folder.resolve().name for folder in folders}
+    often = Counter(own.values())
+    return {
+        folder: name if often[name] == 1 or folder == found.folder else "-".join(folder.relative_to(found.folder).parts)
+        for folder, name in own.items()
+    }
+
+
+def _state_of(path: Path, records: Sequence[FrfRecord]) -> str:
+    """State of a file: its name without that of its single record, or the name of its folder if nothing remains."""
+    channel = records[0].name.strip() if len(records) == 1 else ""
+    if not channel or channel.lower() not in path.stem.lower():
+        return path.stem
+    at = path.stem.lower().index(channel.lower())
+    return (path.stem[:at] + path.stem[at + len(channel) :]).strip("-_. ") or path.parent.name
