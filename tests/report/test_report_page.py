@@ -16,7 +16,7 @@ from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.report import page, write
 from lrbc_cli.report.content import Content
 from lrbc_cli.report.drawing import format as fmt
-from lrbc_cli.report.html import Markup, tag
+from lrbc_cli.report.html import Markup, resource, tag
 from lrbc_cli.report.parts import tables
 from lrbc_cli.report.reading import read_results
 from lrbc_cli.report.sections import jobs
@@ -370,3 +370,11 @@ def test_a_page_of_seven_jobs_is_no_large_mail(tmp_path, monkeypatch):
     found = parsed(tmp_path)
     assert len([entry for entry in found.all("figure") if entry.get("data-response")]) == 70
     assert (tmp_path / "report.html").stat().st_size < 6_000_000
+
+
+def test_links_within_the_page_land_where_they_lead():
+    """Guessed heights of figures that are not drawn yet move the target away while the page scrolls to it."""
+    sheet = resource("page.css")
+    assert "scroll-padding-top: 3.2rem" in sheet
+    assert "scroll-behavior" not in sheet
+    assert "contain-intrinsic-size" not in sheet
