@@ -6,6 +6,7 @@ Every module raises one of these three classes (usage, data, numerical); ``cli/m
 from __future__ import annotations
 
 import errno
+import os
 from pathlib import Path
 
 #: Most characters of one part of a message; what was found may be a whole file.
@@ -20,6 +21,11 @@ def _shortened(value: object) -> str:
 def on_one_line(error: Exception | str) -> str:
     """Message joined to a single line."""
     return "; ".join(" ".join(line.split()) for line in str(error).splitlines())
+
+
+def from_folder(text: str, folder: Path) -> str:
+    """A text with the paths of files below a folder as seen from there."""
+    return text.replace(f"{folder}{os.sep}", "")
 
 
 def unwritten(error: BaseException | None) -> OSError | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lrbc_cli.errors import LONGEST, ConfigError, DataError
+from lrbc_cli.errors import LONGEST, ConfigError, DataError, from_folder
 
 
 def test_all_parts() -> None:
@@ -24,3 +24,10 @@ def test_long_parts_are_shortened() -> None:
     assert lines[2] == "  found:    ['" + "x" * (LONGEST - 6) + " ..."
     whole = "y" * LONGEST
     assert DataError("wrong", found=whole).message == f"wrong\n  found:    {whole}"
+
+
+def test_paths_are_those_seen_from_the_folder() -> None:
+    folder = Path("/home") / "me" / "box"
+    assert from_folder(f"{folder / 'frf' / 'a.uff'}, record 3: {Path('/home') / 'b.uff'}", folder) == (
+        f"{Path('frf') / 'a.uff'}, record 3: {Path('/home') / 'b.uff'}"
+    )

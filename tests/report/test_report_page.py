@@ -104,7 +104,7 @@ def test_every_section_says_what_it_should(finished):
         "soundbox-left-edge", "Of 19 bolts known to be removed", "4: B08–B11", "converged", "3.8 → 1.0", "validation", "Exponent p_damp",
         "One frequency line, full model", "1/86.2", "8.5\u00a0×", "23\u202f762", "Measured relative error",
         "the record mic03 holds no line", "SHA-256", "regularisation", "no reduced model with this key",
-        "Virtual: nobody measured.", "box 7 · measured by A. Nobody", "Loose bolts in 2 of 4 jobs", "3.27", "stated by the paper",
+        "Virtual: nobody measured.", "box 7 · measured by A. Nobody", "Loose bolts in 2 of 4 tested jobs", "3.27", "stated by the paper",
         "reduced to 210 DOFs for 20 to 400 Hz", "S. van Ophem, A. van de Walle, E. Deckers, W. Desmet",
     ):  # fmt: skip
         assert words in text, words
