@@ -378,3 +378,12 @@ def test_links_within_the_page_land_where_they_lead():
     assert "scroll-padding-top: 3.2rem" in sheet
     assert "scroll-behavior" not in sheet
     assert "contain-intrinsic-size" not in sheet
+
+
+def test_tables_of_bolts_have_room_beside_the_figures_of_their_job(finished):
+    """On wide screens: in half of the page beside two figures, else over two columns."""
+    sheet, found = resource("page.css"), parsed(finished)
+    classes = [entry.get("class") for entry in found.all("div")]
+    assert classes.count("judged") == classes.count("overview pair") == 3
+    assert ".overview > .judged { grid-column: span 2; }" in sheet
+    assert ".overview.pair > .judged { grid-column: 2; grid-row: 1 / span 2; }" in sheet
