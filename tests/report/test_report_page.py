@@ -17,6 +17,8 @@ from lrbc_cli.report import page, write
 from lrbc_cli.report.content import Content
 from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.html import Markup, resource, tag
+from lrbc_cli.report.live import sign, version_of
+from lrbc_cli.report.old import outdate
 from lrbc_cli.report.parts import tables
 from lrbc_cli.report.reading import read_results
 from lrbc_cli.report.sections import jobs
@@ -387,3 +389,21 @@ def test_tables_of_bolts_have_room_beside_the_figures_of_their_job(finished):
     assert classes.count("judged") == classes.count("overview pair") == 3
     assert ".overview > .judged { grid-column: span 2; }" in sheet
     assert ".overview.pair > .judged { grid-column: 2; grid-row: 1 / span 2; }" in sheet
+
+
+def test_a_live_page_has_a_version_and_may_load_its_sign(output):
+    """The version changes with each page, and if a page is marked as out of date; the last page has none and loads nothing."""
+    file = write_report(output, draw=False, live=True)
+    page, first = file.read_text(encoding="utf-8"), version_of(file)
+    assert "; img-src" in page
+    assert "location.reload" in page
+    assert f'<p id="live" data-stamp="{first // 2}"' in page
+    assert first > 1
+    assert first % 2 == 0
+    outdate(file, "the disk is full")
+    assert version_of(file) == first + 1
+    assert f'width="{first + 1}" height="8"' in sign(first + 1, 1007)
+    last = write_report(output, draw=False).read_text(encoding="utf-8")
+    assert version_of(file) == 1
+    assert "img-src" not in last
+    assert 'id="live"' not in last

@@ -18,6 +18,7 @@ from lrbc_cli.errors import ConfigError
 from lrbc_cli.watch.arrivals import Arrivals
 from lrbc_cli.watch.lock import GONE, NAME, Lock
 from lrbc_cli.watch.loop import Wake
+from lrbc_cli.watch.pulse import Pulse
 
 FULL = Path("/dev/full")
 CAMPAIGN = Path(__file__).parents[2] / "configs" / "frame.yaml"
@@ -216,3 +217,19 @@ def test_events_wake(tmp_path: Path) -> None:
         pytest.fail("no event woke it")
     finally:
         wake.stop()
+
+
+def test_open_pages_see_that_the_watcher_lives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The sign changes all the time, also without a page, and is taken away at the end."""
+    monkeypatch.setattr("lrbc_cli.watch.pulse.EVERY", 0.01)
+    pulse = Pulse(tmp_path)
+    pulse.start()
+    seen: set[str] = set()
+    until = time.monotonic() + 10.0
+    while len(seen) < 3 and time.monotonic() < until:
+        if pulse.path.is_file():
+            seen.add(pulse.path.read_text(encoding="utf-8"))
+    pulse.stop()
+    assert len(seen) >= 3
+    assert 'width="1"' in max(seen)
+    assert not pulse.path.exists()

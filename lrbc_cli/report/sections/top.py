@@ -33,8 +33,8 @@ _SENTENCES = 24
 _IN_WORDS = 3
 
 
-def header(content: Content, written: datetime) -> Markup:
-    """Return the head of the page."""
+def header(content: Content, written: datetime, live: Markup | None = None) -> Markup:
+    """Return the head of the page, with the paragraph of one that refreshes itself."""
     campaign = content.campaign
     about = [campaign.test_article, f"measured by {campaign.operator}" if campaign.operator else ""]
     about += [f"report of {written:%d %B %Y, %H:%M %Z}".strip(), content.tool]
@@ -44,6 +44,7 @@ def header(content: Content, written: datetime) -> Markup:
     return tag(
         "header",
         room(),
+        live,
         tag("p", "Bolts and boundary stiffness from measured FRFs", class_="eyebrow"),
         tag("h1", campaign.campaign),
         tag("p", campaign.description, class_="description") if campaign.description else None,
