@@ -320,8 +320,9 @@ class Watch:
             self._undrawn = not figures or halt()
         except (LrbcError, OSError) as error:
             self._undrawn, self._page_again = True, time.monotonic() + self.pace.retry
-            self._once(f"the page cannot be written: {error}")
-            problem = error.problem if isinstance(error, LrbcError) else str(error)
+            problem, cause = error.problem if isinstance(error, LrbcError) else str(error), unwritten(error)
+            full = f"{problem}; make room on the disk of {self.session.output}, then it is written by itself"
+            self._once(f"the page cannot be written: {full if cause is not None and disk_is_full(cause) else error}")
             self._outdate(f"{problem}; it is written again once this is fixed, while lrbc watch runs")
 
     def _outdate(self, why: str) -> None:
