@@ -6,20 +6,32 @@ Every module raises one of these three classes (usage, data, numerical); ``cli/m
 from __future__ import annotations
 
 import errno
+import os
 from pathlib import Path
 
-#: Most characters of one part of a message; what was found may be a whole file.
-LONGEST = 500
+#: Most characters of one part of a message, and of its advice; what was found may be a whole file.
+LONGEST, LONGEST_ADVICE = 500, 1500
 
 
-def _shortened(value: object) -> str:
+def _shortened(value: object, most: int = LONGEST) -> str:
+    """The text, or its beginning up to the last whole word."""
     text = str(value)
-    return text if len(text) <= LONGEST else text[: LONGEST - 4] + " ..."
+    if len(text) <= most:
+        return text
+    start = text[: most - 4]
+    # Without blanks, as in a list of numbers or a path, it is cut anywhere.
+    word = start if text[most - 4].isspace() else start.rpartition(" ")[0]
+    return (word.rstrip() if len(word) > most // 2 else start) + " ..."
 
 
 def on_one_line(error: Exception | str) -> str:
     """Message joined to a single line."""
     return "; ".join(" ".join(line.split()) for line in str(error).splitlines())
+
+
+def from_folder(text: str, folder: Path) -> str:
+    """A text with the paths of files below a folder as seen from there."""
+    return text.replace(f"{folder}{os.sep}", "")
 
 
 def unwritten(error: BaseException | None) -> OSError | None:
@@ -89,7 +101,7 @@ class LrbcError(Exception):
         if self.found is not None:
             lines.append(f"  found:    {_shortened(self.found)}")
         if self.hint:
-            lines.append(f"  fix:      {_shortened(self.hint)}")
+            lines.append(f"  fix:      {_shortened(self.hint, LONGEST_ADVICE)}")
         return "\n".join(lines)
 
     def tree(self) -> dict[str, str | None]:
@@ -102,7 +114,8 @@ class LrbcError(Exception):
             "expected": self.expected,
             "found": self.found,
         }
-        return {name: None if part is None else _shortened(part) for name, part in (parts | {"fix": self.hint}).items()}
+        tree = {name: None if part is None else _shortened(part) for name, part in parts.items()}
+        return tree | {"fix": None if self.hint is None else _shortened(self.hint, LONGEST_ADVICE)}
 
     def __str__(self) -> str:
         return self.message

@@ -17,6 +17,9 @@ from lrbc_cli.results.structure import StructureRecord
 #: Largest number of nodes drawn.
 MOST = {"structure": 2200, "acoustic": 700}
 
+#: Largest distance of a mid-side node from the middle of its edge, as a share of the edge.
+_BESIDE = 0.15
+
 #: Number of edges that are processed at a time.
 _CHUNK = 4096
 
@@ -102,7 +105,8 @@ def _field(K: sp.csc_array, table: DofTable, mask: Bools, field: str) -> tuple[d
         entries = K.tocoo()
         a, b = row_of[entries.row], row_of[entries.col]
         pairs = np.unique((a * kept.size + b)[(a >= 0) & (a < b)])
-        lines = neighbours(drawn, np.column_stack([pairs // kept.size, pairs % kept.size]))
+        coupled = np.column_stack([pairs // kept.size, pairs % kept.size])
+        lines = without_chords(drawn, neighbours(drawn, coupled), coupled)
     return {"field": field, "count": int(xyz.shape[0]), "xyz": drawn, "lines": lines.ravel().tolist()}, note
 
 
@@ -177,6 +181,42 @@ def neighbours(xyz: Floats, pairs: Integers) -> Integers:
         far = np.maximum(np.linalg.norm(third - xyz[own[of, 0]], axis=1), np.linalg.norm(third - xyz[own[of, 1]], axis=1))
         keep[start + of[far < (1.0 - 1e-6) * length[start + of]]] = False
     return np.asarray(pairs[keep])
+
+
+def without_chords(xyz: Floats, lines: Integers, coupled: Integers) -> Integers:
+    """Lines without those between two mid-side nodes of quadratic elements, which would end as stubs at the rim of the structure.
+
+    A mid-side node stands near the middle of two coupled nodes (in linear elements there is none), with lines to both.
+
+    Parameters
+    ----------
+    xyz : (n, 3) float array
+    lines : (k, 2) int array
+        Those of ``neighbours``.
+    coupled : (m, 2) int array
+        Coupled nodes, each pair once, the smaller number first.
+
+    Returns
+    -------
+    (j, 2) int array
+    """
+    if not len(lines):
+        return lines
+    ends = xyz[coupled]
+    far, between = cKDTree(xyz).query(ends.mean(axis=1))
+    keys = np.sort(lines.min(axis=1) * len(xyz) + lines.max(axis=1))
+
+    def joined(a: Integers, b: Integers) -> Bools:
+        return np.isin(np.minimum(a, b) * len(xyz) + np.maximum(a, b), keys)
+
+    found = far <= _BESIDE * np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+    found &= joined(between, coupled[:, 0]) & joined(between, coupled[:, 1])
+    first = np.zeros(len(xyz), dtype=bool)
+    first[between[found]] = True
+    # A node in the middle of a face stands between mid-side nodes: its lines stay.
+    middle = np.zeros(len(xyz), dtype=bool)
+    middle[between[found & ~first[coupled].any(axis=1)]] = True
+    return np.asarray(lines[~middle[lines].all(axis=1)])
 
 
 def _place(table: DofTable, vector: sp.csc_array) -> dict[str, Any]:

@@ -80,6 +80,12 @@ def _check_form(value: Strict, forms: Forms) -> None:
         if set(required) <= given <= {*required, *optional}:
             return
     found = "{" + ", ".join(f"{key}:" for key in type(value).model_fields if key in given) + "}" if given else "none of these keys"
+    near = [(required, optional) for required, optional in forms if given <= {*required, *optional}]
+    if given and len(near) == 1:
+        lacking = [f"'{key}'" for key in near[0][0] if key not in given]
+        raise problem(
+            f"the key{'s' if len(lacking) > 1 else ''} {' and '.join(lacking)} must be given too", expected=_form_text(near), found=found
+        )
     raise problem("DOFs must be selected in exactly one way", expected=_form_text(forms), found=found)
 
 

@@ -121,7 +121,7 @@ def figure(drawing: Markup, title: str, note: str, files: Markup | None = None, 
     return tag("figure", caption, plot, markup=None, **attributes)
 
 
-def document(title: str, *body: Markup, colours: str, scripts: Sequence[str]) -> str:
+def document(title: str, *body: Markup, colours: str, scripts: Sequence[str], pictures: bool = False) -> str:
     """Return a whole HTML page that contains its style sheet and scripts; its security policy forbids loading anything else.
 
     Parameters
@@ -134,10 +134,13 @@ def document(title: str, *body: Markup, colours: str, scripts: Sequence[str]) ->
         CSS before the style sheet of all pages.
     scripts
         Script files of this package, in the order in which they run.
+    pictures
+        Whether scripts may load pictures from beside the page.
     """
     script, sheet = "\n".join(map(resource, scripts)), colours + resource("page.css")
     allowed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     policy = f"default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-{allowed}'; base-uri 'none'; form-action 'none'"
+    policy += "; img-src 'self' file:" if pictures else ""
     head = tag(
         "head",
         tag("meta", charset="utf-8"),

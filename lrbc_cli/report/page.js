@@ -51,6 +51,12 @@
     return parsed.get(path);
   };
   const range = (panel, key) => panel.dataset[key].split(" ").map(Number);
+  // A point of a curve, which is drawn to tenths of points, is that of the nearest line.
+  const lineOf = (panel, value) => {
+    if (!panel.dataset.steps) return show(value);
+    const [first, step] = range(panel, "steps");
+    return show(first + step * Math.round((value - first) / step), 7);
+  };
   const show = (value, digits = 4) => Number(value.toPrecision(digits)).toString().replace("-", "\u2212");
   const curves = (panel) => [...panel.querySelectorAll("path[data-name]")].filter((p) => getComputedStyle(p).display !== "none");
   let cursor = null;
@@ -81,7 +87,7 @@
     cursor = document.createElementNS("http://www.w3.org/2000/svg", "line");
     for (const [k, v] of Object.entries({ class: "cursor", x1: snap, x2: snap, y1: top, y2: top + height })) cursor.setAttribute(k, v);
     panel.append(cursor);
-    box.textContent = `${panel.dataset.xl}: ${show(x0 + ((snap - left) / width) * (x1 - x0))}\n${panel.dataset.yl}\n${lines.join("\n")}`;
+    box.textContent = `${panel.dataset.xl}: ${lineOf(panel, x0 + ((snap - left) / width) * (x1 - x0))}\n${panel.dataset.yl}\n${lines.join("\n")}`;
     box.hidden = false;
     return snap;
   };

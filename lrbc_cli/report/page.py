@@ -11,6 +11,7 @@ from lrbc_cli.report.drawing.chart import Chart
 from lrbc_cli.report.drawing.style import css
 from lrbc_cli.report.drawing.svg import drawn, legend
 from lrbc_cli.report.html import Markup, beside, details, document, tag
+from lrbc_cli.report.live import live_note
 from lrbc_cli.report.parts import tables
 from lrbc_cli.report.parts.calibration import calibration_parts
 from lrbc_cli.report.parts.certificate import certificate_parts
@@ -41,14 +42,15 @@ def render(content: Content, written: datetime | None = None, *, live: bool = Fa
     written
         Printed time of writing; None: now.
     live
-        Whether the page reloads itself, while ``lrbc watch`` runs.
+        Whether the page reloads itself if there is a newer one, while ``lrbc watch`` runs.
     """
+    now = written or datetime.now().astimezone()
     sections = [part for part in _sections(content) if part is not None]
     links = [tag("li", tag("a", re.split(":| of ", title)[0], href=f"#{anchor}")) for anchor, title, _ in sections]
     return document(
         f"{content.campaign.campaign} – bolts and boundary stiffness from FRFs",
         tag("a", "Skip to the verdicts", href="#verdicts", class_="skip"),
-        header(content, written or datetime.now().astimezone()),
+        header(content, now, live_note(now) if live else None),
         tag("nav", tag("ul", *links), aria_label="Parts of this report"),
         tag("main", *(tag("section", tag("h2", title), *parts, id=anchor) for anchor, title, parts in sections)),
         tag(
@@ -58,6 +60,7 @@ def render(content: Content, written: datetime | None = None, *, live: bool = Fa
         ),
         colours=css(),
         scripts=["page.js", "structure.js", *(["live.js"] if live else [])],
+        pictures=live,
     )
 
 

@@ -8,7 +8,7 @@
     if (parent) parent.append(element);
     return element;
   };
-  const RULER = 28, FONT = 12;
+  const RULER = 28, FONT = 12, LEAST = 8.2;
 
   const start = (holder, order) => {
     const scene = JSON.parse(holder.querySelector("script").textContent);
@@ -93,6 +93,8 @@
         const [glyph, title] = job && i >= offset ? job.bolts[i - offset] : [mark.own, mark.title.textContent];
         mark.glyph.innerHTML = scene.glyphs[glyph];
         mark.title.textContent = title;
+        mark.letters = [...mark.glyph.querySelectorAll("text")].map((text) => [text, ...["font-size", "y"].map((key) => Number(text.getAttribute(key)))]);
+        mark.grown = 0;
         mark.first = scene.glyphs[glyph].includes("loose-on");
       });
       if (job && told) told.textContent = job.text;
@@ -202,6 +204,13 @@
       const name = (mark) => {
         const [x, y] = mark.seen, long = (mark.long ||= mark.label.getComputedTextLength()) || 0.6 * FONT * mark.name.length;
         mark.group.setAttribute("transform", `translate(${x.toFixed(1)} ${y.toFixed(1)}) scale(${(0.125 * grown).toFixed(4)})`);
+        // Symbols shrink, but letters on them stay legible.
+        for (const [text, high, base] of mark.grown === grown ? [] : mark.letters) {
+          const by = Math.max(1, LEAST / (0.125 * grown * high));
+          text.setAttribute("font-size", high * by);
+          text.setAttribute("y", base * by);
+        }
+        mark.grown = grown;
         const close = [[15 * grown, 4, "start"], [-15 * grown, 4, "end"], [0, 20, "middle"], [0, -12, "middle"]];
         // Those of loose bolts may stand farther away, at the end of a line.
         const far = mark.first ? [-1, 1, -1.6, 1.6, -2.2, 2.2].flatMap((v) => [-1, 1].map((h) => [34 * h, 26 * v + 4, h < 0 ? "end" : "start"])) : [];

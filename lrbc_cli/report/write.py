@@ -81,7 +81,7 @@ def write_report(
     draw
         Whether to draw the image files; without them writing takes a fraction of the time.
     live
-        Whether the page reloads itself every few seconds.
+        Whether the page reloads itself if there is a newer one.
     halt
         Polled between figures; once it is true, no further image file and no page are written.
     progress

@@ -17,6 +17,7 @@ from lrbc_cli.results.store import read_job
 from lrbc_cli.updating.judging.clearance import JobFinding, once_more
 from lrbc_cli.watch.arrivals import Arrivals, signature
 from lrbc_cli.watch.lock import Lock
+from lrbc_cli.watch.pulse import Pulse
 from lrbc_cli.watch.session import Session
 from lrbc_cli.watch.verdict import Verdict, unusable, verdict_of
 
@@ -127,6 +128,8 @@ class Watch:
             If another watcher has or takes over these results, or the reduced model cannot be built.
         """
         self.lock.take()
+        pulse = Pulse(self.session.output)
+        pulse.start()
         try:
             self.session.prepare()
             while True:
@@ -148,6 +151,7 @@ class Watch:
             self._page_again = 0.0
             if any(self.session.output.glob("*/result.json")):
                 self._page(figures=once, live=False)
+            pulse.stop()
             self.lock.release()
 
     def _idle(self) -> None:
@@ -316,8 +320,9 @@ class Watch:
             self._undrawn = not figures or halt()
         except (LrbcError, OSError) as error:
             self._undrawn, self._page_again = True, time.monotonic() + self.pace.retry
-            self._once(f"the page cannot be written: {error}")
-            problem = error.problem if isinstance(error, LrbcError) else str(error)
+            problem, cause = error.problem if isinstance(error, LrbcError) else str(error), unwritten(error)
+            full = f"{problem}; make room on the disk of {self.session.output}, then it is written by itself"
+            self._once(f"the page cannot be written: {full if cause is not None and disk_is_full(cause) else error}")
             self._outdate(f"{problem}; it is written again once this is fixed, while lrbc watch runs")
 
     def _outdate(self, why: str) -> None:

@@ -20,6 +20,7 @@ from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.campaign.reduced.stage import FrfSource, obtain_source
 from lrbc_cli.config import Campaign, load_campaign
+from lrbc_cli.errors import from_folder
 from lrbc_cli.io.common import head
 from lrbc_cli.io.encoding import unfinished
 from lrbc_cli.report.write import write_report
@@ -164,12 +165,13 @@ class Session:
     def report(
         self, *, live: bool, figures: bool, halt: Callable[[], bool], unusable: Mapping[str, str], passed_over: Sequence[str]
     ) -> Path:
-        """Write the page again; raises as ``write_report``."""
+        """Write the page again, with paths as seen from the campaign file; raises as ``write_report``."""
+        here = self.campaign.path.parent
         return write_report(
             self.output,
             expected=list(self.campaign.jobs),
-            unusable=unusable,
-            passed_over=[*passed_over, *outlived(self.campaign)],
+            unusable={name: from_folder(text, here) for name, text in unusable.items()},
+            passed_over=[*(from_folder(text, here) for text in passed_over), *outlived(self.campaign)],
             workers=1,
             live=live,
             draw=figures,

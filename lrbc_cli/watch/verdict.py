@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from lrbc_cli.errors import ConfigError
+from lrbc_cli.errors import ConfigError, on_one_line
 from lrbc_cli.results.job import Job
 from lrbc_cli.updating.judging.clearance import FINISHED, JobFinding, not_clear, once_more
 
@@ -63,7 +63,7 @@ def unusable(job: str, error: Exception) -> Verdict:
 class Hook:
     """A command of the user that runs at each verdict, with the job, the verdict and the exit code as further arguments.
 
-    No shell is used. The environment holds the same (``LRBC_JOB`` etc.), and the sentence and the path of the page.
+    No shell is used. The environment holds the same (``LRBC_JOB`` etc.), and the sentence, on one line, and the path of the page.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class Hook:
             "LRBC_JOB": verdict.job,
             "LRBC_VERDICT": verdict.verdict,
             "LRBC_EXIT_CODE": str(verdict.exit_code),
-            "LRBC_SENTENCE": verdict.sentence,
+            "LRBC_SENTENCE": on_one_line(verdict.sentence),
             "LRBC_REPORT": str(page),
         }
         line = [*self.words, verdict.job, verdict.verdict, str(verdict.exit_code)]

@@ -49,8 +49,8 @@ def test_universal_files_and_a_list_of_dofs(tmp_path: Path) -> None:
     assert campaign.bolts == files / "bolts.csv"
     assert campaign.calibration is not None
     assert "mass.acoustic" in campaign.calibration.factors
-    assert "note.txt was not recognised" in told.stdout
-    assert "note.txt was not recognised" in folder.config.read_text()
+    assert "note.txt was not read" in told.stdout
+    assert "note.txt was not read" in folder.config.read_text()
     checked = folder.run("check")
     assert checked.code == 0, checked.stderr
     # Until somebody confirms it.
@@ -434,8 +434,8 @@ def test_a_file_that_is_not_recognised_says_what_to_do(tmp_path: Path) -> None:
     (files / "time.csv").write_text("time_s,acc1\n" + "".join(f"{i / 1000},{i}\n" for i in range(200)))
     (files / "M2.mtx.gz").write_bytes(gzip.compress((files / "M.mtx").read_bytes())[:300])
     _, told = drafted(files, tmp_path / "new")
-    assert "time.csv was not recognised: this is a time history; let the analyser average FRFs" in told.stdout
-    assert re.search("M2.mtx.gz was not recognised: .*damaged", told.stdout), told.stdout
+    assert "time.csv was not read: this is a time history; let the analyser average FRFs" in told.stdout
+    assert re.search("M2.mtx.gz was not read: .*damaged", told.stdout), told.stdout
 
 
 def test_files_of_two_models_are_refused(tmp_path: Path) -> None:

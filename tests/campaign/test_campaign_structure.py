@@ -11,7 +11,7 @@ from campaigns import box, chain_folder
 from campaigns import frame as new_frame
 from grillage import grillage
 
-from lrbc_cli.campaign.structure import neighbours, structure_of, thinned
+from lrbc_cli.campaign.structure import neighbours, structure_of, thinned, without_chords
 from lrbc_cli.errors import DataError
 from lrbc_cli.results.store import read, write
 from lrbc_cli.results.structure import StructureRecord
@@ -102,3 +102,26 @@ def test_a_record_with_lines_to_nowhere_is_refused(tmp_path: Path) -> None:
     file.write_text(json.dumps(tree))
     with pytest.raises(DataError, match=r"fields\[0\].lines(.|\n)*pairs of numbers from 0 to 107"):
         read(tmp_path / "structure.json", StructureRecord)
+
+
+@pytest.mark.parametrize("curved", [0.0, 0.05])
+def test_quadratic_elements_have_no_stubs_at_the_rim(curved: float) -> None:
+    """3 by 2 long elements with eight nodes: every side in two halves, nothing else; linear elements keep all sides."""
+    at = {(i, j): None for i in range(7) for j in range(5) if i % 2 == 0 or j % 2 == 0}
+    number = {place: k for k, place in enumerate(at)}
+    xyz = np.array([[2.2 * i, j + curved * np.sin(i), 0.0] for i, j in at])
+    pairs = set()
+    for i in range(0, 6, 2):
+        for j in range(0, 4, 2):
+            own = sorted(number[i + di, j + dj] for di in range(3) for dj in range(3) if (di, dj) != (1, 1))
+            pairs |= {(a, b) for a in own for b in own if a < b}
+    coupled = np.array(sorted(pairs))
+    all_lines = neighbours(xyz, coupled)
+    lines = without_chords(xyz, all_lines, coupled)
+    sides = {frozenset((number[a], number[b])) for a in at for b in at if abs(a[0] - b[0]) + abs(a[1] - b[1]) == 1}
+    assert {frozenset(pair) for pair in lines.tolist()} == sides
+    assert len(all_lines) > len(lines)
+    grid = np.array([[i, j, 0.0] for i in range(4) for j in range(3)])
+    linear = np.array([(a, b) for a in range(12) for b in range(a + 1, 12) if np.abs(grid[a] - grid[b]).max() <= 1.0])
+    own = neighbours(grid, linear)
+    assert len(own) == len(without_chords(grid, own, linear)) == 3 * 3 + 4 * 2

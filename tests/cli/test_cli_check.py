@@ -457,7 +457,10 @@ def test_selecting_nothing(tmp_path: Path) -> None:
         ({"component": "UZ", "near_bolts": 0.01}, ("near_bolts", "within this radius of B1, B2, B3, B4")),
         ({"component": "UZ", "along": [[0, 0, 1], [1, 0, 1]], "tolerance": 0.1}, ("along", "x 0 to 0.3")),
         ({"component": "UZ", "boundary": True, "box": [[0, 1], [0, 0], [0, 0]]}, ("boundary", "on a line")),
-        ({"component": "UZ", "along": [[0, 0, 1], [1, 0, 1]]}, ("selected in exactly one way", "{component:, along:, tolerance:}")),
+        (
+            {"component": "UZ", "along": [[0, 0, 1], [1, 0, 1]]},
+            ("the key 'tolerance' must be given too", "expected: {component:, along:, tolerance:}\n"),
+        ),
         ({"component": "UZ", "nodes": "data/bolts.csv"}, ("bolts.csv", "node")),
     ):
         tree = folder.tree()

@@ -211,9 +211,10 @@ def test_what_cannot_be_used_is_on_the_page_until_it_is_fixed(begun: Folder, tmp
     (frf / "other.dat").write_text("measured by somebody else\n")
     head = page()
     assert watch.failed == {"loose-2", "third"}
-    for text in ("loose-2: no verdict: its files cannot be used", "matches no pattern of watch.pattern", "No verdict in 2 jobs."):
+    for text in ("loose-2: no verdict: its files cannot be used", "matches no pattern of watch.pattern", "No verdict in 2 tested jobs."):
         assert text in head
     assert re.search(r"<li>third: [^<]*third.csv[^<]*</li>", head)
+    assert str(folder.config.parent) not in head
     found = status()
     assert found["third"][0] == found["loose-2"][0] == "unusable"
     assert "third.csv" in found["third"][1]

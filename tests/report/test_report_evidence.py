@@ -142,8 +142,8 @@ def head_of(page: str) -> str:
 def test_the_head_takes_no_job_for_clear(rich: Path, tmp_path: Path) -> None:
     """One of three has loose bolts, one has no verdict; bolts outside are no open ones."""
     head = head_of(page_text(rich))
-    assert "Loose bolts in 1 of 3 jobs: B08–B11. Jobs without verdict: 1, with inconclusive bolts: 1." in head
-    assert "B08–B11 in 1 of 3 jobs, 4 of 4 observable bolts known to be removed were found" in re.sub(r"\s+", " ", head)
+    assert "Loose bolts in 1 of 3 tested jobs. bolts-04: B08 to B11. Jobs without verdict: 1, with inconclusive bolts: 1." in head
+    assert "B08–B11 in 1 of 3 tested jobs, 4 of 4 observable bolts known to be removed were found" in re.sub(r"\s+", " ", head)
     assert "1 of 30 verdicts" in head
     assert "1 job without verdict, outside, never observable: B01, B17" in head
     for job in jobs_of(rich)[1]:
@@ -153,12 +153,37 @@ def test_the_head_takes_no_job_for_clear(rich: Path, tmp_path: Path) -> None:
     )
     write_report(tmp_path, workers=1)
     head = head_of(page_text(tmp_path))
-    assert "No verdict in 3 jobs." in head
+    assert "No verdict in 3 tested jobs." in head
     assert "3 jobs without verdict" in head
     spoil(tmp_path / "campaign.json", "jobs", value=["bolts-00"])
     spoil(tmp_path / "bolts-00" / "result.json", "status", value="converged")
     write_report(tmp_path, workers=1)
-    assert "No loose bolt found in 1 of 1 job." in head_of(page_text(tmp_path))
+    assert "No loose bolt found in 1 of 1 tested job." in head_of(page_text(tmp_path))
+
+
+def test_the_first_sentence_is_true_of_the_jobs_that_it_names(tmp_path: Path) -> None:
+    """Up to three jobs are named with their bolts, also those that are probably loose; of more jobs, the one with most of them."""
+    options = {"responses": ("mic01",), "used": ("mic01",), "lines": 40, "evidence": True}
+    write_campaign(tmp_path, (0, 4, 6), **options)
+    spoil(tmp_path / "bolts-04" / "result.json", "bolts", 10, "verdict", value="undecided")
+    spoil(tmp_path / "bolts-04" / "result.json", "bolts", 10, "probability_loose", value=0.8)
+    write_report(tmp_path, draw=False)
+    head = head_of(page_text(tmp_path))
+    assert "Loose bolts in 2 of 3 tested jobs. bolts-04: B08 to B10, probably B11; bolts-06: B07 to B12." in head
+    write_campaign(tmp_path, (0, 4, 6, 10, 8), **options)
+    write_report(tmp_path, draw=False)
+    head = head_of(page_text(tmp_path))
+    assert "Loose bolts in 4 of 5 tested jobs. Most in bolts-10: B05 to B14; 3 other jobs below." in head
+
+
+def test_the_mean_misfit_is_that_of_jobs_with_a_verdict(tmp_path: Path) -> None:
+    write_campaign(tmp_path, (0, 4, 12), responses=("mic01",), used=("mic01",), lines=40, evidence=True, unexplained=(12,))
+    spoil(tmp_path / "bolts-12" / "result.json", "misfit_db", "final", value=18.0)
+    write_report(tmp_path, draw=False)
+    told = re.search(r"<dt>Misfit of the model</dt>(.*?)</div>", page_text(tmp_path))
+    assert told is not None
+    assert "→ 1.0 dB" in told[1]
+    assert "jobs with a verdict" in told[1]
 
 
 def test_a_campaign_without_validation_channels_says_so(tmp_path: Path) -> None:

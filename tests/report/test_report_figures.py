@@ -207,6 +207,15 @@ def test_damping_stands_over_the_number_of_removed_bolts(finished):
     assert damping_chart([replace(job, removed=None) for job in jobs], paper=True) is None
 
 
+def test_values_are_read_back_at_the_lines(finished):
+    """Pictures are drawn to tenths of points, which is 41.99 Hz for the line at 42 Hz."""
+    assert figures.steps_of(np.array([20.0, 20.5, 21.0])) == (20.0, 0.5)
+    assert figures.steps_of(np.array([20.0, 20.5, 22.0])) is None
+    assert figures.steps_of(np.array([20.0])) is None
+    assert 'data-x="20 400"' in (page := (finished / "report.html").read_text(encoding="utf-8"))
+    assert re.search(r'<g class="panel" data-x="20 400"[^>]* data-steps="20 [0-9.]+"', page)
+
+
 def tiny(title: str = "a", last: float = 3.0) -> Chart:
     axis = linear_axis("x", 0.0, 4.0)
     curve = Curve("updated", np.array([0.0, 1.0, 2.0]), np.array([1.0, 2.0, last]), "c")

@@ -16,7 +16,9 @@ from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.report import page, write
 from lrbc_cli.report.content import Content
 from lrbc_cli.report.drawing import format as fmt
-from lrbc_cli.report.html import Markup, tag
+from lrbc_cli.report.html import Markup, resource, tag
+from lrbc_cli.report.live import sign, version_of
+from lrbc_cli.report.old import outdate
 from lrbc_cli.report.parts import tables
 from lrbc_cli.report.reading import read_results
 from lrbc_cli.report.sections import jobs
@@ -104,7 +106,7 @@ def test_every_section_says_what_it_should(finished):
         "soundbox-left-edge", "Of 19 bolts known to be removed", "4: B08–B11", "converged", "3.8 → 1.0", "validation", "Exponent p_damp",
         "One frequency line, full model", "1/86.2", "8.5\u00a0×", "23\u202f762", "Measured relative error",
         "the record mic03 holds no line", "SHA-256", "regularisation", "no reduced model with this key",
-        "Virtual: nobody measured.", "box 7 · measured by A. Nobody", "Loose bolts in 2 of 4 jobs", "3.27", "stated by the paper",
+        "Virtual: nobody measured.", "box 7 · measured by A. Nobody", "Loose bolts in 2 of 4 tested jobs", "3.27", "stated by the paper",
         "reduced to 210 DOFs for 20 to 400 Hz", "S. van Ophem, A. van de Walle, E. Deckers, W. Desmet",
     ):  # fmt: skip
         assert words in text, words
@@ -370,3 +372,38 @@ def test_a_page_of_seven_jobs_is_no_large_mail(tmp_path, monkeypatch):
     found = parsed(tmp_path)
     assert len([entry for entry in found.all("figure") if entry.get("data-response")]) == 70
     assert (tmp_path / "report.html").stat().st_size < 6_000_000
+
+
+def test_links_within_the_page_land_where_they_lead():
+    """Guessed heights of figures that are not drawn yet move the target away while the page scrolls to it."""
+    sheet = resource("page.css")
+    assert "scroll-padding-top: 3.2rem" in sheet
+    assert "scroll-behavior" not in sheet
+    assert "contain-intrinsic-size" not in sheet
+
+
+def test_tables_of_bolts_have_room_beside_the_figures_of_their_job(finished):
+    """On wide screens: in half of the page beside two figures, else over two columns."""
+    sheet, found = resource("page.css"), parsed(finished)
+    classes = [entry.get("class") for entry in found.all("div")]
+    assert classes.count("judged") == classes.count("overview pair") == 3
+    assert ".overview > .judged { grid-column: span 2; }" in sheet
+    assert ".overview.pair > .judged { grid-column: 2; grid-row: 1 / span 2; }" in sheet
+
+
+def test_a_live_page_has_a_version_and_may_load_its_sign(output):
+    """The version changes with each page, and if a page is marked as out of date; the last page has none and loads nothing."""
+    file = write_report(output, draw=False, live=True)
+    page, first = file.read_text(encoding="utf-8"), version_of(file)
+    assert "; img-src" in page
+    assert "location.reload" in page
+    assert f'<p id="live" data-stamp="{first // 2}"' in page
+    assert first > 1
+    assert first % 2 == 0
+    outdate(file, "the disk is full")
+    assert version_of(file) == first + 1
+    assert f'width="{first + 1}" height="8"' in sign(first + 1, 1007)
+    last = write_report(output, draw=False).read_text(encoding="utf-8")
+    assert version_of(file) == 1
+    assert "img-src" not in last
+    assert 'id="live"' not in last

@@ -284,11 +284,11 @@ def test_jobs_of_the_campaign_without_a_result_are_counted_and_named(output: Pat
     assert NO_RESULT not in whole
     page = write_report(output, expected=["bolts-00", "bolts-04", "bolts-09"], draw=False).read_text()
     assert f"<li>bolts-09: {NO_RESULT}</li>" in page
-    assert "in 1 of 3 jobs" in page
+    assert "in 1 of 3 tested jobs" in page
     assert "Jobs without result: 1" in page
     (output / "bolts-04" / "result.json").unlink()
     page = write_report(output, draw=False).read_text()
     assert f"<li>bolts-04: {NO_RESULT}</li>" in page
-    assert "No loose bolt found in 1 of 2 jobs. Jobs without result: 1" in page
+    assert "No loose bolt found in 1 of 2 tested jobs. Jobs without result: 1" in page
     assert missing_jobs(output, None, ["bolts-09"]) == ["bolts-04", "bolts-09"]
     assert missing_jobs(output, ["bolts-00"], ["bolts-09"]) == []

@@ -14,10 +14,12 @@ import pytest
 
 from lrbc_cli.campaign.beside import passed_over, unseen
 from lrbc_cli.config import JobConfig, load_campaign
-from lrbc_cli.errors import ConfigError
+from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.watch.arrivals import Arrivals
 from lrbc_cli.watch.lock import GONE, NAME, Lock
 from lrbc_cli.watch.loop import Wake
+from lrbc_cli.watch.pulse import Pulse
+from lrbc_cli.watch.verdict import Hook, unusable
 
 FULL = Path("/dev/full")
 CAMPAIGN = Path(__file__).parents[2] / "configs" / "frame.yaml"
@@ -216,3 +218,30 @@ def test_events_wake(tmp_path: Path) -> None:
         pytest.fail("no event woke it")
     finally:
         wake.stop()
+
+
+def test_open_pages_see_that_the_watcher_lives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The sign changes all the time, also without a page, and is taken away at the end."""
+    monkeypatch.setattr("lrbc_cli.watch.pulse.EVERY", 0.01)
+    pulse = Pulse(tmp_path)
+    pulse.start()
+    seen: set[str] = set()
+    until = time.monotonic() + 10.0
+    while len(seen) < 3 and time.monotonic() < until:
+        if pulse.path.is_file():
+            seen.add(pulse.path.read_text(encoding="utf-8"))
+    pulse.stop()
+    assert len(seen) >= 3
+    assert 'width="1"' in max(seen)
+    assert not pulse.path.exists()
+
+
+def test_the_hook_is_told_the_sentence_on_one_line(tmp_path: Path) -> None:
+    """Also that of a file which cannot be used, whose message has several lines on the terminal."""
+    verdict = unusable("third", DataError("no table of numbers was found", file="third.csv", expected="lines", hint="describe the layout"))
+    assert len(verdict.sentence.splitlines()) == 3
+    script, told = tmp_path / "hook.py", tmp_path / "told"
+    script.write_text("import os, sys\nopen(sys.argv[1], 'w').write(os.environ['LRBC_SENTENCE'])\n")
+    assert Hook(f'"{sys.executable}" "{script}" "{told}"').run(verdict, tmp_path / "report.html") is None
+    words = "third: no verdict; measure again or fix the file: third.csv: no table of numbers was found"
+    assert told.read_text() == f"{words}; expected: lines; fix: describe the layout"

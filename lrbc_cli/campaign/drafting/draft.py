@@ -120,7 +120,7 @@ class Draft:
             sections[0].remove(NO_DOFS)
         self.todo += self.roles.doubts
         self.todo += [f"{name} has no role yet" for name in self.roles.spare]
-        self.todo += [f"{self.found.called(path)} was not recognised: {why}" for path, why in self.found.rest.items()]
+        self.todo += [f"{self.found.called(path)} was not read: {why}" for path, why in self.found.rest.items()]
         name = ["campaign: " + quoted(self.folder.resolve().name or "campaign"), "output: output"]
         units = units_of(self.roles, self.table)
         if units[:1] == ["SI"]:

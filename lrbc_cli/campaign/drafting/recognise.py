@@ -69,7 +69,7 @@ class FilesFound:
     measurements : dict of FrfSet
     coherences : list of Path
     rest : dict
-        Reason why a file was not recognised, by path.
+        Reason why a file was not read, by path.
     """
 
     folder: Path

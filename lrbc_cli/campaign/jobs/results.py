@@ -10,7 +10,7 @@ import numpy as np
 from lrbc_cli.campaign.jobs.finished import Finished, calibration_record, origin_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import ReductionStage
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import DataError, from_folder
 from lrbc_cli.reduction.outcome import Step
 from lrbc_cli.reduction.steps.unseen import CONFIDENCE, SHARE
 from lrbc_cli.results import model
@@ -38,7 +38,11 @@ def write_result(output: Path, finished: Finished) -> JobRecord:
 
 
 def write_failure(output: Path, inputs: Inputs, name: str, reason: str, identity: str | None) -> None:
-    """Write ``result.json`` of a job that failed; an earlier result is kept as ``result.previous.json``, its tables and figures stay."""
+    """Write ``result.json`` of a job that failed; an earlier result is kept as ``result.previous.json``, its tables and figures stay.
+
+    Paths in the reason are those seen from the campaign file.
+    """
+    reason = from_folder(reason, inputs.campaign.path.parent)
     path = output / name / "result.json"
     try:
         before = read_job(output, name)

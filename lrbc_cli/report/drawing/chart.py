@@ -117,6 +117,7 @@ class Panel:
     """One pair of axes; ``weight`` is its share of the height.
 
     ``title`` is shown above panels that lie side by side; without ``grid`` only the labels of the ticks are drawn.
+    ``steps`` has the first x and the step between the points of the curves if these are equidistant, to read them back exactly.
     """
 
     x: Axis
@@ -125,6 +126,7 @@ class Panel:
     weight: float = 1.0
     title: str = ""
     grid: bool = True
+    steps: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

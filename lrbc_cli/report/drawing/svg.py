@@ -105,6 +105,7 @@ def _frame(frame: Frame) -> str:
         data_xl=x.label,
         data_yl=y.label,
         data_scale="log" if y.powers else None,
+        data_steps=None if frame.panel.steps is None else "{:.9g} {:.9g}".format(*frame.panel.steps),
     )
 
 

@@ -353,7 +353,17 @@ def overlay_chart(
         panels.append(Panel(x=x, y=share, items=(Curve("coherence", frequency, coherence, "coherence"),), weight=0.6))
     shown = [label for item in magnitude if isinstance(item, Curve) and (label := item.label)]
     alt = f"FRF {title}, {subtitle.replace('→', 'to')}: {', '.join(shown)}, magnitude and phase{', coherence' if known else ''}."
-    return Chart(title=title, subtitle=subtitle, alt=alt, panels=tuple(panels), height=390.0 if known else 330.0)
+    read = tuple(changed(panel, steps=steps_of(frf.frequency_hz)) for panel in panels)
+    return Chart(title=title, subtitle=subtitle, alt=alt, panels=read, height=390.0 if known else 330.0)
+
+
+def steps_of(frequency: Floats) -> tuple[float, float] | None:
+    """Return the first line and the step of equidistant lines; None for others."""
+    if len(frequency) < 2:
+        return None
+    first, step = float(frequency[0]), float(frequency[-1] - frequency[0]) / (len(frequency) - 1)
+    even = first + step * np.arange(len(frequency))
+    return (first, step) if step > 0.0 and float(np.abs(frequency - even).max()) <= 1e-3 * step else None
 
 
 def _level_range(levels: dict[str, Floats]) -> tuple[float, float]:

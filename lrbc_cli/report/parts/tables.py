@@ -201,7 +201,7 @@ def bolt_table(job: JobRecord) -> Markup | None:
     order = [bolt.name for bolt in bolts]
     said = [tag("li", f"{ranges(names, order)}: {note}") for note, names in notes.items()]
     made = table(f"Bolts of {job.job}", head, rows, class_="bolts", text_columns=2)
-    return tag("div", made, tag("ul", *said, class_="notes") if said else None)
+    return tag("div", made, tag("ul", *said, class_="notes") if said else None, class_="judged")
 
 
 def change_text(bolt: Bolt) -> str:

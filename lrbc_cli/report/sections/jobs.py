@@ -69,7 +69,7 @@ def _job(content: Content, job: Job, frfs: Sequence[tuple[FrfFigure, Markup | No
         # For a single straight edge, the map shows no more than the strip.
         if (chart := charts.get(name)) is not None and (charts is not content.maps or chart.panels[0].y.ticks)
     ]
-    overview = tag("div", *sketches, tables.bolt_table(job), class_="overview")
+    overview = tag("div", *sketches, tables.bolt_table(job), class_="overview pair" if len(sketches) == 2 else "overview")
     pictures = [made for _, made in frfs if made is not None]
     left = [entry for entry, made in frfs if made is None]
     richest = max((entry.chart for entry, _ in frfs), key=lambda chart: len(chart.legend()), default=None)

@@ -17,6 +17,7 @@ from lrbc_cli.report.parts import tables
 from lrbc_cli.report.parts.calibration import serves
 from lrbc_cli.report.parts.tables import UNSEALED
 from lrbc_cli.results.job import Job, JobRecord, Verdict
+from lrbc_cli.updating.judging.clearance import loose_bolts
 
 #: Text for a job of the campaign without a result.
 NO_RESULT = "no result, not judged"
@@ -28,9 +29,12 @@ EARLIER = "result of an earlier measurement; the present files cannot be used"
 #: Number of sentences shown; further ones are folded away.
 _SENTENCES = 24
 
+#: Most jobs whose loose bolts the first sentence names.
+_IN_WORDS = 3
 
-def header(content: Content, written: datetime) -> Markup:
-    """Return the head of the page."""
+
+def header(content: Content, written: datetime, live: Markup | None = None) -> Markup:
+    """Return the head of the page, with the paragraph of one that refreshes itself."""
     campaign = content.campaign
     about = [campaign.test_article, f"measured by {campaign.operator}" if campaign.operator else ""]
     about += [f"report of {written:%d %B %Y, %H:%M %Z}".strip(), content.tool]
@@ -40,6 +44,7 @@ def header(content: Content, written: datetime) -> Markup:
     return tag(
         "header",
         room(),
+        live,
         tag("p", "Bolts and boundary stiffness from measured FRFs", class_="eyebrow"),
         tag("h1", campaign.campaign),
         tag("p", campaign.description, class_="description") if campaign.description else None,
@@ -97,14 +102,11 @@ def campaign_sentence(content: Content) -> str:
         return "No job was compared with a tight state."
     loose = [job for job in judged if job.names("loose")]
     count = len(compared) + len(missing)
-    of = f"{count} job{'' if count == 1 else 's'}"
-    if loose:
-        order = content.campaign.bolt_names
-        text = f"Loose bolts in {len(loose)} of {of}: {tables.ranges(_union(loose), order)}."
-    elif judged:
-        text = f"No loose bolt found in {len(judged)} of {of}."
-    else:
+    of = f"{count} tested job{'' if count == 1 else 's'}"
+    if not judged:
         return f"No verdict in {of}."
+    text = f"Loose bolts in {len(loose)} of {of}." if loose else f"No loose bolt found in {len(judged)} of {of}."
+    text += _in_words(judged)
     counts = {
         "without verdict": len(compared) - len(judged),
         "without result": len(missing),
@@ -114,6 +116,15 @@ def campaign_sentence(content: Content) -> str:
     }
     open_points = [f"{what}: {count}" for what, count in counts.items() if count]
     return text + (f" Jobs {', '.join(open_points)}." if open_points else "")
+
+
+def _in_words(judged: Sequence[JobRecord]) -> str:
+    """The bolts that are loose, or probably loose, in up to ``_IN_WORDS`` jobs, or else in the job with most of them."""
+    found = {job.job: words for job in judged if (words := loose_bolts(job.finding))}
+    if len(found) <= _IN_WORDS:
+        return f" {'; '.join(f'{name}: {words}' for name, words in found.items())}." if found else ""
+    most = max((job for job in judged if job.job in found), key=lambda job: len(job.names("loose")))
+    return f" Most in {most.job}: {found[most.job]}; {len(found) - 1} other jobs below."
 
 
 def _compared(content: Content) -> tuple[list[Job], list[JobRecord], list[str]]:
@@ -134,10 +145,8 @@ def _tiles(content: Content) -> Iterable[Markup]:
         count = len(compared) + len(missing)
         yield _loose(content, judged, count)
         yield _open(content, judged, count)
-    known = [job.misfit_db for job in done if math.isfinite(job.misfit_db.initial)]
-    if known:
-        value = fmt.change(float(np.mean([entry.initial for entry in known])), float(np.mean([entry.final for entry in known]))) + " dB"
-        yield _tile("Misfit of the model", value, "before → after updating; mean over all lines, responses used and jobs")
+    if any(math.isfinite(job.misfit_db.initial) for job in done):
+        yield _misfit(done)
     times = tables.account(jobs, content.reduction)
     if times is not None:
         parts = [f"{times.jobs} job{'' if times.jobs == 1 else 's'} and the reduction {fmt.seconds(times.spent)}"]
@@ -148,16 +157,25 @@ def _tiles(content: Content) -> Iterable[Markup]:
         yield _tile("Computing time", fmt.seconds(total), ", ".join(parts))
 
 
+def _misfit(done: Sequence[JobRecord]) -> Markup:
+    """Tile with the mean misfit of the jobs with verdicts: one that the model does not explain says nothing of the others."""
+    known = [job for job in done if math.isfinite(job.misfit_db.initial)]
+    shown = [job for job in known if job.explained] or known
+    initial, final = (float(np.mean([getattr(job.misfit_db, when) for job in shown])) for when in ("initial", "final"))
+    note = "before → after updating; mean over all lines, responses used and jobs"
+    return _tile("Misfit of the model", f"{fmt.change(initial, final)} dB", note + (" with a verdict" if len(shown) < len(known) else ""))
+
+
 def _loose(content: Content, judged: list[JobRecord], count: int) -> Markup:
     """Tile with the bolts that are loose in any job."""
     removed = [bolt for job in judged for bolt in job.observable if bolt.removed]
     loose = [job for job in judged if job.names("loose")]
-    notes = [f"in {len(loose)} of {count} job{'' if count == 1 else 's'}"]
+    notes = [f"in {len(loose)} of {count} tested job{'' if count == 1 else 's'}"]
     if removed:
         found = sum(bolt.verdict == "loose" for bolt in removed)
         notes.append(f"{found} of {len(removed)} observable bolts known to be removed were found")
     names = tables.ranges(_union(judged), content.campaign.bolt_names) or "none"
-    return _tile("Loose bolts", names if judged else fmt.MISSING, ", ".join(notes))
+    return _tile("Loose in any job", names if judged else fmt.MISSING, ", ".join(notes))
 
 
 def _open(content: Content, judged: list[JobRecord], count: int) -> Markup:

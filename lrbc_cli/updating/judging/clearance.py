@@ -159,6 +159,12 @@ def sentence(job: JobFinding) -> str:
     return text if job.validated else f"{text} ({_unvalidated(job)})"
 
 
+def loose_bolts(job: JobFinding) -> str:
+    """Names of the loose bolts and of those that probably are: ``B4, probably B3``; empty without either."""
+    loose, likely = _names([bolt.name for bolt in job.named("loose")]), _names(_likely(job.inconclusive))
+    return ", ".join(part for part in (loose, likely and f"probably {likely}") if part)
+
+
 def _doubt(job: JobFinding) -> str:
     return "far looser than the other bolts there" if job.assumed == "reference" else "loose against the reference job"
 
