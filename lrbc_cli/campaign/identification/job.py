@@ -91,16 +91,16 @@ class Job:
         self.shapes = self._shapes()
         self.tight: Measurement | None = None
         self._values: dict[tuple[str, bool], Complexes] = {}
-        self.selected = select_lines(inputs, replace(self.measurement, values=self.told(name, self.measurement)), name)
+        told = self.told(name, self.measurement)
+        self.selected = select_lines(inputs, replace(self.measurement, values=told), name)
         self.model = source.model(self.s, self.parameters, self.selected, inputs.used)
-        lines = self.measurement.frequency_hz, self.measurement.values[:, inputs.used]
-        self.sharp = too_wide(lines, rule=self.statistics.resolution) is not None
+        self.sharp = too_wide((self.measurement.frequency_hz, told[:, inputs.used]), rule=self.statistics.resolution) is not None
         self.error = self._change_error()
         self.gains: Floats | None = None
         self.sigma, notes = line_sigma(inputs, self.measurement, inputs.campaign.jobs[name], self.selected)
         self.tight_sigma: Floats | None = None
         noise_of = inputs.campaign.update.reference if self.against_reference else None
-        self.notes += [*notes, *left_out(inputs, self.measurement, self.told(name, self.measurement), noise_of)]
+        self.notes += [*notes, *left_out(inputs, self.measurement, told, noise_of)]
 
     def _read(self, name: str) -> Measurement:
         """Measurement of a job, read from its files unless it was passed in or read before."""

@@ -16,7 +16,7 @@ from lrbc_cli.campaign.identification.compared.doubts import doubts
 from lrbc_cli.campaign.identification.correlate import mean_of
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
-from lrbc_cli.campaign.identification.weights import validation_channels
+from lrbc_cli.campaign.identification.weights import validation_channels, without_noise
 from lrbc_cli.campaign.jobs.identity import compared_baselines
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misplaced_bolts
@@ -137,7 +137,10 @@ def _doubted(inputs: Inputs, result: Identification) -> str | None:
         return f"its lines reach from {axis[0]:g} to {axis[-1]:g} Hz, those of {reference.job} from {whole}; check whether it is complete"
     if strange := interpolated(own.values):
         return strange
-    wide = too_wide(*((each.frequency_hz, each.values[:, inputs.used]) for each in (own, tight)), rule=inputs.statistics.resolution)
+    # What is mostly noise is not compared, so its peaks do not count.
+    quiet = [without_noise(inputs, *each) for each in ((result.name, own, tight), (reference.job, tight))]
+    axes = (own.frequency_hz, tight.frequency_hz)
+    wide = too_wide(*zip(axes, (values[:, inputs.used] for values in quiet), strict=True), rule=inputs.statistics.resolution)
     return None if wide is None else f"in {result.name} and {reference.job} {wide.text}"
 
 
