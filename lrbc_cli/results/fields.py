@@ -26,8 +26,6 @@ from pydantic_core import CoreSchema, PydanticCustomError
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.errors import NumericalError
-from lrbc_cli.updating.statistics.model import StatisticalModel
-from lrbc_cli.updating.statistics.residuals import ResidualOptions
 
 T = TypeVar("T")
 
@@ -247,19 +245,21 @@ _ONLY_STATED = object()
 Stated = Annotated[T | None, _ONLY_STATED]
 
 
-class _Holding:
+class _OfMethod:
     """JSON Schema of a dict by the dataclasses of some of its values; reading keeps what other versions have written as it is."""
-
-    def __init__(self, **kinds: type) -> None:
-        self.kinds = kinds
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         """Schema of the dict with that of these keys."""
-        return handler(schema) | {"properties": {name: handler(TypeAdapter(kind).core_schema) for name, kind in self.kinds.items()}}
+        # Reading and judging need neither, and SciPy takes a while to load.
+        from lrbc_cli.updating.statistics.model import StatisticalModel
+        from lrbc_cli.updating.statistics.residuals import ResidualOptions
+
+        kinds: dict[str, type] = {"residual": ResidualOptions, "statistics": StatisticalModel}
+        return handler(schema) | {"properties": {name: handler(TypeAdapter(kind).core_schema) for name, kind in kinds.items()}}
 
 
 #: How jobs are identified: ``Method`` with its reasons.
-MethodTree = Annotated[dict[str, Any], _Holding(residual=ResidualOptions, statistics=StatisticalModel)]
+MethodTree = Annotated[dict[str, Any], _OfMethod()]
 
 
 def _only_stated(field: FieldInfo | None) -> bool:

@@ -149,8 +149,7 @@ def first_look(
 
 def _heard(inputs: Inputs, name: str, measurement: Measurement, tight: Measurement | None) -> Complexes:
     """(F, R) measured values without those that are mostly noise, in the reference job if it is another one."""
-    reference = None if name == inputs.campaign.update.reference else tight
-    return without_noise(inputs, name, measurement, reference, known=True)
+    return without_noise(inputs, name, measurement, None if name == inputs.campaign.update.reference else tight)
 
 
 def _source(inputs: Inputs, folder: Path, progress: Callable[[str], None]) -> Looking | None:

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from lrbc_cli.arrays import Complexes, Floats, Integers, spaced
 from lrbc_cli.campaign.identification.compared import likeness
-from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart, apart_there, by_place, levels
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart, apart_there, by_place, levels, spread
 from lrbc_cli.campaign.looking.rescaled import MOST_LEFT, MOST_WORK
 from lrbc_cli.campaign.looking.states import Seen, values_of
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -54,13 +54,14 @@ def hammer_text(seen: Seen, stated: Floats) -> str | None:
 def _hammer_text(seen: Seen, at: int, most_left: float) -> str | None:
     """As ``hammer_text`` for excitation ``at``, by its responses and the nearest state of the model; ``most_left`` [dB] may remain."""
     inputs, dofs, load = seen.inputs, seen.inputs.dofs, seen.inputs.model.B[:, [at]].tocoo()
-    responses = np.flatnonzero((inputs.input_of == at) & np.isfinite(levels(seen.measured)).all(axis=0))
+    there = np.isfinite(levels(seen.measured))
+    responses = np.flatnonzero((inputs.input_of == at) & (2 * there.sum(axis=0) > len(there)))
     # A single response without its constant is too little evidence, and a distributed load has no place.
     if dofs is None or load.nnz != 1 or responses.size < 2:
         return None
     own, level = int(load.row[0]), levels(seen.measured[:, responses])[:, None, :]
     places = _places(dofs, own, MOST_HITS // responses.size)
-    left = np.full(places.size, np.inf)
+    left, gaps = np.full(places.size, np.inf), not there[:, responses].all()
     with suppress(LrbcError):
         ports = _reciprocal_ports(seen, places, responses)
         some = ports.select(np.arange(seen.s.size), np.arange(responses.size))
@@ -68,9 +69,9 @@ def _hammer_text(seen: Seen, at: int, most_left: float) -> str | None:
         held, base = ports.H0p[:, :: responses.size], ports.H00.reshape(seen.s.size, places.size, responses.size)
         for state in values_of(seen.parameters)[0]:
             values = base + held @ some.drive(seen.parameters.dynamic(state, seen.s))[1]
-            # Same as `spread` without missing values, in a tenth of the time.
             difference = level - levels(values)
-            off = np.abs(difference - np.median(difference, axis=0)).mean(axis=0)
+            # Same as `spread` without missing values, in a tenth of the time.
+            off = spread(difference, 0) if gaps else np.abs(difference - np.median(difference, axis=0)).mean(axis=0)
             left = np.fmin(left, np.median(off, axis=1))
     before, best = float(left[places == own][0]), int(np.argmin(left))
     # One of three directions at its own node fits by chance less often than one of a thousand places.

@@ -171,9 +171,11 @@ def overdamped_text(seen: Seen, most: float) -> str | None:
 
 def _peaks(values: Complexes) -> Integers:
     """Lines at which the mean level of the responses has a resonance."""
-    level = levels(values)
-    known = level[:, np.isfinite(level).all(axis=0)]
-    return peaks_of(known.mean(axis=1), prominence=PROMINENCE) if known.size else np.zeros(0, dtype=np.int64)
+    level, at = levels(values), np.arange(len(values))
+    there = np.isfinite(level)
+    # Values that are mostly noise were left out: straight between their neighbours.
+    known = [np.interp(at, at[own], level[own, r]) for r, own in enumerate(there.T) if 2 * own.sum() > own.size]
+    return peaks_of(np.mean(known, axis=0), prominence=PROMINENCE) if known else np.zeros(0, dtype=np.int64)
 
 
 def resonances(values: Complexes) -> int:
