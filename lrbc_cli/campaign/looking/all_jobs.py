@@ -103,6 +103,8 @@ def _factors(jobs: Sequence[Sequence[Offset]], own: Sequence[Offset]) -> tuple[O
         every = [o for offsets in jobs for o in offsets if o.response == response]
         same = [o for o in every if o.power == usual]
         if 2 * len(same) <= len(every):
+            # Compared, too, without this factor.
+            found.append(replace(every[0], named=False))
             continue
         db = np.array([o.db for o in same])
         # Bolts and lines differ between jobs, so errors of the model scatter the factor.
