@@ -13,7 +13,7 @@ import pytest
 import scipy.io
 from campaigns import lrbc
 
-from lrbc_cli.campaign.looking import held, moved
+from lrbc_cli.campaign.looking import held, moved, rescaled
 from lrbc_cli.campaign.looking.tightness import of_other_unit_text
 
 Damage = Callable[[Path], object]
@@ -342,3 +342,12 @@ def test_what_would_take_long_is_not_looked_for(tmp_path: Path, cache: Path, mon
         told = lrbc("check", file, "--cache", cache).stdout
         assert "elsewhere" not in told
         assert "to the ground in addition to the terms" not in told
+
+
+def test_levels_that_agree_are_evidence_of_a_factor_of_their_own() -> None:
+    assert rescaled._explains(3.0, 2.0, 10.0, 1.0)
+    assert not rescaled._explains(5.3, 0.1, 10.0, 1.0)
+    assert rescaled._explains(5.3, 0.1, 10.0, 1.5)
+    # Levels somewhere, or little gained.
+    assert not rescaled._explains(5.3, 0.9, 10.0, 1.5)
+    assert not rescaled._explains(5.3, 0.1, 6.0, 1.5)

@@ -212,6 +212,8 @@ def _looked_at(source: Looking, measurements: Mapping[str, Measurement], name: s
         told |= other_tables(seen) or _unlike(seen, measurements)
         if ("unlike",) in told and (text := stretched_text(measurements[name], seen)):
             told = {("stretched",): text}
+        elif ("unlike",) in told and (text := rescaled_text(seen, seen.misfit, further=1.5)):
+            told = {("rescaled",): text}
     told = _placed(seen, told)
     if not told and held is not None:
         told |= _beside_tight(seen, held, reach)

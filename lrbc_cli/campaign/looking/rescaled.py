@@ -37,17 +37,17 @@ PROMINENCE = 3.0
 LINES, MOST_WORK = 12, 2e12
 
 
-def _explains(left: float, off: float, before: float, *, near: float = 1.0, further: float = 1.5) -> bool:
+def _explains(left: float, off: float, before: float, further: float, *, near: float = 0.3) -> bool:
     """Whether a factor explains a misfit: ``left`` of ``before`` remains, and the levels are ``off`` by a constant [dB].
 
     Levels within ``near`` [dB] are evidence of their own, because a wrong factor leaves them anywhere: then ``further`` times as much
     misfit may remain, as of a model that is not calibrated.
     """
     wider = further if abs(off) < near else 1.0
-    return abs(off) < MOST_OFF and left < min(wider * MOST_LEFT, min(1.0, wider * CLEARLY) * before)
+    return abs(off) < MOST_OFF and left < min(wider * MOST_LEFT, wider * CLEARLY * before)
 
 
-def rescaled_text(seen: Seen, before: float) -> str | None:
+def rescaled_text(seen: Seen, before: float, *, further: float = 1.0) -> str | None:
     """Warning that names the matrix (stiffness or mass) that is wrong by the factor of a unit; None if no factor explains the misfit.
 
     A factor on the stiffness and its reciprocal on the mass shift frequencies alike; the level of the FRFs distinguishes them.
@@ -57,6 +57,8 @@ def rescaled_text(seen: Seen, before: float) -> str | None:
     seen : Seen
     before : float
         Level misfit without a factor, constants removed, median over the responses [dB].
+    further : float
+        See ``_explains``: above 1 where nothing else explains the measurement.
     """
     measured, computed = resonances(seen.measured), resonances(seen.model)
     # A difference of one resonance at an end of the band is chance.
@@ -79,7 +81,7 @@ def rescaled_text(seen: Seen, before: float) -> str | None:
         for matrix, size, values, level in _cases(few, factor):
             difference = levels(few.measured) - levels(values)
             left, off = float(np.median(spread(difference, 0))), float(np.nanmedian(difference)) - level
-            if _explains(left, off, before):
+            if _explains(left, off, before, further):
                 found.append((left, matrix, size, factor))
     if not found:
         return None
