@@ -20,6 +20,7 @@ from lrbc_cli.campaign.documents import cache_folder
 from lrbc_cli.campaign.identification.found import Fit
 from lrbc_cli.campaign.identification.handed import measurement_of, with_job
 from lrbc_cli.campaign.identification.identify import fit, identify
+from lrbc_cli.campaign.identification.nuisances import not_in_model
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import found_on_frfs, parameterise, start_parameters, with_values
 from lrbc_cli.campaign.jobs.evidence import copied_baseline, evidence_of
@@ -269,11 +270,13 @@ class Study:
         Raises
         ------
         ConfigError
-            If the method has no such field.
+            If the method has no such field, or the model as it was read does not represent a nuisance parameter.
         """
         for name in choices:
             given.known("with_method", name, (entry.name for entry in fields(Method)))
         new = [replace(inputs, by_hand={**inputs.by_hand, **choices}) for inputs in (self.inputs, self._exported)]
+        if lacking := not_in_model(new[0]):
+            raise given.refuse("nuisances", "what the campaign file sets, or gain", ", ".join(lacking))
         return Study(new[0], self._folder, self._progress, new[1])
 
     def use_calibration(self, wanted: bool = True) -> None:

@@ -1,4 +1,4 @@
-"""Shows open pages that the watcher lives, also while it computes, and which page is the newest."""
+"""Tells open pages that the watcher still runs, also while it computes, and which page is the newest."""
 
 from __future__ import annotations
 

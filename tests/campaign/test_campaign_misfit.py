@@ -247,6 +247,11 @@ def test_what_is_mostly_noise_is_not_compared(box: Folder) -> None:
     few = np.where(low[:, None] & (np.arange(measurement.values.shape[1]) == at), 0.1, 0.9)
     weighed = np.isnan(without_noise(inputs, "tight", replace(measurement, coherence=few), known=True))
     np.testing.assert_array_equal(weighed, np.isnan(measurement.values) | (few == 0.1))
+    # The noise of the reference job decides: a response that drowns in a job alone is evidence, and counts.
+    drowned = replace(measurement, coherence=few)
+    clear = replace(measurement, coherence=np.full(measurement.values.shape, 0.9))
+    np.testing.assert_array_equal(without_noise(inputs, "loose", drowned, clear, known=True), measurement.values)
+    np.testing.assert_array_equal(np.isnan(without_noise(inputs, "loose", clear, drowned, known=True)), weighed)
     # A sensor that is dead on most lines is a fault, and no noise to do without.
     dead, rng = measurement.values.copy(), np.random.default_rng(9)
     dead[:, at] = rng.normal(size=len(dead)) + 1j * rng.normal(size=len(dead))

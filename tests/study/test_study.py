@@ -19,6 +19,7 @@ import lrbc_cli
 import lrbc_cli.matrices
 import lrbc_cli.study
 from lrbc_cli import Study
+from lrbc_cli.config.settings import NuisanceConfig
 from lrbc_cli.errors import ConfigError, DataError, NumericalError
 
 ROOT = Path(lrbc_cli.__file__).parents[1]
@@ -312,6 +313,8 @@ def test_arguments_of_a_study_are_refused(study: Study) -> None:
         lambda: study.identify(["tight"]),  # type: ignore[arg-type]
         lambda: lrbc_cli.load(3),  # type: ignore[arg-type]
         lambda: study.with_method(line="all"),
+        lambda: study.with_method(nuisances=NuisanceConfig(hammer=0.001)),
+        lambda: study.with_method(nuisances=NuisanceConfig(temperature=2.0)),
         lambda: study.judge("tight"),  # type: ignore[arg-type]
         lambda: study.update("tight"),
         lambda: study.update(workers=0),

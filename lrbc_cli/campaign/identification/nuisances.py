@@ -65,6 +65,13 @@ def nuisances_of(inputs: Inputs, responses: Integers | None = None) -> tuple[Nui
     return tuple(nuisance for drift in DRIFTS for nuisance in drift(inputs, chosen))
 
 
+def not_in_model(inputs: Inputs) -> list[str]:
+    """Keys of nuisance parameters that are set but that the inputs, as they were read, cannot represent."""
+    settings, names = inputs.method.nuisances, inputs.recipe.names
+    lacking = {"hammer": inputs.shifts is None, "temperature": SOUND_SPEED not in names, "sound_speed": SOUND_SPEED not in names}
+    return [key for key in settings.given if lacking.get(key, False)]
+
+
 def gain_tree(inputs: Inputs, gains: Gains) -> dict[str, Any]:
     """Gains of all responses and their standard deviations [dB]; ``std`` is null for a response that is not used."""
     stds = dict(zip(inputs.used.tolist(), gains.stds.tolist(), strict=True))

@@ -50,7 +50,8 @@ def _explains(left: float, off: float, before: float, further: float, *, near: f
 def rescaled_text(seen: Seen, before: float, *, further: float = 1.0) -> str | None:
     """Warning that names the matrix (stiffness or mass) that is wrong by the factor of a unit; None if no factor explains the misfit.
 
-    A factor on the stiffness and its reciprocal on the mass shift frequencies alike; the level of the FRFs distinguishes them.
+    A factor on the stiffness and its reciprocal on the mass shift frequencies alike; the level of the FRFs distinguishes them. What was
+    solved is kept, so that a second look, with another limit, costs nothing.
 
     Parameters
     ----------
@@ -78,7 +79,10 @@ def rescaled_text(seen: Seen, before: float, *, further: float = 1.0) -> str | N
         spent += line * (2 if inputs.model.C.nnz else 1)
         if spent > MOST_WORK:
             break
-        for matrix, size, values, level in _cases(few, factor):
+        key = b"cases" + np.float64(factor).tobytes() + few.s.tobytes()
+        if key not in seen.source.known:
+            seen.source.known[key] = list(_cases(few, factor))
+        for matrix, size, values, level in seen.source.known[key]:
             difference = levels(few.measured) - levels(values)
             left, off = float(np.median(spread(difference, 0))), float(np.nanmedian(difference)) - level
             if _explains(left, off, before, further):

@@ -162,7 +162,7 @@ def _misfit(done: Sequence[JobRecord]) -> Markup:
     known = [job for job in done if math.isfinite(job.misfit_db.initial)]
     shown = [job for job in known if job.explained] or known
     initial, final = (float(np.mean([getattr(job.misfit_db, when) for job in shown])) for when in ("initial", "final"))
-    note = "before → after updating; mean over all lines, responses used and jobs"
+    note = "before → after updating; mean over lines, responses used and jobs"
     return _tile("Misfit of the model", f"{fmt.change(initial, final)} dB", note + (" with a verdict" if len(shown) < len(known) else ""))
 
 
