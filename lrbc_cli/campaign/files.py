@@ -16,8 +16,8 @@ from lrbc_cli.io.common import require_file
 from lrbc_cli.io.frf import read_coherence, read_frf
 from lrbc_cli.io.hdf5.matrices import ArrayNames
 from lrbc_cli.io.matrices.read import read_matrix, read_vectors
+from lrbc_cli.io.meshes.nodes import read_nodes
 from lrbc_cli.io.text.bushings import read_bushings
-from lrbc_cli.io.text.nodes import read_nodes
 from lrbc_cli.io.text.tables import is_dof_table, read_dof_list, read_dof_table, read_points, read_positions
 
 Reading = tuple[str, Callable[[], object]]

@@ -25,7 +25,7 @@ from looking import seen
 from samples import reduced_cache
 
 from lrbc_cli.campaign.looking import rescaled
-from lrbc_cli.io.text.nodes import read_nodes
+from lrbc_cli.io.meshes.nodes import read_nodes
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction import predict
 from lrbc_cli.reduction.problem.full import full_ports

@@ -21,8 +21,8 @@ from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.frf import read_frf
 from lrbc_cli.io.hdf5.matrices import ArrayNames
 from lrbc_cli.io.matrices.read import detect_format, read_matrix
+from lrbc_cli.io.meshes.nodes import read_nodes
 from lrbc_cli.io.text.dof_maps import read_dof_map
-from lrbc_cli.io.text.nodes import read_nodes
 
 DATA = Path(__file__).parents[1] / "data"
 NODE, COMPONENT = [7, 7, 12, 12, 3, 3], ["UX", "ROTZ"] * 3
@@ -358,11 +358,11 @@ def test_what_stands_twice(tmp_path: Path) -> None:
         read_dof_map(dofs, 3)
 
 
-def test_meshes_by_meshio(tmp_path: Path) -> None:
-    path = tmp_path / "plate.msh"
+def test_other_meshes_by_meshio(tmp_path: Path) -> None:
+    path = tmp_path / "plate.vtk"
     path.write_text(
-        "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n3\n1 0 0 0\n2 1 0 0\n3 0 1 0\n$EndNodes\n"
-        "$Elements\n1\n1 2 2 0 1 1 2 3\n$EndElements\n"
+        "# vtk DataFile Version 3.0\nplate\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 3 double\n0 0 0\n1 0 0\n0 1 0\n"
+        "CELLS 1 4\n3 0 1 2\nCELL_TYPES 1\n5\n"
     )
     try:
         import meshio  # noqa: F401

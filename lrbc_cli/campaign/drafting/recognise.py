@@ -10,14 +10,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from lrbc_cli.campaign.protect import IN_JOB, IN_OUTPUT
 from lrbc_cli.errors import ConfigError, LrbcError
 from lrbc_cli.io.common import head
 from lrbc_cli.io.encoding import decode
 from lrbc_cli.io.frf import read_coherence, read_frf
 from lrbc_cli.io.hdf5.layouts import ArrayNames, compressed_groups, is_exodus
 from lrbc_cli.io.matrices.read import matrix_names, read_vectors
+from lrbc_cli.io.meshes.nodes import read_nodes
 from lrbc_cli.io.text.dof_maps import read_dof_map
-from lrbc_cli.io.text.nodes import read_nodes
 from lrbc_cli.model.dofs import DofLabels
 from lrbc_cli.model.frf import FrfSet
 
@@ -114,7 +115,7 @@ def recognise(folder: Path) -> FilesFound:
     found, count = FilesFound(folder=folder), 0
     for path in sorted(folder.rglob("*")):
         hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
-        if hidden or not path.is_file() or path.suffix.lower() in OTHERS:
+        if hidden or _is_result(path) or not path.is_file() or path.suffix.lower() in OTHERS:
             continue
         count += 1
         if count > MOST_FILES:
@@ -131,6 +132,12 @@ def recognise(folder: Path) -> FilesFound:
             del found.rest[path]
             found.tables.setdefault("map", []).append(path)
     return found
+
+
+def _is_result(path: Path) -> bool:
+    """Whether a file lies where ``update`` and ``calibrate`` write: in a folder with ``reduction.json``, or one below it."""
+    known = path.name in IN_OUTPUT or path.name in IN_JOB
+    return known and any((folder / "reduction.json").is_file() for folder in (path.parent, path.parent.parent))
 
 
 def _look_at(path: Path, found: FilesFound) -> None:

@@ -16,9 +16,9 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import listing
 from lrbc_cli.io.encoding import decode
 from lrbc_cli.io.matrices.read import read_vectors
+from lrbc_cli.io.meshes.nodes import read_nodes
 from lrbc_cli.io.sparse import MatrixFile
 from lrbc_cli.io.text.dof_maps import USUAL, read_dof_map
-from lrbc_cli.io.text.nodes import read_nodes
 from lrbc_cli.io.text.tables import is_dof_table, read_dof_table
 from lrbc_cli.model.dofs import COMPONENTS, DofLabels, DofTable
 from lrbc_cli.model.selection import pitch

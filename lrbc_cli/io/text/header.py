@@ -32,6 +32,7 @@ _FREQUENCY = re.compile(r"(freq|frequency|frequenz|frequence|frequenza|frecuenci
 _INDEX = {"index", "nr", "no", "#", "n", "line", "linie", "zeile", "ligne", "point", "punkt", "number", "nummer", "bin", "i"}
 #: Units of an angle or a frequency that may follow a heading without brackets.
 _PLAIN = {"hz", "khz", "rad/s", "db", "deg", "degree", "degrees", "degre", "degres", "grad", "°", "rad"}
+_ANGLE = re.compile(r"(.+)_(deg|rad)", re.IGNORECASE)
 #: Keys above a table that state the unit of its values, reduced to letters.
 _UNIT_KEYS = {
     *("amplitudeunit", "unit", "units", "yaxisunit", "yunit", "yunits", "unity", "ordinateunit"),
@@ -123,6 +124,9 @@ def heading(cell: str) -> Heading:
     if part not in (None, "db"):
         return Heading(text=text, name=text, part=part)
     name, part = _split_part(text)
+    if part is None and (end := _ANGLE.fullmatch(f"{text}_{unit}" if unit else text)):
+        # Only the unit says that these are phases: acc1_deg, acc1 [rad].
+        return Heading(text=text, name=end.group(1), part="phase", unit=end.group(2))
     kind, _, angle = (part or "").partition("-")
     return Heading(text=text, name=name, part=kind or None, unit=unit or angle)
 

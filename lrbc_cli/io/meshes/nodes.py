@@ -13,6 +13,9 @@ from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import damaged, fortran_number, head, require_file
 from lrbc_cli.io.encoding import read_lines
+from lrbc_cli.io.hdf5.layouts import is_exodus
+from lrbc_cli.io.meshes.exodus import read_exodus
+from lrbc_cli.io.meshes.gmsh import SIGNATURE, read_gmsh
 from lrbc_cli.io.reader_process import read_apart
 from lrbc_cli.io.text.tables import read_table
 
@@ -28,7 +31,8 @@ def read_nodes(path: Path) -> tuple[Integers, Floats, str]:
     """Node numbers and coordinates in the unit of the file.
 
     Formats: CSV tables ``node,x,y,z``; ``*NODE`` blocks of Abaqus and CalculiX; ``GRID`` entries of Nastran; ``NBLOCK`` (``CDWRITE``),
-    ``NLIST`` and ``NWRITE`` listings of Ansys; ``.frd`` of CalculiX; other meshes (gmsh, exodus ...) by the package meshio.
+    ``NLIST`` and ``NWRITE`` listings of Ansys; ``.frd`` of CalculiX; meshes of gmsh and exodus; other meshes by the package meshio, their
+    nodes numbered from 1 in their order.
 
     Returns
     -------
@@ -44,9 +48,9 @@ def read_nodes(path: Path) -> tuple[Integers, Floats, str]:
     """
     require_file(path)
     start = head(path, 1 << 16)
-    if b"\0" in start or start.lstrip().startswith((b"$MeshFormat", b"<?xml", b"# vtk")):
+    if b"\0" in start or start.lstrip().startswith((SIGNATURE, b"<?xml", b"# vtk")):
         # In another process: the libraries of these formats may hang or crash on damaged files, and print.
-        return read_apart(_mesh, path)
+        return _checked(*read_apart(_mesh, path), path, "mesh")
     lines = read_lines(path)
     what, nodes = _nodes(lines, path)
     if nodes is None:
@@ -159,7 +163,12 @@ def _frd(lines: list[str]) -> Iterator[_Cells]:
         yield k, [line[3:at], *(line[at + 12 * j : at + 12 * j + 12] for j in range(3))]
 
 
-def _mesh(path: Path) -> tuple[Integers, Floats, str]:
+def _mesh(path: Path) -> tuple[Integers, Floats]:
+    start = head(path, 1 << 10)
+    if start.lstrip().startswith(SIGNATURE):
+        return read_gmsh(path)
+    if start.startswith(b"CDF") or is_exodus(path):
+        return read_exodus(path)
     try:
         import meshio
     except ImportError:
@@ -173,4 +182,4 @@ def _mesh(path: Path) -> tuple[Integers, Floats, str]:
         points = np.asarray(mesh.points, dtype=np.float64)
     xyz = np.zeros((points.shape[0], 3))
     xyz[:, : points.shape[1]] = points
-    return np.arange(1, xyz.shape[0] + 1), xyz, "mesh, its nodes numbered from 1 in their order"
+    return np.arange(1, xyz.shape[0] + 1), xyz
