@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from lrbc_cli.campaign.reading.doubts.astray import beside_their_springs, reversed_order, stray_springs
+from lrbc_cli.campaign.reading.places import AT_NODE, EXCHANGES, NearPoint, exchanged_axes
 from lrbc_cli.io.text.bushings import BushingTable
 from lrbc_cli.model.dofs import DofTable, PointTable
+from lrbc_cli.model.selection import nearest, spacing
 
 RING = np.array([[np.cos(t), np.sin(t), 0.0] for t in 2.0 * np.pi * np.arange(12) / 12])
 ROW = np.column_stack([np.arange(7.0), np.zeros((7, 2))])
@@ -90,3 +92,28 @@ def test_springs_beside_their_bolts_are_no_mistyped_nodes() -> None:
     assert springs_of(11, 21, 32, 41, 51, 61, 71) == ""
     assert springs_of(10, 20, 30, 42, 50, 60, 70) == ""
     assert springs_of(10, 20, 30, 3, 4, 5, 70) == ""
+
+
+#: A box of beams in three different sizes, with bolts along it.
+BOX = np.array([[x, y, z] for x in (0.0, 0.3, 0.6) for y in (0.0, 0.25) for z in (0.0, 0.1, 0.2, 0.9)])
+
+
+@pytest.mark.parametrize("axes", list(EXCHANGES))
+def test_exchanged_axes_of_a_table_or_of_the_points(axes: str) -> None:
+    dofs = DofTable(node=np.arange(BOX.shape[0]), component=np.full(BOX.shape[0], "UX"), xyz=BOX[:, EXCHANGES[axes]])
+    right = DofTable(node=dofs.node, component=dofs.component, xyz=BOX)
+
+    def points(table: DofTable, offset: float) -> list[NearPoint]:
+        found = []
+        for place in BOX[[3, 10, 14, 23]] + offset:
+            dof, distance = nearest(table, place, "UX") or (0, np.inf)
+            size = spacing(table, dof)
+            found.append(NearPoint(place, "UX", "beside" if distance > AT_NODE * size else "", distance / size))
+        return found
+
+    assert exchanged_axes(dofs, points(dofs, 0.0)) == axes
+    # Sensors that do not lie at nodes, and a table that is right.
+    assert exchanged_axes(dofs, points(dofs, 0.01)) == axes
+    assert exchanged_axes(right, points(right, 0.0)) == ""
+    assert exchanged_axes(right, points(right, 0.01)) == ""
+    assert exchanged_axes(dofs, points(dofs, 0.0)[:1]) == ""

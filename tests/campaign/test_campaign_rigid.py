@@ -99,13 +99,13 @@ def test_models_that_are_right_are_not_doubted(kind):
     build, labels = MODELS[kind]
     xyz = places()
     K, dofs = build(xyz), table(xyz, labels)
-    assert places_doubt(K, dofs) is None
+    assert places_doubt(K, dofs, "dofs.csv") is None
     assert digits_doubt(K, K.data, dofs.component) is None
     # Nor where some nodes are held, by springs in all directions, or fixed.
     held = sp.csc_array(sp.diags_array(np.where(np.arange(dofs.size) < 40, K.diagonal().max(), 0.0)))
-    assert places_doubt(sp.csc_array(K + held), dofs) is None
+    assert places_doubt(sp.csc_array(K + held), dofs, "dofs.csv") is None
     kept = np.arange(30, dofs.size)
-    assert places_doubt(K[:, kept][kept], table(xyz[30 // len(labels) :], labels)) is None
+    assert places_doubt(K[:, kept][kept], table(xyz[30 // len(labels) :], labels), "dofs.csv") is None
 
 
 def test_rounding_of_rotated_elements_is_no_stiffness():
@@ -121,10 +121,10 @@ def test_rounding_of_rotated_elements_is_no_stiffness():
         K[np.ix_(rotx, rotx)] += 1e3 * np.array([[1, -1], [-1, 1]])
         at = [uz[0], roty[0], uz[1], roty[1]]
         K[np.ix_(at, at)] += 1e6 * bend
-    assert places_doubt(sp.csc_array(K), table(xyz, labels)) is None
+    assert places_doubt(sp.csc_array(K), table(xyz, labels), "dofs.csv") is None
     uz, rotz = (np.arange(c, len(K), 6) for c in (2, 5))
     K[uz, rotz] = K[rotz, uz] = 1e-16 * K.max() * np.random.default_rng(0).standard_normal(uz.size)
-    assert places_doubt(sp.csc_array(K), table(xyz, labels)) is None
+    assert places_doubt(sp.csc_array(K), table(xyz, labels), "dofs.csv") is None
 
 
 @pytest.mark.parametrize("kind", MODELS)
@@ -133,13 +133,13 @@ def test_coordinates_of_another_model_are_told(kind):
     xyz = places()
     K = build(xyz)
     for other, says in (
-        (xyz * [1.0, 1.1, 1.0], "Give the nodes"),
+        (xyz * [1.0, 1.1, 1.0], "Give in dofs.csv the nodes"),
         (xyz * [1.0, -1.0, 1.0], "with y mirrored"),
         (xyz[:, [1, 0, 2]], "with x and y exchanged"),
-        (places(1), "Give the nodes"),
-        (np.roll(xyz, 1, axis=0), "Give the nodes"),
+        (places(1), "Give in dofs.csv the nodes"),
+        (np.roll(xyz, 1, axis=0), "Give in dofs.csv the nodes"),
     ):
-        text = places_doubt(K, table(other, labels))
+        text = places_doubt(K, table(other, labels), "dofs.csv")
         assert text is not None
         assert says in text
 
@@ -151,7 +151,7 @@ def test_axes_of_each_node_tell_nothing():
     angle = np.arctan2(xyz[:, 1], xyz[:, 0])
     turns = [np.array([[np.cos(a), np.sin(a), 0.0], [-np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]]) for a in angle]
     R = sp.block_diag(turns, format="csc")
-    assert places_doubt(sp.csc_array(R @ K @ R.T), dofs) is None
+    assert places_doubt(sp.csc_array(R @ K @ R.T), dofs, "dofs.csv") is None
 
 
 def test_rounded_numbers_are_told_and_simple_ones_are_not():

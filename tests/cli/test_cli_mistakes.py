@@ -1366,7 +1366,7 @@ MISTAKES = [
         stretched(lambda x: 320.0 / 300.0 * x),
         0,
         "the coordinates of the nodes are probably not those of the stiffness matrix: a rigid rotation about y causes forces at 28%",
-        "Give the nodes of the model that was exported",
+        "the nodes of the model that was exported",
     ),
     Mistake(
         "nodes mirrored",
@@ -1822,6 +1822,16 @@ def test_places_from_another_origin_are_the_one_thing_told(tmp_path: Path) -> No
     told = check(folder, "plate").stdout.partition("\nwarnings\n")[2].splitlines()
     assert len(told) == 1
     assert "measured from another origin than that of the model" in told[0]
+
+
+def test_exchanged_axes_of_the_nodes_are_the_one_thing_told(tmp_path: Path) -> None:
+    """Bolts, hammer and sensors, all of them right, were to be corrected, and finer rows of the sensors to be written."""
+    folder = make_plate(tmp_path)
+    nodes = re.compile(r"(?m)^(\d+), *([^,\n]+), *([^,\n]+), *([^,\n]+)$")
+    text("plate.inp", lambda t: nodes.sub(lambda m: f"{m[1]}, {m[3]}, {m[2]}, {m[4]}", t))(folder)
+    told = check(folder, "plate").stdout.partition("\nwarnings\n")[2].splitlines()
+    assert len(told) == 1
+    assert "with x and y exchanged it does not. Correct the coordinates in plate.inp" in told[0]
 
 
 @pytest.mark.slow

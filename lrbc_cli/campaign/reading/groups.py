@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.reading.doubts.astray import beside_their_dofs, beside_their_springs, stray_springs
 from lrbc_cli.campaign.reading.joints import aside_text, bolts_of_terms, bushing_vectors, joint_notes, owners, require_free
-from lrbc_cli.campaign.reading.places import require_near
+from lrbc_cli.campaign.reading.places import EXCHANGES, require_near
 from lrbc_cli.campaign.reading.reader import ModelReader, Parts
 from lrbc_cli.config.structure import Damping, GroupConfig, GroupDampingConfig
 from lrbc_cli.errors import DataError
@@ -234,10 +234,13 @@ class GroupReader(ModelReader):
         empty = np.flatnonzero((np.diff(left.indptr) == 0) | (np.diff(right.indptr) == 0))
         if empty.size:
             raise DataError(f"vector {empty[0]} of {name} is empty", file=first.path)
-        # If the DOF table is in another order, the places of the DOFs are wrong, not those of the terms.
-        dofs = None if self.disordered else self.dofs
-        beside = None if dofs is None else beside_their_dofs(positions.xyz, (abs(left) + abs(right)).tocsc(), dofs.xyz)
-        if beside:
+        # If the DOF table is wrong, the places of the DOFs are wrong, not those of the terms.
+        dofs = None if self.misplaced else self.dofs
+        felt = (abs(left) + abs(right)).tocsc()
+        beside = None if dofs is None else beside_their_dofs(positions.xyz, felt, dofs.xyz)
+        if beside and self.axes and dofs is not None and not beside_their_dofs(positions.xyz[:, EXCHANGES[self.axes]], felt, dofs.xyz):
+            self.table_exchanged = True
+        elif beside:
             self.warn(f"parameters.{name}: the places in {select.positions.name} are {beside}")
         return left, right, positions
 
@@ -263,10 +266,13 @@ class GroupReader(ModelReader):
         table = replace(table, stiffness=table.stiffness * unit.force * np.where(turns, unit.length, 1.0 / unit.length))
         require_free(table, self.dofs, self.held)
         vectors, places = bushing_vectors(table, self.dofs)
-        if aside := aside_text(table, self.dofs):
+        if not self.misplaced and (aside := aside_text(table, self.dofs)):
             self.warn(f"{file.name}: {aside}")
-        astray = None if self.bolts is None or self.disordered else beside_their_springs(self.bolts, places, table.bolt, self.unit.length)
-        if astray:
+        check = partial(beside_their_springs, springs=places, owner=table.bolt, unit=self.unit.length)
+        astray = None if self.bolts is None or self.misplaced else check(self.bolts)
+        if astray and self.axes and self.bolts and not check(replace(self.bolts, xyz=self.bolts.xyz[:, EXCHANGES[self.axes]])):
+            self.table_exchanged = True
+        elif astray:
             self.beside.setdefault(astray, []).append(file.name)
         elif self.bolts is not None and (stray := stray_springs(table, places, self.bolts, self.dofs, self.unit.length)):
             self.warn(f"{file.name}: {stray}")

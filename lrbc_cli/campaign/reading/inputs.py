@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.campaign.reading.dof_source import added_nodes, numbering, order_doubt, unfitting
-from lrbc_cli.campaign.reading.doubts.rigid import digits_doubt, rigid_doubts
+from lrbc_cli.campaign.reading.doubts.numbering import require_whole
+from lrbc_cli.campaign.reading.doubts.rigid import digits_doubt, places_doubt, symmetry_doubt
 from lrbc_cli.campaign.reading.doubts.settings import guesses
 from lrbc_cli.campaign.reading.drift import check_drift, load_shift
 from lrbc_cli.campaign.reading.edges import by_edges
@@ -30,16 +31,23 @@ from lrbc_cli.campaign.reading.factors import (
 )
 from lrbc_cli.campaign.reading.groups import GroupReader, TermGroup, Terms
 from lrbc_cli.campaign.reading.model_doubts import doubts, fixed_dofs, require_apart, require_mass, require_own, require_roles, slips
-from lrbc_cli.campaign.reading.places import beside_nodes, extents, require_metres, require_unit
+from lrbc_cli.campaign.reading.places import (
+    beside_nodes,
+    coordinates_file,
+    exchanged_axes,
+    exchanged_text,
+    extents,
+    require_metres,
+    require_unit,
+)
 from lrbc_cli.campaign.reading.reach import require_frequencies, require_reach
 from lrbc_cli.campaign.reading.reader import Parts, Point
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import FieldDamping, ProportionalDamping, ResponseConfig
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.hdf5.tools import came_through
-from lrbc_cli.io.sparse import MatrixFile
 from lrbc_cli.method.resolve import Facts, Method, resolve
-from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, COMPONENTS, DofTable, PointTable
+from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
 from lrbc_cli.model.factors import Recipe
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.frf import QUANTITIES
@@ -333,43 +341,27 @@ def read_as_exported(campaign: Campaign) -> Inputs:
         hashes=reader.hashes,
         recipe=recipe_of(campaign, model),
         units_doubt=reader.units_doubt,
-        places_doubt=reader.moved or reader.disordered,
+        places_doubt=reader.moved or bool(reader.axes) or reader.misplaced,
         springs_doubt=bool(reader.beside),
         shifts=reader.shifts,
     )
 
 
 def _bolts_and_terms(reader: _Reader) -> tuple[list[Terms], LowRankTerms]:
-    if reader.dofs is not None:
-        # All points have been read by now.
-        require_unit(reader.dofs, points := list(reader.near.values()), reader.campaign.path)
-        warnings, reader.moved = beside_nodes(reader.dofs, points, reader.unit.length)
-        reader.warn(*warnings)
+    # All points have been read by now.
+    dofs, points = reader.dofs, list(reader.near.values())
+    if dofs is not None:
+        require_unit(dofs, points, reader.campaign.path)
+        # If the coordinates of the nodes are wrong, the places of the points say nothing.
+        reader.axes = "" if reader.misplaced else exchanged_axes(dofs, points)
+        if not reader.axes and not reader.misplaced:
+            warnings, reader.moved = beside_nodes(dofs, points, reader.unit.length)
+            reader.warn(*warnings)
     reader.read_bolts()
-    return reader.terms()
-
-
-def _require_whole(campaign: Campaign, stiffness: MatrixFile, mass: MatrixFile) -> None:
-    """Refuse a list of entries that is shorter than the other matrix: without a stated size, a truncated file gives a smaller matrix.
-
-    Raises
-    ------
-    DataError
-    """
-    source, sizes = campaign.model, [found.matrix.shape[0] for found in (stiffness, mass)]
-    short, file = (stiffness, source.stiffness) if sizes[0] < sizes[1] else (mass, source.mass)
-    # A lumped mass may have no entries at the rotations of the last node.
-    if short.sized or short.labels is not None or max(sizes) - min(sizes) <= (len(COMPONENTS) if short is mass else 0):
-        return
-    raise DataError(
-        f"the {'stiffness' if short is stiffness else 'mass'} matrix ends early",
-        file=file.path,
-        place=file.group,
-        expected=f"entries of {max(sizes)} rows, as in {(source.mass if short is stiffness else source.stiffness).path.name}",
-        found=f"the last row is {min(sizes)}",
-        hint="check whether the file was cut off when it was copied. Copy or export it again; otherwise export all matrices of one model "
-        "in one run",
-    )
+    found = reader.terms()
+    if reader.axes:
+        reader.warn(exchanged_text(reader.axes, points, reader.campaign, of_table=reader.table_exchanged))
+    return found
 
 
 def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, NDArray[np.bool_]]:
@@ -378,7 +370,7 @@ def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, ND
     require_own(reader.campaign)
     came_through(read_before(reader.campaign.output, reader.campaign.jobs))
     first, second = reader.load(source.stiffness), reader.load(source.mass)
-    _require_whole(reader.campaign, first, second)
+    require_whole(reader.campaign, first, second)
     numbered = numbering(source.dofs, first)
     reader.number(numbered)
     K = reader.matrix(source.stiffness, "stiffness", found=first)
@@ -411,9 +403,11 @@ def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, ND
     if reader.dofs is not None and source.dofs is not None:
         reader.units_doubt = require_metres(K, M, reader.dofs, reader.campaign)
         order = order_doubt(K, reader.dofs, source.dofs)
-        reader.disordered = order is not None
+        wrong = order or places_doubt(K, reader.dofs, table.name if (table := coordinates_file(reader.campaign)) else "")
+        reader.misplaced = wrong is not None
         fewer = digits_doubt(K, first.matrix.data, reader.dofs.component)
-        reader.warn(*(text for text in (reader.units_doubt, order, fewer, *([] if order else rigid_doubts(K, reader.dofs))) if text))
+        half = None if order else symmetry_doubt(K, reader.dofs)
+        reader.warn(*(text for text in (reader.units_doubt, wrong, fewer, half) if text))
         reader.notes.append(f"DOF table: {extents(reader.dofs.xyz)}")
     return K, M, acoustic
 

@@ -37,6 +37,9 @@ MILLIMETRES = 1e-3
 #: Largest distance of a point from a node at which it lies, as a share of the node spacing.
 AT_NODE = 0.05
 
+#: Ratio of distances below which one is clearly nearer.
+CLEARLY_NEARER = 0.5
+
 #: Exchanged axes, and the order of the columns.
 EXCHANGES = {"x and y": [1, 0, 2], "x and z": [2, 1, 0], "y and z": [0, 2, 1]}
 
@@ -54,6 +57,12 @@ MOST_OFF = 1.8
 
 #: Causes are named together if their deviations (sum of speed and density) differ by less than this [decades].
 ALIKE = 0.7
+
+
+def coordinates_file(campaign: Campaign) -> Path | None:
+    """The file of the coordinates of the nodes."""
+    source = campaign.model.dofs
+    return source.nodes if isinstance(source, DofSource) else source
 
 
 def extents(xyz: Floats) -> str:
@@ -209,6 +218,34 @@ def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> tu
     return [text], True
 
 
+def exchanged_axes(dofs: DofTable, points: Sequence[NearPoint]) -> str:
+    """The two axes (of ``EXCHANGES``) whose exchange brings the points to nodes, most of which lie beside them; empty if there are none.
+
+    The farthest point comes to a node, or within a mesh size if points as stated are farther; clearly nearer than by any other exchange.
+    """
+    if len(points) < 2 or 2 * sum(bool(point.warning) for point in points) <= len(points):
+        return ""
+    ways = []
+    for axes, order in EXCHANGES.items():
+        found = [nearest(dofs, point.place[order].tolist(), point.component) for point in points]
+        ways.append((max(np.inf if one is None else one[1] / (spacing(dofs, one[0]) or 1.0) for one in found), axes))
+    (best, axes), (second, _), _ = sorted(ways)
+    stated = max(point.away for point in points)
+    near = best <= AT_NODE or (best <= 1.0 < stated)
+    return axes if near and best < CLEARLY_NEARER * min(second, stated) else ""
+
+
+def exchanged_text(axes: str, points: Sequence[NearPoint], campaign: Campaign, *, of_table: bool) -> str:
+    """Warning about exchanged axes: of the DOF table if the bolts, too, fit with them exchanged, else of the points."""
+    file = coordinates_file(campaign)
+    table = "model.dofs" if file is None else file.name
+    count = sum(bool(point.warning) for point in points)
+    start = f"{count} of {len(points)} points of hammer and sensors lie beside the nodes; with {axes} exchanged all lie at nodes"
+    if of_table:
+        return f"{start}, and the bolts at their springs. {axes} are probably exchanged in the DOF table: exchange these columns of {table}"
+    return f"{start}. Exchange {axes} in each `near` of excitation and responses or, if all else is right, these columns of {table}"
+
+
 def require_unit(dofs: DofTable, points: Sequence[NearPoint], file: Path) -> None:
     """Refuse hammer and sensors whose nearest node is the same for all, if the ratio of two length units puts them at different nodes.
 
@@ -251,8 +288,7 @@ def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign: C
         If the node spacing does not fit stiffness and mass, as with millimetres, or matrices in t, mm and s.
     """
     translations = np.isin(dofs.component, ("UX", "UY", "UZ"))
-    source = campaign.model.dofs
-    file = source.nodes if isinstance(source, DofSource) else source
+    file = coordinates_file(campaign)
     for field, what in ((dofs.is_acoustic, "air"), (translations, "structure")):
         found = _speed_and_density(K, M, dofs, field)
         if found is not None and found[0] > FASTEST:

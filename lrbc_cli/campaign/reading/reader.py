@@ -95,13 +95,15 @@ class ModelReader:
         self.kept: NDArray[np.int64] | None = None
         self.row_of: NDArray[np.int64] | None = None
         self.n = 0
-        #: Points given by coordinates, by their keys, and whether the DOF table seems to be in another order than the matrices.
+        #: Points given by coordinates, by their keys, and whether the DOF table seems to have wrong coordinates or another order.
         self.near: dict[tuple[str, ...], NearPoint] = {}
-        self.disordered = False
+        self.misplaced = False
         #: Warnings about bolts far from their own springs, with the names of the tables concerned.
         self.beside: dict[str, list[str]] = {}
-        #: Whether all points seem to refer to another origin.
+        #: Whether all points seem to refer to another origin, or to exchanged axes (then these), and whether the bolts do so, too.
         self.moved = False
+        self.axes = ""
+        self.table_exchanged = False
 
     def hash(self, path: Path) -> None:
         """Store the hash of a file that was read."""

@@ -9,13 +9,10 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Bools, Floats
-from lrbc_cli.campaign.reading.places import EXCHANGES, MILLIMETRES
+from lrbc_cli.campaign.reading.places import CLEARLY_NEARER, EXCHANGES, MILLIMETRES
 from lrbc_cli.io.text.bushings import BushingTable
 from lrbc_cli.io.text.tables import ROUNDING
 from lrbc_cli.model.dofs import DofTable, PointTable
-
-#: Ratio of distances below which springs of another bolt are clearly nearer than the bolt's own.
-CLEARLY_NEARER = 0.5
 
 #: Largest number of examples in a message.
 _MOST = 4

@@ -1,4 +1,4 @@
-"""Detects mass and damping matrices whose rows are numbered differently from those of the stiffness matrix."""
+"""Detects matrices that end early, and mass and damping matrices whose rows are numbered differently from those of the stiffness."""
 
 from __future__ import annotations
 
@@ -9,11 +9,37 @@ import scipy.sparse as sp
 
 from lrbc_cli.arrays import Integers, spaced
 from lrbc_cli.campaign.reading.dof_source import LEAST_DOFS, MOST_FILLED
-from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable
+from lrbc_cli.config import Campaign
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.sparse import MatrixFile
+from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, COMPONENTS, DofTable
 from lrbc_cli.model.fem import FeModel
 
 #: Largest number of nodes whose neighbours are examined.
 _NODES = 2000
+
+
+def require_whole(campaign: Campaign, stiffness: MatrixFile, mass: MatrixFile) -> None:
+    """Refuse a list of entries that is shorter than the other matrix: without a stated size, a truncated file gives a smaller matrix.
+
+    Raises
+    ------
+    DataError
+    """
+    source, sizes = campaign.model, [found.matrix.shape[0] for found in (stiffness, mass)]
+    short, file = (stiffness, source.stiffness) if sizes[0] < sizes[1] else (mass, source.mass)
+    # A lumped mass may have no entries at the rotations of the last node.
+    if short.sized or short.labels is not None or max(sizes) - min(sizes) <= (len(COMPONENTS) if short is mass else 0):
+        return
+    raise DataError(
+        f"the {'stiffness' if short is stiffness else 'mass'} matrix ends early",
+        file=file.path,
+        place=file.group,
+        expected=f"entries of {max(sizes)} rows, as in {(source.mass if short is stiffness else source.stiffness).path.name}",
+        found=f"the last row is {min(sizes)}",
+        hint="check whether the file was cut off when it was copied. Copy or export it again; otherwise export all matrices of one model "
+        "in one run",
+    )
 
 
 def numbering_doubts(model: FeModel, dofs: DofTable | None) -> Iterator[str]:

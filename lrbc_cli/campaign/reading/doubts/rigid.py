@@ -57,7 +57,7 @@ def _has_digits(size: Floats, digits: int) -> bool:
     return size.size > 0 and bool(np.all(np.abs(scaled - np.round(scaled)) <= 1e-6))
 
 
-def places_doubt(K: sp.csc_array, dofs: DofTable, *, most: float = 0.1) -> str | None:
+def places_doubt(K: sp.csc_array, dofs: DofTable, table: str, *, most: float = 0.1) -> str | None:
     """Warning if a rigid rotation causes forces at DOFs where a translation causes none, so the coordinates are wrong; else None.
 
     A stretched, mirrored or exchanged axis makes the rotation a uniform strain, with forces on surfaces only. Only translational rows are
@@ -69,6 +69,8 @@ def places_doubt(K: sp.csc_array, dofs: DofTable, *, most: float = 0.1) -> str |
     K : (n, n) csc_array
     dofs : DofTable
         Of n rows.
+    table : str
+        Name of its file.
     most : float
         Largest share of loaded DOFs in a correct model, at springs and constraints.
     """
@@ -95,9 +97,9 @@ def places_doubt(K: sp.csc_array, dofs: DofTable, *, most: float = 0.1) -> str |
         f"the coordinates of the nodes are probably not those of the stiffness matrix: a rigid rotation about {axis} causes forces at "
         f"{shares[axis]:.0%} of the DOFs where a translation causes none"
         + (
-            f"; with {fit} it does not. Correct the coordinates, or the components in the DOF map"
+            f"; with {fit} it does not. Correct the coordinates in {table}, or the components if these are wrong"
             if fit
-            else ". Give the nodes of the model that was exported, in its axes"
+            else f". Give in {table} the nodes of the model that was exported, in its axes"
         )
     )
 
@@ -139,11 +141,6 @@ def require_single_diagonal(K: sp.csc_array, component: NDArray[np.str_], file: 
         hint="subtract the diagonal once (U + U.T - diag(U)), or give the triangle as it was exported, with `symmetric: true`. Do the same "
         "for the mass and the damping matrix if they were made this way",
     )
-
-
-def rigid_doubts(K: sp.csc_array, dofs: DofTable) -> list[str]:
-    """Warnings about coordinates of another model, and about planes of symmetry."""
-    return [text for text in (places_doubt(K, dofs), symmetry_doubt(K, dofs)) if text is not None]
 
 
 def _resting(K: sp.csc_array, component: NDArray[np.str_], *, share: float = 1e-6) -> Bools:
