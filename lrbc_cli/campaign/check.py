@@ -238,7 +238,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         # Listed lines were chosen individually, so they are not checked.
         if 2 * empty > count and isinstance(chosen_lines, EveryLine):
             sparse.append(f"{name} ({empty} of {count})")
-        if straight := interpolated(measurement.values):
+        if straight := interpolated(measurement.values, inputs.statistics.resolution):
             out.warnings.append(f"job {name}: {straight}")
     out.warnings += _unclear(inputs, readable)
     if sparse and isinstance(chosen_lines, EveryLine):

@@ -131,11 +131,12 @@ def _doubted(inputs: Inputs, result: Identification) -> str | None:
     copied = copied_text(own, tight, reference.job, [response.name for response in inputs.responses], limits)
     if copied:
         return copied
-    within = (tight.frequency_hz >= axis[0] * (1 - 1e-6)) & (tight.frequency_hz <= axis[-1] * (1 + 1e-6))
+    same = limits.same_line
+    within = (tight.frequency_hz >= axis[0] * (1 - same)) & (tight.frequency_hz <= axis[-1] * (1 + same))
     if within.mean() < limits.least_span:
         whole = f"{tight.frequency_hz[0]:g} to {tight.frequency_hz[-1]:g} Hz"
         return f"its lines reach from {axis[0]:g} to {axis[-1]:g} Hz, those of {reference.job} from {whole}; check whether it is complete"
-    if strange := interpolated(own.values):
+    if strange := interpolated(own.values, inputs.statistics.resolution):
         return strange
     # What is mostly noise is not compared, so its peaks do not count.
     quiet = [without_noise(inputs, *each) for each in ((result.name, own, tight), (reference.job, tight))]

@@ -143,7 +143,7 @@ class Sharp:
 
 @dataclass(frozen=True, kw_only=True)
 class Resolution:
-    """Limits from which lines do not resolve the peaks of FRFs, or peaks are caused by noise; a job is then not validated.
+    """Limits from which lines are interpolated or do not resolve the peaks of FRFs, or peaks are noise; a job is then not validated.
 
     Attributes
     ----------
@@ -162,6 +162,10 @@ class Resolution:
         Distances in lines at which pairs of sharp peaks are counted as chance. A choice: near enough for the same density of peaks.
     together : float
         Sharp peaks of resonances coincide at least this many times as often as by chance. A choice: half of the coincidences are by chance.
+    interpolated, measured : int
+        Largest spacing of measured lines for which interpolated ones are looked for [lines], and least number of them. Choices.
+    straight : float
+        Largest ratio of second differences between measured lines to those at them; rounding to few digits leaves as much.
     """
 
     prominence_db: float = 6.0
@@ -170,6 +174,9 @@ class Resolution:
     noisy: float = 1 / 6
     aside: tuple[int, ...] = (2, 3, 4, 5, 6, 7, 8)
     together: float = 2.0
+    interpolated: int = 16
+    measured: int = 8
+    straight: float = 0.05
 
 
 #: The default, for callers that use a part of the package by itself.
@@ -281,7 +288,7 @@ def _hum(sharp: Floats, *axes: Floats, most: float = 0.5, chance: float = 0.1) -
     return ""
 
 
-def interpolated(measured: Complexes, *, most: int = 16, least: int = 8, straight: float = 0.05) -> str | None:
+def interpolated(measured: Complexes, rule: Resolution = RESOLUTION) -> str | None:
     """Message on FRFs with lines that were interpolated linearly between the measured ones; None if all were measured.
 
     Interpolated FRFs have second differences at the measured lines only; measured ones, smooth or noisy, have them at all lines alike.
@@ -290,19 +297,14 @@ def interpolated(measured: Complexes, *, most: int = 16, least: int = 8, straigh
     ----------
     measured : (F, R) complex array
         On evenly spaced lines; NaN where a response was not measured.
-    most : int
-        Largest spacing of measured lines that is tried, in lines.
-    least : int
-        Least number of measured lines.
-    straight : float
-        Largest ratio of second differences between measured lines to those at them; rounding to few digits leaves as much.
+    rule : Resolution
     """
     known = measured[:, np.isfinite(measured).all(axis=0)]
     bend = (np.abs(np.diff(known, n=2, axis=0)) / np.maximum(np.abs(known).mean(axis=0), np.finfo(float).tiny)).sum(axis=1)
-    for every in range(2, min(most, bend.size // least) + 1):
+    for every in range(2, min(rule.interpolated, bend.size // rule.measured) + 1):
         for first in range(every):
             at = np.arange(bend.size) % every == first
-            if np.quantile(bend[~at], 0.9) < straight * np.quantile(bend[at], 0.25):
+            if np.quantile(bend[~at], 0.9) < rule.straight * np.quantile(bend[at], 0.25):
                 return (
                     f"probably only one of {every} lines was measured and the others are interpolated: peaks are cut off, and more lines "
                     "count than were measured. Export the lines as they were measured"

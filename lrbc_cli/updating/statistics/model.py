@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import asdict, dataclass, fields
 
+from lrbc_cli.updating.statistics.chain.echo import ECHO, EchoRule
 from lrbc_cli.updating.statistics.chain.modal import MODAL, ModalRule
 from lrbc_cli.updating.statistics.error_model import ERRORS, ErrorModel
 from lrbc_cli.updating.statistics.lines import RESOLUTION, RESONANCES, Resolution, Resonances
@@ -69,6 +70,8 @@ class StatisticalModel:
     validation : ValidationChannels
     modal : ModalRule
         Whether a job was measured with another window or filter than the reference job.
+    echo : EchoRule
+        Whether a job was hit twice.
     """
 
     errors: ErrorModel = ERRORS
@@ -80,6 +83,7 @@ class StatisticalModel:
     calibration: CalibrationPrior = CALIBRATION_PRIOR
     validation: ValidationChannels = ValidationChannels()
     modal: ModalRule = MODAL
+    echo: EchoRule = ECHO
 
     def digest(self, *names: str) -> str:
         """SHA-256 digest of the named parts, or of all: their numbers and classes, since a subclass may compute differently."""

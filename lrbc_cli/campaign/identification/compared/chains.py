@@ -129,7 +129,7 @@ def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference:
     if own.values.shape != tight.values.shape or unlike(own.frequency_hz, tight.frequency_hz):
         return None
     names, air = [response.name for response in inputs.responses], SOUND_SPEED in inputs.recipe.names
-    blow = second_blow(own.frequency_hz, own.values, tight.values, reference)
+    blow = second_blow(own.frequency_hz, own.values, tight.values, reference, inputs.statistics.echo)
     return blow or other_chain(own.frequency_hz, own.values, tight.values, reference, names, inputs.statistics.modal, air=air)
 
 
