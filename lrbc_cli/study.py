@@ -318,7 +318,8 @@ class Study:
         baselines : sequence of Identified
             Further jobs with all bolts tight.
         **rule
-            New values of ``confidence``, ``loose_change``, ``largest_misfit`` (keys of ``update``); the others stay as in the campaign.
+            New values of ``confidence``, ``loose_change``, ``largest_misfit`` (keys of ``update``) or other fields of ``DecisionRule``; the
+            others stay as in this study (``inputs.method.rule``).
 
         Raises
         ------
@@ -326,7 +327,7 @@ class Study:
             If a key is not part of the rule, or its value is not valid.
         """
         update = self.inputs.campaign.update
-        changed, scatter = changed_rule(update, rule), scatter_of_records(other.record for other in baselines)
+        changed, scatter = changed_rule(self.inputs.method.rule, update, rule), scatter_of_records(other.record for other in baselines)
         given.made_by("found", found, Identified, "what identify returned")
         return judge(found.evidence, changed, role_of(update, found.name), scatter, found.identification.reference)
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import suppress
 from pathlib import Path
 
 from lrbc_cli.campaign.protect import input_files
 from lrbc_cli.config import Campaign
-from lrbc_cli.config.watch import HIDDEN
+from lrbc_cli.config.watch import HIDDEN, shown
 from lrbc_cli.results.model import CampaignRecord
 from lrbc_cli.results.store import read
 
@@ -19,12 +20,13 @@ def passed_over(campaign: Campaign) -> list[str]:
     return list(campaign.watch.passed_over({path for path, _ in input_files(campaign)}, campaign.output))
 
 
-def unnamed(campaign: Campaign, *, shown: int = 3) -> list[str]:
+def unnamed(campaign: Campaign, *, most: int = 3) -> list[str]:
     """Warnings about files in the folders of the measurements, with the same endings, that no job names (without watched folder)."""
     if campaign.watch is not None:
         return []
-    known = {path.resolve() for path, _ in input_files(campaign)}
-    results = campaign.output.resolve()
+    # realpath, since `resolve` fails on links that lead to themselves.
+    known = {os.path.realpath(path) for path, _ in input_files(campaign)}
+    results = os.path.realpath(campaign.output)
     kinds: dict[Path, set[str]] = {}
     files = [file for job in campaign.jobs.values() for file in job.all_files]
     # If a file is missing, another one in its folder may be that file renamed; its error says so.
@@ -36,11 +38,11 @@ def unnamed(campaign: Campaign, *, shown: int = 3) -> list[str]:
     for folder, suffixes in kinds.items():
         with suppress(OSError):
             # Files written by this program are no measurements.
-            entries = () if folder.resolve() == results else folder.iterdir()
+            entries = () if os.path.realpath(folder) == results else folder.iterdir()
             there = sorted(path for path in entries if path.suffix.lower() in suffixes and path.is_file())
-            beside = [path.name for path in there if path.resolve() not in known and not path.name.startswith(HIDDEN)]
+            beside = [shown(path) for path in there if os.path.realpath(path) not in known and not path.name.startswith(HIDDEN)]
             if beside:
-                named = ", ".join(beside[:shown]) + (f" and {len(beside) - shown} more" if len(beside) > shown else "")
+                named = ", ".join(beside[:most]) + (f" and {len(beside) - most} more" if len(beside) > most else "")
                 found.append(f"no job uses {named} in {folder}: if that is a measurement, add a job for it")
     return found
 

@@ -20,8 +20,8 @@ from lrbc_cli.results.store import read
 #: Increased whenever the same input would give other factors; ``NUMBERS`` detects changes of numbers and operators.
 CALIBRATION_VERSION = 6
 
-#: Settings of ``update`` that a calibration uses.
-SETTINGS = ("responses", "lines", "residual", "loss", "loss_scale", "floor", "weights")
+#: Fields of the ``Method`` that a calibration uses.
+METHOD = ("responses", "lines", "residual", "weighted", "max_iterations")
 
 #: Parts of the statistical model that a calibration uses; those about bolts are not among them.
 STATISTICS = ("errors", "values", "resonances", "resolution", "limits", "calibration", "validation")
@@ -68,8 +68,8 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
             [[response.name, response.quantity] for response in inputs.responses],
         ),
         "settings": digest(
-            {name: resolved["update"][name] for name in SETTINGS},
-            resolved["update"]["nuisances"]["hammer"],
+            {name: getattr(inputs.method, name) for name in METHOD},
+            inputs.method.nuisances.hammer,
             sorted(calibration.names),
             calibration.boundary,
             calibration.job,

@@ -318,7 +318,7 @@ def _looks(inputs: Inputs, folder: Path, readable: dict[str, Measurement], progr
     if (
         tight is not None
         and sum(tight.left_out) > tight.frequency_hz.size
-        and few_resonances(tight.frequency_hz, tight.values[:, inputs.used]) is not None
+        and few_resonances(tight.frequency_hz, tight.values[:, inputs.used], inputs.statistics.resonances) is not None
     ):
         return FirstLook(note="measured and computed FRFs are compared only if the band contains more resonances")
     return first_look(inputs, folder, readable, progress)
@@ -326,7 +326,7 @@ def _looks(inputs: Inputs, folder: Path, readable: dict[str, Measurement], progr
 
 def _poor(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[str]:
     """Warnings about few resonances in the band (reference job only), few digits, normalised FRFs, and single blows."""
-    few = few_resonances(measurement.frequency_hz, measurement.values[:, inputs.used])
+    few = few_resonances(measurement.frequency_hz, measurement.values[:, inputs.used], inputs.statistics.resonances)
     if few is not None and name == inputs.campaign.update.reference and covers(measurement.frequency_hz, inputs.campaign.reduction.band):
         yield f"job {name}: {_few_text(inputs, measurement, few)}"
     if rounded := few_digits(measurement.values):

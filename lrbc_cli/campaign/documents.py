@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import platformdirs
@@ -41,7 +42,7 @@ def cache_folder(folder: Path | None) -> Path:
     ConfigError
         If it cannot be used.
     """
-    found = (folder or Path(platformdirs.user_cache_dir("lrbc", appauthor=False))).resolve()
+    found = Path(os.path.realpath(folder or platformdirs.user_cache_dir("lrbc", appauthor=False)))
     try:
         # The access that look_up makes, with a name of full length.
         (found / ("0" * 32) / "model.h5").is_file()

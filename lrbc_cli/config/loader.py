@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -16,6 +17,7 @@ from lrbc_cli.config.document import MAX_DEPTH, Document, Node, parse, read_docu
 from lrbc_cli.config.explain import explain, refuse_gone, refuse_unfilled, without_unfilled
 from lrbc_cli.config.fields import FrozenDict, job_name, plain_name
 from lrbc_cli.config.settings import JobConfig, MeasuredFile
+from lrbc_cli.config.watch import shown, unspeakable
 from lrbc_cli.errors import ConfigError
 
 #: Keys of a job that describe its own measurement: a job made from a file in the watched folder does not inherit them.
@@ -44,6 +46,13 @@ def load_campaign(path: Path, overrides: Sequence[str] = ()) -> Campaign:
     ConfigError
         If it is not a valid campaign; with file, line and key path.
     """
+    if unspeakable(path.absolute()):
+        raise ConfigError(
+            "a name in the path of the campaign file is not UTF-8",
+            file=Path(shown(path)),
+            expected="names of folders and files that can be written into results",
+            hint="rename it; in a terminal without UTF-8, set PYTHONUTF8=1 (or LC_ALL=C.UTF-8)",
+        )
     return _build(_document(path, overrides))
 
 
@@ -165,7 +174,7 @@ def with_folder(campaign: Campaign) -> Campaign:
     named = {path for config in jobs.values() for path in config.all_files}
     taken = {name.lower(): name for name in jobs}
     for path in watch.files():
-        if path in named or path.resolve() in named:
+        if path in named or Path(os.path.realpath(path)) in named:
             continue
         known = taken.get(path.stem.lower())
         if known is not None and any(file.exists() for file in jobs[known].all_files):

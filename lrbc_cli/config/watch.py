@@ -63,9 +63,9 @@ class WatchConfig(Strict):
         return True
 
     def files(self) -> Iterator[Path]:
-        """Files of the folder that match a pattern, sorted by name, without hidden and temporary ones; none if it cannot be read."""
+        """Files that match a pattern, by name, without hidden, temporary and ``unspeakable`` ones; none if the folder cannot be read."""
         try:
-            found = sorted(path for path in self.folder.iterdir() if not path.name.startswith((".", "~")))
+            found = sorted(path for path in self.folder.iterdir() if not path.name.startswith((".", "~")) and not unspeakable(path))
         except OSError:
             return
         yield from filter(self._matches, found)
@@ -91,9 +91,12 @@ class WatchConfig(Strict):
         for path in found:
             if path in mine or path.name.startswith(HIDDEN):
                 continue
+            if unspeakable(path):
+                yield f"{shown(path)} in {self.folder} is not judged: its name is not UTF-8. Rename it"
+                continue
             if path.is_dir():
                 first = next((file for file in _below(path, output) if self._matches(file) and file not in mine), None)
-                if first is not None:
+                if first is not None and not unspeakable(first):
                     yield (
                         f"{first.relative_to(self.folder)} in {self.folder} lies in a sub-folder: it is not judged, nor is anything else "
                         "there. Move measurements up into the watched folder, or list them under `jobs`; move everything else out of it"
@@ -108,6 +111,16 @@ class WatchConfig(Strict):
                     f"{path.name} in {self.folder} matches no pattern of watch.pattern ({', '.join(self.patterns)}) and is not judged: "
                     f"add '*{path.suffix}' there if it is a measurement, else move it out of the folder"
                 )
+
+
+def unspeakable(path: Path) -> bool:
+    """Whether a path contains bytes that are no text, as names from another character set; no result file could name it."""
+    return any(0xD800 <= ord(letter) <= 0xDFFF for letter in str(path))
+
+
+def shown(path: Path) -> str:
+    """The name of a file for a message, with a question mark for each byte that is no text."""
+    return path.name.encode("utf-8", "replace").decode()
 
 
 def _below(folder: Path, output: Path) -> Iterator[Path]:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import hashlib
 import os
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any, Literal
+from typing import IO, Any, Literal, TypeVar
 
+from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import require_file
+
+T = TypeVar("T")
 
 
 @contextmanager
@@ -79,6 +82,30 @@ def file_hash(path: Path) -> str:
     require_file(path)
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def unchanged(file: Path, digest: str, reader: Callable[[], T]) -> T:
+    """What a reader returns of a file with this digest.
+
+    Raises
+    ------
+    DataError
+        If the content changed meanwhile.
+    """
+    found = reader()
+    if file_hash(file) != digest:
+        raise changed_meanwhile(file)
+    return found
+
+
+def changed_meanwhile(file: Path) -> DataError:
+    """Error for a measurement that changed during the run, as while it is copied."""
+    return DataError(
+        "the file changed during the run",
+        file=file,
+        expected="the same content from the beginning to the end",
+        hint="run again when the file is complete",
+    )
 
 
 def _flush(path: Path) -> None:

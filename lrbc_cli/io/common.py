@@ -109,7 +109,7 @@ def _other_path(path: Path) -> str:
     parent = path.parent
     if not parent.is_dir():
         return f"there is no folder {parent}; relative paths start at the campaign file's folder"
-    near = get_close_matches(path.name, [other.name for other in parent.iterdir()], n=1, cutoff=0.75)
+    near = get_close_matches(path.name, [other.name for other in parent.iterdir() if other.name != path.name], n=1, cutoff=0.75)
     return (f"did you mean '{near[0]}'? " if near else "") + "check the path; relative paths start at the campaign file's folder"
 
 

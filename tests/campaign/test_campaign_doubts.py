@@ -25,6 +25,7 @@ from lrbc_cli.campaign.reading.doubts import springs
 from lrbc_cli.model.units import SI
 from lrbc_cli.updating.comparison.scale import Offset
 from lrbc_cli.updating.judging.reference import ReferenceState
+from lrbc_cli.updating.judging.rule import DecisionRule
 from lrbc_cli.updating.statistics.saturation import Saturation
 
 G = "{acc1: 0.1019716, acc2: 0.1019716, acc3: 0.1019716, acc4: 0.1019716}"
@@ -114,7 +115,8 @@ def test_a_measurement_alone_that_is_not_explained(frame: Folder) -> None:
 def test_the_hammer_is_not_suspected_beside_a_reference_job_that_is_explained_coarsely(
     used: float, held_out: float | None, said: bool
 ) -> None:
-    text = coarse_text(ReferenceState(job="tight", parameters={}, covariance=None, sigma_db=0.5, misfit_db=used, validation_db=held_out))
+    state = ReferenceState(job="tight", parameters={}, covariance=None, sigma_db=0.5, misfit_db=used, validation_db=held_out)
+    text = coarse_text(state, DecisionRule())
     assert ("has a misfit of 2.60 dB: improve model" in text) == said == bool(text)
 
 

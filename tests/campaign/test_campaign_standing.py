@@ -489,3 +489,16 @@ def test_a_confirmed_reference_changes_no_result(frame: Folder) -> None:
 def test_the_result_of_another_job(frame: Folder) -> None:
     change(frame.out / "loose-2" / "result.json", lambda tree: tree.update(job="loose-all"))
     assert plans(frame)["loose-2"] == (True, "the earlier result is unusable (this result belongs to job loose-all)")
+
+
+def test_results_of_another_program_are_told(tmp_path: Path) -> None:
+    """After a change of the code the verdicts of before were kept without a word."""
+    folder = two_jobs(tmp_path)
+    assert folder.run("update").code == 0
+    assert "note:" not in folder.run("update").stderr
+    path = folder.out / "loose-2" / "result.json"
+    tree = json.loads(path.read_text())
+    tree["provenance"]["program"] = "0" * 64
+    path.write_text(json.dumps(tree | {"digest": digest_of(tree)}))
+    told = folder.run("update").stderr
+    assert "note: loose-2: kept, but the program or its libraries changed since; --force identifies again" in told

@@ -339,3 +339,45 @@ def test_notebooks(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     np.testing.assert_allclose(beam["reduced"], beam["direct"], rtol=1e-3)
     np.testing.assert_allclose(beam["fit"].x, beam["true"], atol=0.02)
     assert all(isinstance(script[name], Figure) for script, name in ((frame, "frf"), (frame, "profile"), (beam, "figure")))
+
+
+def test_judging_starts_from_the_rule_of_the_study(study: Study) -> None:
+    """A rule given by ``with_method`` was forgotten, and the campaign's judged: an undecided bolt came out tight."""
+    strict = study.with_method(rule=replace(study.inputs.method.rule, confidence=0.999, validated_misfit=1e-3))
+    found = strict.identify("tight")
+    kept, own = strict.judge(found), study.judge(found)
+    assert not kept.validity.passed
+    assert own.validity.passed
+    assert study.judge(found, validated_misfit=1e-3).validity == kept.validity
+    with pytest.raises(ConfigError, match="a number for joint_margin"):
+        study.judge(found, joint_margin="wide")
+
+
+def test_a_calibration_of_another_method_is_another_one(study: Study) -> None:
+    """One that was fitted with other lines and residuals was kept as that of the campaign."""
+    from lrbc_cli.campaign.calibration import key_parts
+
+    own = key_parts(study.inputs)
+    for change in ({"lines": "all"}, {"residual": replace(study.inputs.method.residual, loss_scale=3.0)}):
+        other = key_parts(study.with_method(**change).inputs)
+        assert [name for name in own if own[name] != other[name]] == ["settings"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a file that is read cannot be replaced")
+def test_a_file_that_changes_during_the_run_gives_no_result(tmp_path: Path) -> None:
+    """Replaced after the identity was taken, and put back: the verdicts of the other content were kept as those of this one."""
+    folder = box(tmp_path / "box")
+    right, other = (folder.data / f"{name}.uff" for name in ("loose", "tight"))
+    content = right.read_bytes()
+
+    def swap(text: str) -> None:
+        if text.startswith("loose: identifying"):
+            right.write_bytes(other.read_bytes())
+
+    outcome = lrbc_cli.load(folder.config, cache=folder.cache, progress=swap).update()
+    assert outcome.failed == ["loose"]
+    assert "the file changed during the run" in outcome.errors["loose"].message
+    right.write_bytes(content)
+    again = lrbc_cli.load(folder.config, cache=folder.cache).update()
+    assert again.failed == []
+    assert again.results["loose"].names("loose") == ["B3", "B4"]

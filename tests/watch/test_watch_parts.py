@@ -15,6 +15,7 @@ import pytest
 from lrbc_cli.campaign.beside import passed_over, unseen
 from lrbc_cli.config import JobConfig, load_campaign
 from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.io.common import require_file
 from lrbc_cli.watch.arrivals import Arrivals
 from lrbc_cli.watch.lock import GONE, NAME, Lock
 from lrbc_cli.watch.loop import Wake
@@ -123,6 +124,23 @@ def test_measurements_that_nobody_sees(tmp_path: Path) -> None:
     assert [text.partition(" in ")[0] for text in told] == named
     assert unseen(campaign) == "; ".join(told)
     assert passed_over(load_campaign(CAMPAIGN)) == []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of files are text there")
+def test_names_that_are_no_text_and_links_to_themselves(tmp_path: Path) -> None:
+    """Each ended every command with an internal error."""
+    folder = tmp_path / "frf"
+    watch = folder_of(folder)
+    (folder / os.fsdecode(b"t\xfcr.csv")).write_text("x")
+    (folder / "loop.csv").symlink_to("loop.csv")
+    campaign = load_campaign(CAMPAIGN, [watch, "watch.pattern='*.csv'"])
+    assert [name for name in campaign.jobs if "r" in name[1:2]] == []
+    assert passed_over(campaign) == [f"t?r.csv in {folder} is not judged: its name is not UTF-8. Rename it"]
+    with pytest.raises(ConfigError, match="not UTF-8"):
+        load_campaign(tmp_path / os.fsdecode(b"t\xfcr") / "campaign.yaml")
+    with pytest.raises(DataError) as raised:
+        require_file(folder / "loop.csv")
+    assert "did you mean" not in raised.value.message
 
 
 def test_settings_of_the_reference_job_hold_for_new_files(tmp_path: Path) -> None:

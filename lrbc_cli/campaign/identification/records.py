@@ -15,7 +15,7 @@ from lrbc_cli.campaign.identification.matching import called, describe, matched,
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.config.settings import JobConfig, files_of
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.atomic import file_hash
+from lrbc_cli.io.atomic import file_hash, unchanged
 from lrbc_cli.io.frf import CoherenceKey, TextLayout, read_coherence, read_frf
 from lrbc_cli.io.frf_common import HERTZ
 from lrbc_cli.model.frf import FrfRecord, FrfSet
@@ -266,7 +266,8 @@ def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
                 hint="check whether another file was meant",
             )
         hashes[file.as_posix()] = digest
-        found = _files.of(digest.encode(), partial(read_frf, file, layout_of(job, file)), (str(file), repr(layout_of(job, file))))
+        reader = partial(unchanged, file, digest, partial(read_frf, file, layout_of(job, file)))
+        found = _files.of(digest.encode(), reader, (str(file), repr(layout_of(job, file))))
         only = found.records[0]
         if len(found.records) == 1 and not only.name and only.response_node is None:
             named.append(file.stem)
@@ -287,14 +288,14 @@ def _coherences(job: JobConfig, hashes: dict[str, str]) -> dict[CoherenceKey, tu
     """Coherences of separate files, each with its lines [Hz]; adds the hashes of these files."""
     found: dict[CoherenceKey, tuple[Floats, Floats]] = {}
     for file in files_of(job.coherence):
-        own = read_coherence(file, layout_of(job, file, of_coherence=True))
+        hashes[file.as_posix()] = file_hash(file)
+        own = unchanged(file, hashes[file.as_posix()], partial(read_coherence, file, layout_of(job, file, of_coherence=True)))
         if len(own) == 1 and "" in own:
             own = {file.stem: own[""]}
         for key, pair in own.items():
             if key in found:
                 raise DataError("two files give the same coherence", file=file, expected="each once", found=f"{key} for the second time")
             found[key] = pair
-        hashes[file.as_posix()] = file_hash(file)
     return found
 
 

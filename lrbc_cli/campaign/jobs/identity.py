@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lrbc_cli.campaign.digests import about_measurement, content_of, digest, key_of
@@ -103,17 +104,17 @@ def _own(inputs: Inputs, model: Mapping[str, str], name: str) -> dict[str, str]:
         "responses": digest(
             {key: value.get("record") for key, value in resolved["responses"].items()}, [[r.name, r.quantity] for r in inputs.responses]
         ),
-        "measurement": _measurement(campaign, name),
+        "measurement": measured(campaign, name),
     }
 
 
-def _measurement(campaign: Campaign, name: str) -> str:
-    """Digest of a job's files and of the settings about them."""
+def measured(campaign: Campaign, name: str, content: Callable[[Path], str | None] = content_of) -> str:
+    """Digest of a job's files and of the settings about them; ``content`` gives the digest of a file, such as that which was read."""
     job = campaign.jobs[name]
     return digest(
         about_measurement(campaign.resolved(), job, name),
-        [[content_of(file) for file in files] for files in job.measurements],
-        None if job.coherence is None else [content_of(file) for file in files_of(job.coherence)],
+        [[content(file) for file in files] for files in job.measurements],
+        None if job.coherence is None else [content(file) for file in files_of(job.coherence)],
     )
 
 
@@ -130,7 +131,7 @@ def judgement(campaign: Campaign, rule: DecisionRule, name: str) -> Identity:
             "version": digest(JUDGEMENT_VERSION, NUMBERS["judgement"]),
             "rule": digest(sorted(asdict(rule).items())),
             "role": digest(role_of(update, name)),
-            "baselines": digest([(other, _measurement(campaign, other)) for other in compared_baselines(update, name)]),
+            "baselines": digest([(other, measured(campaign, other)) for other in compared_baselines(update, name)]),
             # Results state the removed bolts with the verdicts.
             "removed": digest(list(campaign.jobs[name].removed) if states_removed(campaign) else None),
         }

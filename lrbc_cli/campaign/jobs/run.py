@@ -10,9 +10,11 @@ from functools import partial
 from pathlib import Path
 
 from lrbc_cli.campaign.beside import unnamed, unseen
+from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.unknowns import layout, theta_of
 from lrbc_cli.campaign.jobs.evidence import copied_baseline
 from lrbc_cli.campaign.jobs.finished import finish, origin_of
+from lrbc_cli.campaign.jobs.identity import measured
 from lrbc_cli.campaign.jobs.judging import ComparedWith
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, needs, plan, settled
 from lrbc_cli.campaign.jobs.rejudge import judge_one, keep
@@ -25,6 +27,7 @@ from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, obtain_source, with_rows
 from lrbc_cli.campaign.structure import structure_of
 from lrbc_cli.errors import DataError, LrbcError, NumericalError
+from lrbc_cli.io.atomic import changed_meanwhile
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job, sealed, write
 
@@ -160,7 +163,20 @@ class _Run:
 
         p, tight = self.plans[name], self._compared_with(name)
         result = (identify if self.remote is None else self.remote.identify)(self.inputs, source, name, tight.reference)
+        for other, own in ((name, result.measurement), (self.inputs.campaign.update.reference, result.tight)):
+            self._require_as_planned(other, own)
         return write_result(self.output, finish(self.inputs, self.stage, result, tight, (p.identity, p.judgement)))
+
+    def _require_as_planned(self, name: str | None, own: Measurement | None) -> None:
+        """Refuse a measurement whose content is no longer that on which the identity rests.
+
+        Otherwise a result of half a file would count as that of the whole one, as soon as this is complete.
+        """
+        if name is None or own is None or name not in self.plans:
+            return
+        campaign = self.inputs.campaign
+        if self.plans[name].identity.parts["measurement"] != measured(campaign, name, lambda file: own.hashes.get(file.as_posix())):
+            raise changed_meanwhile(campaign.jobs[name].first)
 
     def _run(self, names: list[str], source: FrfSource) -> None:
         """Identify jobs that do not depend on each other, as many at a time as there are workers."""

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from lrbc_cli.campaign.digests import program
 from lrbc_cli.campaign.jobs.judging import ComparedWith
 from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.io.atomic import file_hash
@@ -111,6 +112,11 @@ class Outcome:
     def loose(self) -> bool:
         """Whether a bolt is judged loose in any job."""
         return any(record.names("loose") for record in self.results.values())
+
+    @property
+    def of_another_program(self) -> list[str]:
+        """Jobs whose identification was kept, but made by other code or libraries than these."""
+        return [name for name in (*self.kept, *self.judged) if self.results[name].provenance.program not in (None, program())]
 
     @property
     def findings(self) -> dict[str, JobFinding]:

@@ -268,7 +268,7 @@ def _record(
         tightened=about.tightened,
         unknowns=by,
         prior_std=inputs.statistics.values.std,
-        confidence=inputs.campaign.update.confidence,
+        confidence=inputs.method.rule.confidence,
         loose_change=threshold(inputs, question.shapes.joints_only),
         method="rehearsed" if draws else "linearised",
         draws=draws,
@@ -415,8 +415,8 @@ def _targets(inputs: Inputs, parameters: Parameterisation, shapes: Shapes, by: s
 
 def _linearised(inputs: Inputs, by: str, tightened: bool, draws: int | None, *, joints: bool) -> list[str]:
     """Assumptions of linearised figures, in words."""
-    update, values = inputs.campaign.update, inputs.statistics.values
-    std = values.joint_std if joints else values.std
+    values = inputs.statistics.values
+    std, confidence = values.joint_std if joints else values.std, inputs.method.rule.confidence
     if by == "values":
         why = "values along the edges are not judged as bolts"
     elif tightened:
@@ -425,6 +425,6 @@ def _linearised(inputs: Inputs, by: str, tightened: bool, draws: int | None, *, 
         why = "--draws 0" if draws == 0 else "no bolt can be loosened"
     return [
         f"linearised, not rehearsed ({why}): `lrbc update` may find less",
-        f"normal prior of {std:g} decades; loose below {threshold(inputs, joints):.2g} decades, with {100 * update.confidence:g} %",
+        f"normal prior of {std:g} decades; loose below {threshold(inputs, joints):.2g} decades, with {100 * confidence:g} %",
         "no error of the model except the noise, and no drift except what update.nuisances lists",
     ]

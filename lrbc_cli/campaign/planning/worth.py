@@ -45,11 +45,11 @@ def judged(inputs: Inputs, prospects: Sequence[Prospect], targets: Sequence[Targ
     Probabilities of bolts are counted from rehearsals if there are any, else linearised. Contributions of responses are linearised, at the
     loss ``LOSS`` on which the verdicts detectable, marginal and not detectable rest.
     """
-    update, used = inputs.campaign.update, inputs.used
+    confidence, used = inputs.method.rule.confidence, inputs.used
     main = next(one for one in prospects if one.decades == LOSS)
     found, every = main.experiment, np.arange(main.experiment.responses)
-    now, best = outlook(found, used, update.confidence), outlook(found, every, update.confidence)
-    said = {one.decades: _losses(one, outlook(one.experiment, used, update.confidence)) for one in prospects}
+    now, best = outlook(found, used, confidence), outlook(found, every, confidence)
+    said = {one.decades: _losses(one, outlook(one.experiment, used, confidence)) for one in prospects}
     words = [verdict(0.0 if doubt else loss.right) for loss in said[LOSS]]
     bolts = tuple(
         plan.PlannedBolt.like(

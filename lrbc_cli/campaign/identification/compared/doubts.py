@@ -254,11 +254,11 @@ def own_fault_text(inputs: Inputs, misfits: Floats, reference: str, known: str =
     )
 
 
-def coarse_text(reference: ReferenceState) -> str:
+def coarse_text(reference: ReferenceState, rule: DecisionRule) -> str:
     """Text that the model may be wrong, if the misfit of the reference job itself is large; else empty."""
     before = max(reference.misfit_db, reference.validation_db or 0.0)
     # The rule for the all-clear: a change is the difference of two states, each as wrong as this one.
-    if np.hypot(before, before) <= DecisionRule.validated_misfit:
+    if np.hypot(before, before) <= rule.validated_misfit:
         return ""
     return f"{reference.job} itself has a misfit of {before:.2f} dB: improve model or calibration before you doubt the measurement"
 
@@ -346,7 +346,7 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
         wide = too_wide((result.measurement.frequency_hz, result.measurement.values[:, inputs.used]), rule=inputs.statistics.resolution)
         fault = "exchanged sensors" if swapped else "a factor or a phase, see the warnings" if units else wide and wide.text
         fault = fault or _levels_off(inputs, result, reference.job)
-        coarse = "" if fault else coarse_text(reference)
+        coarse = "" if fault else coarse_text(reference, inputs.method.rule)
         compared += f"; {coarse or own_fault_text(inputs, result.misfit_final, reference.job, fault)}"
     job = inputs.campaign.jobs[result.name]
     found = [*([swapped] if swapped else []), *units.values()]
