@@ -17,7 +17,7 @@ from lrbc_cli.campaign.identification.compared.copies import Earlier, pasted
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
-from lrbc_cli.campaign.looking.axes import other_lines
+from lrbc_cli.campaign.looking.axes import other_lines, without_coherence
 from lrbc_cli.campaign.looking.exchanges import exchanged_files, mistitled
 from lrbc_cli.campaign.looking.first_look import FirstLook, first_look
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -246,7 +246,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
             f"update.lines: {{every: {chosen_lines.every}}} selects no line at most of the resonances, where "
             f"changes show most: {', '.join(sparse)}. Write lines: resonances"
         )
-    out.warnings += other_lines(inputs.campaign.update.reference, readable)
+    out.warnings += [*other_lines(inputs.campaign.update.reference, readable), *without_coherence(readable)]
     out.warnings = _once(out.warnings)
     note = _compared(inputs, folder, readable, out, progress)
     try:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 from rods import rod
 
 from lrbc_cli import load
 from lrbc_cli.campaign.jobs.evidence import evidence_of
+from lrbc_cli.campaign.looking.axes import without_coherence
 from lrbc_cli.updating.judging.evidence import Evidence
 
 #: Jobs: changes of bolts in decades, and a factor on the damping.
@@ -38,3 +42,13 @@ def test_pieces_that_came_apart_are_no_sensors_that_are_off(tmp_path: Path) -> N
 def test_another_damping_is_no_second_blow(tmp_path: Path, times: float) -> None:
     (found,) = evidence(tmp_path, {"other": ({}, times)}, 0.3)
     assert found.doubted is None
+
+
+def test_a_job_without_coherence_beside_others_with_it() -> None:
+    """Its noise was said to be known from coherence, as that of the others."""
+    known, unknown = SimpleNamespace(coherence=np.full((5, 2), 0.99)), SimpleNamespace(coherence=np.full((5, 2), np.nan))
+    jobs: dict[str, Any] = {"tight": known, "one": unknown, "two": known}
+    (told,) = without_coherence(jobs)
+    assert told.startswith("job one: no coherence in its file, but the other jobs have it")
+    assert without_coherence({"tight": known, "two": known} | {"one": known}) == []
+    assert without_coherence({"tight": unknown, "two": unknown}) == []

@@ -412,3 +412,13 @@ def test_a_phase_may_be_called_an_angle(tmp_path, words):
     (found,) = read(tmp_path, table([f"Frequenz in Hz;acc1 {first} in mm/s²/N;acc1 {second} in °"], MAG_DEG, ";", ",")).records
     assert found.name == "acc1"
     np.testing.assert_allclose(found.values, 1e-3 * H, rtol=1e-12)
+
+
+def test_a_decimal_comma_between_commas_with_numbers_of_any_length(tmp_path):
+    """Without trailing zeros lines have different numbers of cells; a line was to be corrected, or skipped."""
+    rows = ["f,acc1_real,acc1_imag,acc2_real,acc2_imag"]
+    rows += [f"{f},-0,0{f}7,0,{f},0,3,-0,2{f}" if f != 17 else "17,2,0,5,0,3,-0,25" for f in range(10, 30)]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(rows) + "\n")
+    with pytest.raises(DataError, match="the comma is both decimal sign and column separator"):
+        read_frf(path)

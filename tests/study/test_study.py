@@ -381,3 +381,17 @@ def test_a_file_that_changes_during_the_run_gives_no_result(tmp_path: Path) -> N
     again = lrbc_cli.load(folder.config, cache=folder.cache).update()
     assert again.failed == []
     assert again.results["loose"].names("loose") == ["B3", "B4"]
+
+
+def test_the_code_of_an_own_prior_is_part_of_the_identity(study: Study) -> None:
+    """Only its name was: results of an earlier body of the same class were kept."""
+
+    def own(factor: float, times: float = 1.0) -> str:
+        body = f"def tables(self, *given, times={times}):\n        return [t * {factor} for t in super().tables(*given)]"
+        space: dict[str, object] = {"Base": type(model.bolts), "__name__": "notebook"}
+        exec(f"class Mine(Base):\n    {body}", space)
+        return replace(model, bolts=space["Mine"]()).digest("bolts")  # type: ignore[operator]
+
+    model = study.inputs.statistics
+    assert own(2.0) == own(2.0)
+    assert len({own(2.0), own(3.0), own(2.0, 2.0), model.digest("bolts")}) == 4

@@ -17,6 +17,19 @@ from lrbc_cli.updating.statistics.lines import MIN_BAND
 RATES = 1.25
 
 
+def without_coherence(measurements: Mapping[str, Measurement]) -> list[str]:
+    """Warning about measurements without coherence if most of the others have it."""
+    lacking = [name for name, own in measurements.items() if not np.isfinite(own.coherence).any()]
+    if not lacking or 2 * len(lacking) >= len(measurements):
+        return []
+    several = len(lacking) > 1
+    return [
+        f"job{'s' if several else ''} {', '.join(lacking)}: no coherence in {'their files' if several else 'its file'}, but the other jobs "
+        "have it. Noise is estimated from neighbouring lines instead, and overload or a weak blow may stay unseen. Export it as in the "
+        "other jobs, or give its file under jobs.NAME.coherence"
+    ]
+
+
 def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) -> list[str]:
     """Warnings about measurements that cannot be corrected by the reference job because their lines differ.
 

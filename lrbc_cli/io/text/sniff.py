@@ -93,14 +93,14 @@ def read_table(path: Path, layout: TextLayout, lines: list[str], before: int = 0
         raise _no_table(lines, before, path)
     width, delimiter, decimal = best
     start = next(index for index in range(skip, len(lines)) if _fits(lines[index], delimiter, decimal, width))
-    rows, numbers = _rows(lines, start, before, delimiter, decimal, width, path)
     unusable = _unusable(lines, skip, start, delimiter, decimal, width)
     above = lines[skip : start - unusable]
-    headings = read_headings(above, delimiter, width if parts is None else len(parts))
-    notes = []
     for names in (len(_split(line, ",")) for line in above[-2:] if parts is None and delimiter == ","):
         if names < width <= 2 * names:
             _refuse_decimal_commas(lines[start], start + 1, names, path)
+    rows, numbers = _rows(lines, start, before, delimiter, decimal, width, path)
+    headings = read_headings(above, delimiter, width if parts is None else len(parts))
+    notes = []
     if parts is not None:
         notes.append("complex cells read as real and imaginary part")
         headings = tuple(replace(one, part=part or one.part) for one, two in zip(headings, parts, strict=True) for part in two)
