@@ -113,6 +113,8 @@ def test_springs_that_no_response_feels_are_named(folder: Folder, tmp_path: Path
 def test_check_tells_the_joints_and_their_prior(folder: Folder) -> None:
     text = folder.run("check").stdout
     assert "joints: 9 bolts, 2 groups (axial, rocking), to ground" in text
+    assert "parameters rocking: springs of several components share one value for each bolt" in text
+    assert "parameters axial: springs of several" not in text
     assert "prior_std: 1 for joints, 0.35 along edges (nothing beside a joint" in text
 
 

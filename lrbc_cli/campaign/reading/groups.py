@@ -276,6 +276,11 @@ class GroupReader(ModelReader):
             self.beside.setdefault(astray, []).append(file.name)
         elif self.bolts is not None and (stray := stray_springs(table, places, self.bolts, self.dofs, self.unit.length)):
             self.warn(f"{file.name}: {stray}")
+        if len(set(zip(table.bolt, table.component, strict=True))) > len(set(table.bolt)):
+            self.notes.append(
+                f"parameters {name}: springs of several components share one value for each bolt; the loss of one of them alone may stay "
+                "unseen or come out smaller (a group for each component, `component:` beside `bushings:`, tells them apart)"
+            )
         grounded = {node is None for node in table.node_b}
         return vectors, places, table.bolt, grounded.pop() if len(grounded) == 1 else None
 
