@@ -50,6 +50,8 @@ KINDS = {2: "usage", 3: "data", 4: "numerical", INTERRUPTED: "interrupted"}
 GRACE_SECONDS = 5.0
 #: Error numbers of a full disk, an exhausted quota or a file-size limit.
 NO_SPACE = {code for name in ("ENOSPC", "EDQUOT", "EFBIG") if (code := getattr(errno, name, None)) is not None}
+#: Errors of the system that a user can mend: no permission, a loop of links, a name that is too long.
+DENIED = {errno.EACCES, errno.EPERM, errno.ELOOP, errno.EROFS, errno.ENAMETOOLONG}
 
 
 class LazyGroup(click.Group):
@@ -264,6 +266,9 @@ def _told(error: BaseException) -> tuple[str, int]:
     elif isinstance(error, OSError) and error.errno in NO_SPACE:
         hint = "free disk space where stdout and the results are written, or choose another place"
         error = ConfigError(f"the results cannot be written ({error.strerror})", file=error.filename, hint=hint)
+    elif isinstance(error, OSError) and error.filename is not None and error.errno in DENIED:
+        hint = "check the permissions of this file and its folder, and links on the way to it"
+        error = ConfigError(f"this path cannot be used ({error.strerror})", file=error.filename, hint=hint)
     return (error.message, error.exit_code) if isinstance(error, LrbcError) else (_defect(error), DEFECT)
 
 

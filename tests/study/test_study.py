@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import doctest
+import errno
 import runpy
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +21,7 @@ import lrbc_cli
 import lrbc_cli.matrices
 import lrbc_cli.study
 from lrbc_cli import Study
+from lrbc_cli.cli.main import _told
 from lrbc_cli.config.settings import NuisanceConfig
 from lrbc_cli.errors import ConfigError, DataError, NumericalError
 
@@ -395,3 +398,28 @@ def test_the_code_of_an_own_prior_is_part_of_the_identity(study: Study) -> None:
     model = study.inputs.statistics
     assert own(2.0) == own(2.0)
     assert len({own(2.0), own(3.0), own(2.0, 2.0), model.digest("bolts")}) == 4
+
+
+def test_a_job_whose_folder_cannot_be_written_does_not_stop_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its failure could not be noted either, which ended the command with an internal error."""
+    from lrbc_cli.campaign.jobs import run
+
+    def write_result(output: Path, finished: Any, original: Any = run.write_result) -> Any:
+        if finished.record.job == "tight":
+            raise PermissionError(errno.EACCES, "Permission denied", str(output / "tight"))
+        return original(output, finished)
+
+    def write_failure(output: Path, *_: Any) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied", str(output / "tight" / "result.json"))
+
+    monkeypatch.setattr(run, "write_result", write_result)
+    monkeypatch.setattr(run, "write_failure", write_failure)
+    folder = box(tmp_path / "box")
+    outcome = lrbc_cli.load(folder.config, cache=folder.cache).update()
+    assert (outcome.failed, list(outcome.results)) == (["tight"], ["loose"])
+
+
+def test_a_path_without_permission_is_no_defect_of_the_program() -> None:
+    message, code = _told(PermissionError(errno.EACCES, "Permission denied", "out/tight/result.json"))
+    assert code == 2
+    assert message.startswith("out/tight/result.json: this path cannot be used (Permission denied)")

@@ -230,7 +230,11 @@ class _Run:
     def _failed(self, name: str, error: LrbcError) -> None:
         self.outcome.failed.append(name)
         self.outcome.errors[name] = error
-        write_failure(self.output, self.inputs, name, error.message, self.plans[name].identity.digest)
+        try:
+            write_failure(self.output, self.inputs, name, error.message, self.plans[name].identity.digest)
+        except (LrbcError, OSError) as problem:
+            # The folder of this job cannot be written; the other jobs run.
+            log.warning("job %s: its failure cannot be noted in %s (%s)", name, self.output / name, problem)
         self.progress(f"{name}: failed")
 
 
