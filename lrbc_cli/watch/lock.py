@@ -47,12 +47,11 @@ class Lock:
         ConfigError
             If another watcher holds it, or the folder cannot be written.
         """
-        owner = {"token": self.token, "pid": os.getpid(), "host": socket.gethostname()}
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             for _ in range(2):
                 try:
-                    self._create(json.dumps(owner))
+                    self._create(self._owner)
                     return
                 except FileExistsError:
                     other = self._other()
@@ -74,6 +73,12 @@ class Lock:
             found=other,
             hint="end the other one; if none is running, remove this file",
         )
+
+    @property
+    def _owner(self) -> str:
+        """Text of the lock file: this process, with the time of its start, since numbers of processes are used again."""
+        own = psutil.Process()
+        return json.dumps({"token": self.token, "pid": own.pid, "started": own.create_time(), "host": socket.gethostname()})
 
     def _create(self, text: str) -> None:
         """Create the lock file with `text`, and remove it if writing fails; FileExistsError if there is one."""
@@ -98,7 +103,7 @@ class Lock:
             raise ConfigError("another `lrbc watch` took over these results", file=self.path, hint="use that one, or end it first")
         with suppress(OSError):
             if owner is None:
-                self.path.write_text(json.dumps({"token": self.token, "pid": os.getpid(), "host": socket.gethostname()}), encoding="utf-8")
+                self.path.write_text(self._owner, encoding="utf-8")
             else:
                 os.utime(self.path)
 
@@ -119,9 +124,25 @@ class Lock:
                 # The file is just being written, or was left empty by a full disk or a crash.
                 return "one that is just starting" if quiet < BEGINS else None
             if host == socket.gethostname() and type(pid) is int:
-                return f"process {pid}" if psutil.pid_exists(pid) else None
-            return f"one on {host}" if quiet < GONE else None
+                return f"process {pid}" if _runs(pid, owner.get("started")) else None
+            # A time in the future is that of another clock, by some seconds at most.
+            return f"one on {host}" if abs(quiet) < GONE else None
         return None
+
+
+def _runs(pid: int, started: object, *, near: float = 2.0) -> bool:
+    """Whether the process with this number is the one that started at this time [s, within ``near``]; else the number was used again.
+
+    If the clock was set meanwhile, a running watcher may count as ended; it then ends by itself (``beat``).
+    """
+    if not isinstance(started, float):
+        return pid != os.getpid() and psutil.pid_exists(pid)
+    try:
+        return abs(psutil.Process(pid).create_time() - started) <= near
+    except psutil.AccessDenied:
+        return True
+    except psutil.Error:
+        return False
 
 
 def _read(path: Path) -> dict[str, object] | None:

@@ -195,6 +195,24 @@ def test_one_watcher_a_campaign(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="no device that is always full")
+def test_a_lock_of_a_process_whose_number_is_used_again_blocks_nobody(tmp_path: Path) -> None:
+    """In a container every watcher has the same number: after a kill its successor was refused by itself."""
+    lock, path = Lock(tmp_path / "out"), tmp_path / "out" / NAME
+    lock.take()
+    owner = json.loads(path.read_text())
+    for other in ({"started": owner["started"] - 1000.0}, {"started": owner["started"] + 1000.0}, {"started": None}):
+        path.write_text(json.dumps(owner | other | {"token": "?"}))
+        Lock(tmp_path / "out").take()
+    path.write_text(json.dumps(owner | {"token": "?"}))
+    with pytest.raises(ConfigError, match="already watches"):
+        Lock(tmp_path / "out").take()
+    # Of another machine, with a clock that is a day ahead.
+    path.write_text(json.dumps(owner | {"token": "?", "host": "another"}))
+    ahead = time.time() + 86400.0
+    os.utime(path, (ahead, ahead))
+    Lock(tmp_path / "out").take()
+
+
 def test_a_lock_that_was_not_written_whole_blocks_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lock = Lock(tmp_path / "out")
     lock.path.parent.mkdir()
