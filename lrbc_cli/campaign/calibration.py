@@ -21,7 +21,7 @@ from lrbc_cli.results.store import read
 CALIBRATION_VERSION = 6
 
 #: Fields of the ``Method`` that a calibration uses.
-METHOD = ("responses", "lines", "residual", "weighted", "max_iterations")
+METHOD = ("responses", "lines", "residual")
 
 #: Parts of the statistical model that a calibration uses; those about bolts are not among them.
 STATISTICS = ("errors", "values", "resonances", "resolution", "limits", "calibration", "validation")
@@ -69,6 +69,7 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
         ),
         "settings": digest(
             {name: getattr(inputs.method, name) for name in METHOD},
+            resolved["update"]["weights"],
             inputs.method.nuisances.hammer,
             sorted(calibration.names),
             calibration.boundary,

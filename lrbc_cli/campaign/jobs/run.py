@@ -232,8 +232,8 @@ class _Run:
         self.outcome.errors[name] = error
         try:
             write_failure(self.output, self.inputs, name, error.message, self.plans[name].identity.digest)
-        except (LrbcError, OSError) as problem:
-            # The folder of this job cannot be written; the other jobs run.
+        except OSError as problem:
+            # The earlier result of this job cannot be moved; the other jobs run.
             log.warning("job %s: its failure cannot be noted in %s (%s)", name, self.output / name, problem)
         self.progress(f"{name}: failed")
 
