@@ -1647,7 +1647,7 @@ MISTAKES = [
         text("plate.inp", turned_by_90_degrees),
         0,
         "with all rotated by 90 degrees about z it does not",
-        "Correct the coordinates, or the components in the DOF map",
+        "Correct the coordinates in plate.inp, or the components if these are wrong",
     ),
     Mistake(
         "hammer along another axis than the file says",
