@@ -8,7 +8,8 @@ from pathlib import Path
 
 from lrbc_cli.campaign.protect import input_files
 from lrbc_cli.config import Campaign
-from lrbc_cli.config.watch import HIDDEN, shown
+from lrbc_cli.config.fields import shown
+from lrbc_cli.config.watch import HIDDEN
 from lrbc_cli.results.model import CampaignRecord
 from lrbc_cli.results.store import read
 

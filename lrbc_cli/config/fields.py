@@ -320,3 +320,13 @@ def check_smoothing_sum(weights: tuple[float, ...] | None, normalised: bool) -> 
         found=f"a sum of {sum(weights):g}",
         hint=f"probably in per cent: write [{own}]; or add normalised: true",
     )
+
+
+def unspeakable(path: Path) -> bool:
+    """Whether a path contains bytes that are no text, as names from another character set; no result file could name it."""
+    return any(0xD800 <= ord(letter) <= 0xDFFF for letter in str(path))
+
+
+def shown(path: Path) -> str:
+    """The name of a file for a message, with a question mark for each byte that is no text."""
+    return path.name.encode("utf-8", "replace").decode()

@@ -15,9 +15,8 @@ from lrbc_cli.config.campaign import Campaign
 from lrbc_cli.config.checks import check_references
 from lrbc_cli.config.document import MAX_DEPTH, Document, Node, parse, read_document
 from lrbc_cli.config.explain import explain, refuse_gone, refuse_unfilled, without_unfilled
-from lrbc_cli.config.fields import FrozenDict, job_name, plain_name
+from lrbc_cli.config.fields import FrozenDict, job_name, plain_name, shown, unspeakable
 from lrbc_cli.config.settings import JobConfig, MeasuredFile
-from lrbc_cli.config.watch import shown, unspeakable
 from lrbc_cli.errors import ConfigError
 
 #: Keys of a job that describe its own measurement: a job made from a file in the watched folder does not inherit them.

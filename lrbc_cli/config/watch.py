@@ -10,7 +10,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, Tag
 
-from lrbc_cli.config.fields import FilePath, Name, Strict, check_unique, problem, told_apart
+from lrbc_cli.config.fields import FilePath, Name, Strict, check_unique, problem, shown, told_apart, unspeakable
 
 #: Endings of measurement files that analysers write.
 MEASURED = {
@@ -111,16 +111,6 @@ class WatchConfig(Strict):
                     f"{path.name} in {self.folder} matches no pattern of watch.pattern ({', '.join(self.patterns)}) and is not judged: "
                     f"add '*{path.suffix}' there if it is a measurement, else move it out of the folder"
                 )
-
-
-def unspeakable(path: Path) -> bool:
-    """Whether a path contains bytes that are no text, as names from another character set; no result file could name it."""
-    return any(0xD800 <= ord(letter) <= 0xDFFF for letter in str(path))
-
-
-def shown(path: Path) -> str:
-    """The name of a file for a message, with a question mark for each byte that is no text."""
-    return path.name.encode("utf-8", "replace").decode()
 
 
 def _below(folder: Path, output: Path) -> Iterator[Path]:

@@ -16,7 +16,7 @@ RULE = ("confidence", "loose_change", "largest_misfit")
 
 def rule_of(update: UpdateConfig) -> DecisionRule:
     """The decision rule of the settings."""
-    return _with(DecisionRule(confidence=update.confidence), update, update.model_fields_set)
+    return _with(DecisionRule(), update, update.model_fields_set)
 
 
 def _with(rule: DecisionRule, update: UpdateConfig, keys: Collection[str]) -> DecisionRule:

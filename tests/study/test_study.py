@@ -22,8 +22,10 @@ import lrbc_cli.matrices
 import lrbc_cli.study
 from lrbc_cli import Study
 from lrbc_cli.cli.main import _told
-from lrbc_cli.config.settings import NuisanceConfig
+from lrbc_cli.config.settings import NuisanceConfig, UpdateConfig
 from lrbc_cli.errors import ConfigError, DataError, NumericalError
+from lrbc_cli.method.rule import rule_of
+from lrbc_cli.updating.judging.rule import DecisionRule
 
 ROOT = Path(lrbc_cli.__file__).parents[1]
 HZ = np.array([60.0, 61.5, 140.0, 320.0])
@@ -354,6 +356,13 @@ def test_judging_starts_from_the_rule_of_the_study(study: Study) -> None:
     assert study.judge(found, validated_misfit=1e-3).validity == kept.validity
     with pytest.raises(ConfigError, match="a number for joint_margin"):
         study.judge(found, joint_margin="wide")
+
+
+def test_defaults_of_the_settings_are_those_of_the_rule() -> None:
+    """What is not set comes from the rule, so both must agree."""
+    rule, update = DecisionRule(), UpdateConfig()
+    assert (update.confidence, update.largest_misfit, update.loose_change) == (rule.confidence, rule.largest_misfit, None)
+    assert rule_of(update) == rule
 
 
 def test_a_calibration_of_another_method_is_another_one(study: Study) -> None:

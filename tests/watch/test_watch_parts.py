@@ -134,7 +134,7 @@ def test_names_that_are_no_text_and_links_to_themselves(tmp_path: Path) -> None:
     (folder / os.fsdecode(b"t\xfcr.csv")).write_text("x")
     (folder / "loop.csv").symlink_to("loop.csv")
     campaign = load_campaign(CAMPAIGN, [watch, "watch.pattern='*.csv'"])
-    assert [name for name in campaign.jobs if "r" in name[1:2]] == []
+    assert list(campaign.jobs) == ["tight", "loose-2", "loose-all", "loop"]
     assert passed_over(campaign) == [f"t?r.csv in {folder} is not judged: its name is not UTF-8. Rename it"]
     with pytest.raises(ConfigError, match="not UTF-8"):
         load_campaign(tmp_path / os.fsdecode(b"t\xfcr") / "campaign.yaml")

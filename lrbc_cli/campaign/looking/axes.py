@@ -25,7 +25,7 @@ def without_coherence(measurements: Mapping[str, Measurement]) -> list[str]:
     several = len(lacking) > 1
     return [
         f"job{'s' if several else ''} {', '.join(lacking)}: no coherence in {'their files' if several else 'its file'}, but the other jobs "
-        "have it. Noise is estimated from neighbouring lines instead, and overload or a weak blow may stay unseen. Export it as in the "
+        "have it. Lines are not weighted by their noise then, and overload or a weak blow may stay unseen. Export it as in the "
         "other jobs, or give its file under jobs.NAME.coherence"
     ]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -58,40 +57,31 @@ def read_gmsh(path: Path) -> tuple[Integers, Floats]:
     """
     content = whole(path)
     with damaged(path, "mesh of gmsh"):
-        header = content.split(b"$MeshFormat", 1)[1].lstrip().split(None, 3)
-        version, binary = header[0].decode("ascii"), header[1] == b"1"
-        order = None
-        if binary:
-            one = header[3][:4]
-            order = "<" if struct.unpack("<i", one) == (1,) else ">"
+        header = content.split(SIGNATURE, 1)[1].lstrip().split(None, 3)
+        version, order = header[0].decode("ascii"), None
+        if header[1] == b"1":
+            order = "<" if struct.unpack("<i", header[3][:4]) == (1,) else ">"
         start = content.index(b"$Nodes") + len(b"$Nodes")
         section = content[content.index(b"\n", start) + 1 : content.index(b"$EndNodes", start)]
-        reader = VERSIONS.get(version)
-    if reader is None:
+    if version not in ("2", "2.0", "2.1", "2.2", "4.1"):
         raise DataError(
             "this version of gmsh meshes is not read",
             file=path,
             place="$MeshFormat",
-            expected="version " + " or ".join(sorted(VERSIONS)),
+            expected="version 2, 2.1, 2.2 or 4.1",
             found=version[:20],
             hint="save it again with `gmsh FILE -save -format msh41`",
         )
     with damaged(path, "mesh of gmsh", "$Nodes"):
-        if order is not None and version != "4.1":
-            count, _, packed = section.partition(b"\n")
-            return _version_2(_Values(packed, order, path), int(count))
-        values = _Values(section, order, path)
-        return reader(values, None)
+        if version == "4.1":
+            return _version_4(_Values(section, order, path))
+        # The number of nodes is text in both layouts.
+        count, _, rows = section.partition(b"\n")
+        node, x, y, z = _Values(rows, order, path).take("iddd", int(count))
+        return np.asarray(node, dtype=np.int64), np.stack([x, y, z], axis=1).astype(np.float64)
 
 
-def _version_2(values: _Values, count: int | None) -> tuple[Integers, Floats]:
-    if count is None:
-        count = int(values.take("q", 1)[0][0])
-    node, x, y, z = values.take("iddd", count)
-    return np.asarray(node, dtype=np.int64), np.stack([x, y, z], axis=1).astype(np.float64)
-
-
-def _version_4(values: _Values, _: int | None) -> tuple[Integers, Floats]:
+def _version_4(values: _Values) -> tuple[Integers, Floats]:
     blocks = int(values.take("qqqq", 1)[0][0])
     nodes, places = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 3))]
     for _block in range(blocks):
@@ -102,9 +92,3 @@ def _version_4(values: _Values, _: int | None) -> tuple[Integers, Floats]:
         xyz = values.take("d" * (3 + (dimension if parametric else 0)), count)
         places.append(np.stack(xyz[:3], axis=1).astype(np.float64))
     return np.concatenate(nodes), np.concatenate(places)
-
-
-VERSIONS: dict[str, Callable[[_Values, int | None], tuple[Integers, Floats]]] = {
-    **dict.fromkeys(("2", "2.0", "2.1", "2.2"), _version_2),
-    "4.1": _version_4,
-}

@@ -97,14 +97,18 @@ def _code(kind: type) -> str:
     """Name of a class and, unless it belongs to this package, the code of its methods."""
     if kind.__module__.split(".")[0] == __name__.split(".")[0]:
         return kind.__qualname__
-    methods = [part for _, part in sorted(vars(kind).items()) if isinstance(part, FunctionType)]
+    parts = [getattr(part, "fget", None) or getattr(part, "__func__", part) for _, part in sorted(vars(kind).items())]
+    methods = [part for part in parts if isinstance(part, FunctionType)]
     code = [(one.__name__, one.__defaults__, one.__kwdefaults__, one.__code__.co_names, *_plain((one.__code__,))) for one in methods]
     return repr((kind.__qualname__, code, [_code(base) for base in kind.__bases__ if base is not object]))
 
 
 def _plain(constants: tuple[object, ...]) -> list[object]:
-    """Constants of a function, with the code of functions inside it instead of their addresses."""
-    return [(one.co_code, _plain(one.co_consts)) if isinstance(one, CodeType) else one for one in constants]
+    """Constants of a function: the code of functions inside it instead of their addresses, sets in an order that each process finds."""
+    return [
+        (one.co_code, _plain(one.co_consts)) if isinstance(one, CodeType) else sorted(map(repr, one)) if isinstance(one, frozenset) else one
+        for one in constants
+    ]
 
 
 #: The defaults, for callers that use a part of the package by itself.
