@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -65,7 +66,7 @@ def tell_calibration(use: CalibrationUse | CalibrationNews | None, *, wanted: bo
 
 
 def progress() -> Callable[[str], None]:
-    """Function that writes progress to stderr: lines with -v, else one changing line on a terminal, else nothing.
+    """Function that writes progress to stderr: lines with -v, else one changing line on a terminal, else a line a minute.
 
     Each call is also a point at which an interrupted run stops.
     """
@@ -84,7 +85,20 @@ def _shown() -> Callable[[str], None]:
     if verbosity.level == 0 and sys.stderr.isatty():
         click.get_current_context().call_on_close(line.clear)
         return line.show
-    return lambda _: None
+    return _by_the_minute()
+
+
+def _by_the_minute(every: float = 60.0) -> Callable[[str], None]:
+    """Progress in a log file: what is being done, once in so many seconds."""
+    last = time.monotonic()
+
+    def step(text: str) -> None:
+        nonlocal last
+        if verbosity.level == 0 and time.monotonic() - last >= every:
+            last = time.monotonic()
+            remark(text)
+
+    return step
 
 
 def say_json(tree: Mapping[str, Any]) -> None:

@@ -9,7 +9,7 @@ import click
 from lrbc_cli.campaign.planning.files import write_plan
 from lrbc_cli.cli.common import load, progress, say_json
 from lrbc_cli.cli.options import accept_tolerance_option, calibration_option, campaign_options
-from lrbc_cli.cli.terminal import say
+from lrbc_cli.cli.terminal import remark, say
 from lrbc_cli.report.parts.plan import draw_plan, plan_text
 from lrbc_cli.study import Study
 
@@ -53,10 +53,12 @@ def plan(
     study = Study(load(config, overrides, calibration=calibration), cache, progress())
     output = study.inputs.campaign.output
     record = study.plan(state, noise_db=noise, by=by, draws=draws, accept=accept_tolerance)
-    write_plan(output, record)
+    kept = write_plan(output, record)
     draw_plan(output)
     if as_json:
         say_json(record.tree())
     else:
         say(plan_text(output))
         say(f"plan written to {output}: plan.json, plan.csv, plan.png")
+    if kept:
+        remark(f"the earlier plan, of more rehearsals, is kept in {output}: {', '.join(kept)}", kind="note")

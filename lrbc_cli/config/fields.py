@@ -38,7 +38,7 @@ NAME_LENGTH = 100
 #: Files that commands write into the output folder, beside the folders of the jobs. Temporary ones begin with a dot, which no name does.
 RESULT_FILES = (
     *("campaign.csv", "campaign.json", "reduction.json", "calibration.json"),
-    *("plan.json", "plan.csv", "structure.json", "structure.html", "report.html"),
+    *("plan.json", "plan.csv", "plan.previous.json", "plan.previous.csv", "structure.json", "structure.html", "report.html"),
     *(f"{stem}.{kind}" for stem in ("plan", "structure", "verdicts", "damping") for kind in ("png", "pdf", "svg")),
 )
 #: Names that no job may have.

@@ -6,12 +6,15 @@ import csv
 import html
 import itertools
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from campaigns import ROOT, Folder, lrbc
 from samples import reduced_cache
+
+import lrbc_cli
 
 WORDS = ("detectable", "marginal", "not detectable")
 LOSSES = [0.5, 1.0, 2.0]
@@ -250,6 +253,31 @@ def test_nothing_is_detectable_beside_a_reference_job_that_is_unexplained(box: F
     assert why in found["notes"]
     assert {bolt["note"] for bolt in found["bolts"]} >= {why}
     assert why in box.run("plan", "--draws", "0").stdout
+
+
+def test_it_says_that_no_job_will_be_validated(box: Folder) -> None:
+    box.run("update", "--job", "tight")
+    misfit = box.result("tight")["misfit_db"]
+    most = max(misfit["final"], misfit["held_out_final"] or 0.0)
+    found = {}
+    for name, share in (("coarse", 1.4), ("fine", 1.5)):
+        study = lrbc_cli.load(box.config, cache=box.cache)
+        study = study.with_method(rule=replace(study.inputs.method.rule, validated_misfit=share * most))
+        found[name] = [note for note in study.plan(draws=0).notes if note.startswith("no job will be validated, so none is an all-clear")]
+    assert len(found["coarse"]) == 1
+    assert found["fine"] == []
+
+
+def test_a_plan_of_more_rehearsals_is_kept(bare: Folder) -> None:
+    rehearsed = planned(few_bolts(bare), draws=2)
+    done = bare.run("plan", "--draws", "0")
+    assert "note: the earlier plan, of more rehearsals, is kept in" in done.stderr
+    kept = json.loads((bare.out / "plan.previous.json").read_text())
+    assert (kept["draws"], kept["bolts"]) == (2, rehearsed["bolts"])
+    assert (bare.out / "plan.previous.csv").is_file()
+    assert json.loads((bare.out / "plan.json").read_text())["draws"] == 0
+    assert "earlier plan" not in bare.run("plan", "--draws", "0").stderr
+    assert json.loads((bare.out / "plan.previous.json").read_text())["draws"] == 2
 
 
 def test_values_where_there_are_no_bolts(bare: Folder) -> None:

@@ -80,6 +80,17 @@ def test_progress_fits_the_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pyt
     assert len(lines[2]) == columns - 1
 
 
+def test_progress_in_a_log_is_a_line_a_minute(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    common.verbosity.reset()
+    clock = iter([0.0, 1.0, 59.0, 61.0, 61.0, 100.0, 122.0, 122.0])
+    monkeypatch.setattr(common.time, "monotonic", lambda: next(clock))
+    with click.Context(click.Command("trial")):
+        show = common.progress()
+        for step in "abcde":
+            show(step)
+    assert capsys.readouterr().err == "c\ne\n"
+
+
 @pytest.mark.parametrize("name", ["check", "reduce", "update", "simulate"])
 def test_only_the_report_imports_matplotlib(frame: Folder, name: str) -> None:
     code = "import sys; from lrbc_cli.cli.main import main; main(sys.argv[1:], standalone_mode=False); print(*sys.modules, file=sys.stderr)"

@@ -37,7 +37,7 @@ def test_an_all_clear() -> None:
         (job(""), "no bolts to judge"),
         (job("oooooo"), "no bolt is within reach"),
         (job("tttttt", validated=False), "not validated"),
-        (job("tttttt", assumed="baseline", doubtful=("B3",)), "B3 taken as tight, but loose"),
+        (job("tttttt", assumed="baseline", doubtful=("B3",)), "B3 taken as tight, but probably loose"),
         (job("tttttt", assumed="reference", doubtful=("B3",)), "B3 taken as tight, but far looser than the other bolts there"),
         (job("tttuut", assumed="reference"), "2 inconclusive"),
         (job("tttttt", "unexplained", assumed="reference"), "does not explain"),
@@ -90,7 +90,7 @@ def test_nothing_compared_is_nothing_shown(jobs: dict[str, JobFinding]) -> None:
             job("tt", assumed="reference", doubtful=("B2",)),
             "the reference job, taken as tight; but B2 far looser than the other bolts there",
         ),
-        (job("tt", assumed="baseline", doubtful=("B2",)), "a baseline, taken as tight; but B2 loose against the reference job"),
+        (job("tt", assumed="baseline", doubtful=("B2",)), "a baseline, taken as tight; but B2 probably loose against the reference job"),
     ],
 )
 def test_a_sentence_a_job(found: JobFinding, text: str) -> None:

@@ -187,6 +187,11 @@ class TestRoles:
         found = one(changed(-2.0, 0.1), role=BASELINE)
         assert (found.verdict, found.probability_loose, found.change, found.suspect) == ("tight", None, -2.0, True)
         assert "comes out loose" in (found.note or "")
+        likely = one(changed(-0.9, 0.3), role=BASELINE)
+        assert (likely.verdict, likely.suspect) == ("tight", True)
+        assert "probably loose" in (likely.note or "")
+        hardly = one(changed(-0.3, 0.3), role=BASELINE)
+        assert (hardly.verdict, hardly.suspect) == ("tight", False)
         calm = one(changed(0.0, 0.1), role=BASELINE)
         assert (calm.verdict, calm.suspect) == ("tight", False)
 

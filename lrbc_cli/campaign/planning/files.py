@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
+from lrbc_cli.errors import DataError
 from lrbc_cli.results.plan import PlanRecord
-from lrbc_cli.results.store import write_sealed
+from lrbc_cli.results.store import read, unwritable, write_sealed
 from lrbc_cli.results.tables import write_csv
 
 COLUMNS = (
@@ -14,14 +16,20 @@ COLUMNS = (
 )
 
 
-def write_plan(output: Path, record: PlanRecord) -> None:
-    """Write ``plan.csv``, a row for each bolt and loss, and ``plan.json``.
+def write_plan(output: Path, record: PlanRecord) -> list[str]:
+    """Write ``plan.csv``, a row for each bolt and loss, and ``plan.json``; a plan of more rehearsals there is kept beside them.
+
+    Returns
+    -------
+    list of str
+        Names of the files to which the earlier plan was moved; empty if none was.
 
     Raises
     ------
     ConfigError
         If the output folder cannot be written.
     """
+    kept = _kept(output, record)
     rows = []
     for bolt in record.bolts:
         place = (None,) * 3 if bolt.position is None else bolt.position
@@ -32,3 +40,24 @@ def write_plan(output: Path, record: PlanRecord) -> None:
             rows.append([*own, *said, *counts, bolt.note])
     write_csv(output / "plan.csv", COLUMNS, rows)
     write_sealed(output / "plan.json", record)
+    return kept
+
+
+def _kept(output: Path, record: PlanRecord) -> list[str]:
+    """Move a plan of more rehearsals, which took minutes, out of the way of one that took less; the names of its files."""
+    earlier = None
+    with suppress(DataError):
+        earlier = read(output / "plan.json", PlanRecord)
+    if earlier is None or earlier.draws <= record.draws:
+        return []
+    kept = []
+    for name in ("plan.json", "plan.csv"):
+        path = output / name
+        if path.is_file():
+            to = path.with_name(f"plan.previous{path.suffix}")
+            try:
+                path.replace(to)
+            except OSError as error:
+                raise unwritable(to, error) from error
+            kept.append(to.name)
+    return kept

@@ -89,13 +89,14 @@ class PlanState:
 
 @dataclass(frozen=True)
 class About:
-    """State about which is planned: theta, noise of a line and its source, and the reason if nothing would be judged."""
+    """State about which is planned: theta, noise of a line and its source; why nothing would be judged, or validated."""
 
     state: PlanState
     theta: Floats
     noise: Noise
     origin: str
     doubt: str = ""
+    unvalidated: str = ""
 
     @property
     def tightened(self) -> bool:
@@ -277,7 +278,10 @@ def _record(
         limits=VisibilityLimits(detectable=DETECTABLE, not_detectable=HIDDEN),
         lines=Lines(frequency_hz=question.grid[question.selected], count=question.selected.size),
         nuisances=tuple(PlannedNuisance.like(nuisance) for nuisance in question.nuisances),
-        notes=(*(["no bolts: every value along the edges stands for itself"] if by == "values" else []), *filter(None, [about.doubt])),
+        notes=(
+            *(["no bolts: every value along the edges stands for itself"] if by == "values" else []),
+            *filter(None, [about.doubt, about.unvalidated]),
+        ),
         seconds=seconds,
         provenance=Provenance(
             versions=versions(),
@@ -358,8 +362,14 @@ def _about(inputs: Inputs, parameters: Parameterisation, request: Request) -> Ab
         raise ConfigError("no noise", place="--noise", expected="a standard deviation above 0, in dB", found=f"{request.noise:g}")
     if request.noise is not None:
         noise, origin = Noise(request.noise, noise.factor), "--noise"
-    unexplained = isinstance(record, JobRecord) and record.status == "unexplained"
-    return About(state, theta, noise, origin, f"the reference job {source} is unexplained: nothing is judged" if unexplained else "")
+    doubt = coarse = ""
+    if isinstance(record, JobRecord):
+        misfit = record.misfit_db
+        if record.status == "unexplained":
+            doubt = f"the reference job {source} is unexplained: nothing is judged"
+        elif coarse := inputs.method.rule.too_coarse(max(misfit.final, misfit.held_out_final or 0.0)):
+            coarse = f"no job will be validated, so none is an all-clear: {coarse}"
+    return About(state, theta, noise, origin, doubt, coarse)
 
 
 def _shapes(inputs: Inputs, parameters: Parameterisation, by: str) -> tuple[Shapes, str]:

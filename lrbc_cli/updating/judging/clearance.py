@@ -166,7 +166,7 @@ def loose_bolts(job: JobFinding) -> str:
 
 
 def _doubt(job: JobFinding) -> str:
-    return "far looser than the other bolts there" if job.assumed == "reference" else "loose against the reference job"
+    return "far looser than the other bolts there" if job.assumed == "reference" else "probably loose against the reference job"
 
 
 def _unvalidated(job: JobFinding) -> str:

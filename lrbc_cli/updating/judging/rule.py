@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -106,6 +107,16 @@ class DecisionRule:
         if before is None or before > self.largest_misfit or not self.misfit_margin:
             return self.largest_misfit
         return before + self.misfit_margin
+
+    def too_coarse(self, before: float) -> str:
+        """Why no job is validated beside a reference job with this mean misfit [dB]; empty if it is small enough."""
+        both = math.hypot(before, before)
+        if both <= self.validated_misfit:
+            return ""
+        return (
+            f"the reference job has a misfit of {before:.2f} dB, so a change from it (the difference of two such states) may be wrong by "
+            f"{both:.2f} dB, above {self.validated_misfit:g} dB: improve model or calibration"
+        )
 
     def word(self, probability: float) -> str:
         """Verdict for a posterior probability of being loose."""
