@@ -142,8 +142,8 @@ def suspects(judgement: Judgement) -> list[str]:
     if not named:
         return []
     return [
-        f"probably not all tight (loose or probably loose against the reference job: {named}). As a baseline it lowers the change at which bolts of the "
-        "other jobs count as loose. Remove it from update.baselines, or measure it again"
+        f"probably not all tight (loose or probably loose against the reference job: {named}). As a baseline it lowers the change at which "
+        "bolts of the other jobs count as loose. Remove it from update.baselines, or measure it again"
     ]
 
 

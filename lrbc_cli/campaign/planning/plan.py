@@ -87,7 +87,7 @@ class PlanState:
         return known[self.kind] if self.job is None else f"the result of job {self.job}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class About:
     """State about which is planned: theta, noise of a line and its source; why nothing would be judged, or validated."""
 
@@ -369,7 +369,7 @@ def _about(inputs: Inputs, parameters: Parameterisation, request: Request) -> Ab
             doubt = f"the reference job {source} is unexplained: nothing is judged"
         elif coarse := inputs.method.rule.too_coarse(max(misfit.final, misfit.held_out_final or 0.0)):
             coarse = f"no job will be validated, so none is an all-clear: {coarse}"
-    return About(state, theta, noise, origin, doubt, coarse)
+    return About(state=state, theta=theta, noise=noise, origin=origin, doubt=doubt, unvalidated=coarse)
 
 
 def _shapes(inputs: Inputs, parameters: Parameterisation, by: str) -> tuple[Shapes, str]:
