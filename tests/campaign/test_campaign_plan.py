@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from campaigns import Folder, frame
+from scipy.stats import norm
 
 from lrbc_cli.campaign.identification.unknowns import parameterise, theta_of
+from lrbc_cli.campaign.planning.rehearsal import by_rule, threshold
 from lrbc_cli.campaign.reduced.stage import frf_source, obtain_reduction
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.results.store import read_job
@@ -75,3 +77,20 @@ def test_the_plan_states_what_the_update_states(folder: Folder) -> None:
         assert said["loose"] == 1
     thresholds = {b["threshold"] for name in BOLTS for b in updated.json["results"][name]["bolts"]}
     assert planned.json["loose_change"] == max(thresholds)
+
+
+def test_the_rule_of_a_verdict_limits_what_linearised_figures_promise(folder: Folder) -> None:
+    """By hand: an estimate, normal about the true change, is judged with its own width and the scatter of tight joints."""
+    inputs = folder.inputs()
+    rule, limit, std = inputs.method.rule, threshold(inputs, joints=True), 0.05
+    change = np.array([0.0, limit, -1.0, -2.0])
+    own = np.hypot(std, 0.12 * change)
+    told = np.hypot(own, rule.joint_spread * rule.joint_scatter)
+    found = by_rule(inputs, change, np.full(change.size, std), joints=True)
+    np.testing.assert_allclose(found, norm.cdf((limit - norm.ppf(rule.confidence) * told - change) / own), rtol=1e-9)
+    # A joint that has lost as much as the threshold is hardly ever called loose, and one that has lost two decades nearly always.
+    assert found[1] < 1.0 - rule.confidence
+    assert found[3] > 0.99
+    # Along an edge nothing is added to the standard deviation of a change where no baseline shows a scatter.
+    edge, own = threshold(inputs, joints=False), by_rule(inputs, change, np.full(change.size, std), joints=False)
+    np.testing.assert_allclose(own, norm.cdf((edge - norm.ppf(rule.confidence) * std - change) / std), rtol=1e-9, atol=1e-300)

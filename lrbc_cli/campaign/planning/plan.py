@@ -177,7 +177,8 @@ def make_plan(
         assumes = [f"state: {about.state.words}", *_linearised(inputs, by, about.tightened, request.draws, joints=shapes.joints_only)]
     every = range(len(question.targets))
     prospects = [Prospect(loss, found, [said.get((n, loss), []) for n in every]) for loss, found in zip(LOSSES, asked, strict=True)]
-    found = judged(inputs, prospects, question.targets, about.doubt)
+    judges = by == "bolts" and not about.tightened
+    found = judged(inputs, prospects, question.targets, about.doubt, joints=shapes.joints_only if judges else None)
     seconds = PlanSeconds(reduction=ready - begin, plan=time.perf_counter() - ready)
     return _record(question, stage, found, by, draws, assumes, seconds)
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.special import betaincinv
+from scipy.special import betaincinv, ndtr, ndtri
 
 from lrbc_cli.arrays import Bools, Complexes, Floats
 from lrbc_cli.campaign.identification.handed import with_job
@@ -382,6 +382,20 @@ def threshold(inputs: Inputs, joints: bool) -> float:
     rule = inputs.method.rule
     change = rule.mixture_change if mixes(inputs) else rule.loose_change
     return rule.limit(change, rule.scatter(TightScatter(0.0, len(inputs.campaign.update.baselines)), joints), joints)
+
+
+def by_rule(inputs: Inputs, change: Floats, std: Floats, *, joints: bool) -> Floats:
+    """(n,) probability that the rule of `lrbc update` calls a bolt loose whose true change is ``change`` [decades].
+
+    The estimate is normal about the true change, with the standard deviation ``std`` of a small change and, for joints, the error of a
+    predicted shift. It must lie below the threshold by so much that the posterior probability, widened by the scatter of tight joints,
+    reaches ``confidence``.
+    """
+    rule, errors = inputs.method.rule, inputs.statistics.errors
+    scatter = rule.scatter(_scatter(inputs) or NO_SCATTER, joints)
+    own = np.hypot(std, errors.shift_error * np.abs(change) * joints)
+    told = np.hypot(own, scatter * (rule.joint_spread if joints else 1.0))
+    return np.asarray(ndtr((threshold(inputs, joints) - ndtri(rule.confidence) * told - change) / np.maximum(own, 1e-12)))
 
 
 def _scatter(inputs: Inputs) -> TightScatter | None:

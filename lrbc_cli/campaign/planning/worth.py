@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from lrbc_cli.arrays import Bools, Floats
-from lrbc_cli.campaign.planning.rehearsal import Draw, estimates
+from lrbc_cli.campaign.planning.rehearsal import Draw, by_rule, estimates
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.results import plan
 from lrbc_cli.updating.posterior.information import HIDDEN, LOSS, Experiment, Outlook, bits_of, distances, greedy, outlook, verdict
@@ -39,17 +39,26 @@ class Prospect:
     draws: Sequence[Sequence[Draw]]
 
 
-def judged(inputs: Inputs, prospects: Sequence[Prospect], targets: Sequence[Target], doubt: str = "") -> dict[str, Any]:
+def judged(
+    inputs: Inputs, prospects: Sequence[Prospect], targets: Sequence[Target], doubt: str = "", *, joints: bool | None = None
+) -> dict[str, Any]:
     """The fields of ``PlanRecord`` on bolts, responses and excitations; no bolt is detectable with a ``doubt``, why none would be judged.
 
     Probabilities of bolts are counted from rehearsals if there are any, else linearised. Contributions of responses are linearised, at the
-    loss ``LOSS`` on which the verdicts detectable, marginal and not detectable rest.
+    loss ``LOSS`` on which the verdicts detectable, marginal and not detectable rest. With ``joints`` (whether all bolts are joints) a
+    linearised probability is no larger than what the rule of a verdict allows; None if no bolt is judged.
     """
     confidence, used = inputs.method.rule.confidence, inputs.used
     main = next(one for one in prospects if one.decades == LOSS)
     found, every = main.experiment, np.arange(main.experiment.responses)
     now, best = outlook(found, used, confidence), outlook(found, every, confidence)
-    said = {one.decades: _losses(one, outlook(one.experiment, used, confidence)) for one in prospects}
+    said = {}
+    for one in prospects:
+        linear = outlook(one.experiment, used, confidence)
+        if joints is not None:
+            allowed = by_rule(inputs, one.experiment.change, now.std, joints=joints)
+            linear = replace(linear, correct=np.where(np.isfinite(allowed), np.minimum(linear.correct, allowed), 0.0))
+        said[one.decades] = _losses(one, linear)
     words = [verdict(0.0 if doubt else loss.right) for loss in said[LOSS]]
     bolts = tuple(
         plan.PlannedBolt.like(
