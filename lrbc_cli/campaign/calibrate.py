@@ -26,13 +26,14 @@ from lrbc_cli.campaign.jobs.results import write_campaign
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, affine_model, frf_source, obtain_reduction
 from lrbc_cli.errors import NumericalError
+from lrbc_cli.io.atomic import together
 from lrbc_cli.model.factors import with_factors
 from lrbc_cli.reduction.outcome import HeldOut
 from lrbc_cli.reduction.steps.certify import lines_between, measured_errors
 from lrbc_cli.reduction.threads import single_threaded
 from lrbc_cli.results.job import Lines, NoiseRecord, Provenance
 from lrbc_cli.results.model import Boundary, CalibrationRecord, Factor, FactorCertificate, HeldOutRecord, RoundRecord, StageRecord
-from lrbc_cli.results.store import versions, write_sealed
+from lrbc_cli.results.store import unwritable, versions, write_sealed
 from lrbc_cli.results.tables import write_csv
 from lrbc_cli.updating.calibration.calibrate import FactorFit, FactorProblem, fit_factors
 from lrbc_cli.updating.misfit.cost import mean_misfit
@@ -142,10 +143,13 @@ def run_calibration(
         return stored, True
     parts = key_parts(inputs)
     outcome = calibrate(inputs, folder, accept=accept, progress=progress)
-    write_csv(
-        output / "calibration" / "frf.csv", *frf_rows(inputs, outcome.measurement, outcome.selected, outcome.initial, outcome.updated)
-    )
-    record = write_sealed(output / FILE, calibration_record(inputs, outcome, parts, settings.job))
+    table = frf_rows(inputs, outcome.measurement, outcome.selected, outcome.initial, outcome.updated)
+    try:
+        with together():
+            write_csv(output / "calibration" / "frf.csv", *table)
+            record = write_sealed(output / FILE, calibration_record(inputs, outcome, parts, settings.job))
+    except OSError as error:
+        raise unwritable(output / FILE, error) from error
     # Results of jobs stay as they are, but the report needs the record of the campaign.
     if not (output / "campaign.json").is_file():
         write_campaign(output, inputs)

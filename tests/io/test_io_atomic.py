@@ -7,7 +7,7 @@ import hashlib
 import pytest
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.atomic import atomic_path, atomic_write, file_hash
+from lrbc_cli.io.atomic import atomic_path, atomic_write, file_hash, together
 
 
 def names(folder):
@@ -76,3 +76,27 @@ def test_hash(tmp_path):
     assert file_hash(path) == hashlib.sha256(b"lrbc" * 100_000).hexdigest()
     with pytest.raises(DataError, match="does not exist"):
         file_hash(tmp_path / "none")
+
+
+def test_files_are_replaced_together_or_not_at_all(tmp_path):
+    first, second = tmp_path / "a" / "first.csv", tmp_path / "b" / "second.json"
+
+    def write(text):
+        with together():
+            for path in (first, second):
+                with atomic_write(path) as file:
+                    file.write(text)
+            if text == "broken":
+                raise OSError("full")
+
+    write("old")
+    with pytest.raises(OSError, match="full"):
+        write("broken")
+    assert (first.read_text(), second.read_text()) == ("old", "old")
+    write("new")
+    assert (first.read_text(), second.read_text()) == ("new", "new")
+    assert (names(first.parent), names(second.parent)) == (["first.csv"], ["second.json"])
+    # Afterwards each file is replaced at once again.
+    with atomic_write(first) as file:
+        file.write("alone")
+    assert first.read_text() == "alone"
