@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
+import stat
+import time
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -15,6 +18,9 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import require_file
 
 T = TypeVar("T")
+
+#: Names that ``atomic_path`` gives to temporary files, with the endings of results and of the cache.
+_TEMPORARY = re.compile(r"\..+-[0-9a-f]{12}\.(json|csv|h5|html|png|svg|pdf)")
 
 #: Complete files of a block ``together`` in this context that wait for the others: temporary and final path.
 _waiting: ContextVar[list[tuple[Path, Path]] | None] = ContextVar("_waiting", default=None)
@@ -98,6 +104,24 @@ def atomic_write(path: Path, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]
         else:
             with temporary.open("xb") as binary:
                 yield binary
+
+
+def remove_leftovers(folder: Path, *, age: float = 86400.0) -> None:
+    """Remove temporary files of killed processes from a folder that only this program writes; what cannot be removed stays.
+
+    Parameters
+    ----------
+    folder
+        Folders below it are left alone.
+    age
+        Seconds since the last change; a younger file may still be written by another process.
+    """
+    with suppress(OSError):
+        for path in list(folder.glob(".*")):
+            with suppress(OSError):
+                found = path.lstat()
+                if _TEMPORARY.fullmatch(path.name) and stat.S_ISREG(found.st_mode) and time.time() - found.st_mtime > age:
+                    path.unlink()
 
 
 def file_hash(path: Path) -> str:

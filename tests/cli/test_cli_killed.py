@@ -134,6 +134,18 @@ def test_killed_between_the_files_of_a_job(tmp_path: Path, undisturbed: Folder, 
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("file", ["model.h5", "rows.h5"])
+def test_killed_between_the_model_and_its_basis(tmp_path: Path, file: str) -> None:
+    """Every job has its deflection shapes in the end."""
+    folder = two_jobs(tmp_path / "frame")
+    kill(folder, file, "reduce")
+    outcome = folder.run("update", "--job", "tight")
+    assert outcome.code == 0, outcome.stderr
+    assert "no deflection shapes" not in outcome.stderr
+    assert "shapes.json" in folder.result("tight")["provenance"]["files"]
+
+
+@pytest.mark.slow
 def test_files_of_two_runs(tmp_path: Path, undisturbed: Folder) -> None:
     """As a copy of a part of the folder leaves them: never shown together, and never kept."""
     folder = undisturbed.copy(tmp_path / "frame")

@@ -27,7 +27,7 @@ from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, obtain_source, with_rows
 from lrbc_cli.campaign.structure import structure_of
 from lrbc_cli.errors import DataError, LrbcError, NumericalError, on_one_line
-from lrbc_cli.io.atomic import changed_meanwhile
+from lrbc_cli.io.atomic import changed_meanwhile, remove_leftovers
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job, sealed, write
 
@@ -108,6 +108,8 @@ class _Run:
             if p.kept:
                 keep(p, outcome, self.progress)
         todo = [name for name in self.names if name not in outcome.results]
+        for folder in (self.output, self.output / "calibration", *(self.output / name for name in campaign.jobs)):
+            remove_leftovers(folder)
         # campaign.json is written last: it holds the hash of structure.json.
         drawn = write(self.output / "structure.json", sealed(structure_of(self.inputs)))
         write_campaign(self.output, self.inputs, {"structure.json": drawn})
