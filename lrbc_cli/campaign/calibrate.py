@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
-from lrbc_cli.campaign.calibration import fitting, key_parts
+from lrbc_cli.campaign.calibration import fitting, key_parts, measured
 from lrbc_cli.campaign.digests import CALIBRATION_FILE as FILE
 from lrbc_cli.campaign.digests import key_of
 from lrbc_cli.campaign.identification.compared.doubts import calibration_doubts, refuse_units
@@ -26,7 +26,7 @@ from lrbc_cli.campaign.jobs.results import write_campaign
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, affine_model, frf_source, obtain_reduction
 from lrbc_cli.errors import NumericalError
-from lrbc_cli.io.atomic import together
+from lrbc_cli.io.atomic import changed_meanwhile, together
 from lrbc_cli.model.factors import with_factors
 from lrbc_cli.reduction.outcome import HeldOut
 from lrbc_cli.reduction.steps.certify import lines_between, measured_errors
@@ -132,7 +132,7 @@ def run_calibration(
     ConfigError
         If the campaign has no calibration.
     DataError
-        If the measurement is unusable.
+        If the measurement is unusable, or changed during the run.
     NumericalError
         If the optimisation fails; an earlier calibration stays.
     """
@@ -143,6 +143,8 @@ def run_calibration(
         return stored, True
     parts = key_parts(inputs)
     outcome = calibrate(inputs, folder, accept=accept, progress=progress)
+    if measured(inputs, lambda file: outcome.measurement.hashes.get(file.as_posix())) != parts["measurement"]:
+        raise changed_meanwhile(inputs.campaign.jobs[settings.job].first)
     table = frf_rows(inputs, outcome.measurement, outcome.selected, outcome.initial, outcome.updated)
     try:
         with together():
