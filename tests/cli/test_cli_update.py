@@ -777,6 +777,7 @@ def test_results_of_another_program_are_not_overwritten_in_silence(box: Folder) 
     shutil.rmtree(box.out / "loose")
     (box.out / "loose").write_text("mine")
     result = box.run("update")
-    assert result.code == 2
+    assert result.code == 5, result.stderr
     assert "the results cannot be written" in result.stderr
+    assert "job loose: its failure cannot be noted" in result.stderr
     assert (box.out / "loose").read_text() == "mine"
