@@ -54,8 +54,11 @@ def outlived(campaign: Campaign) -> list[str]:
     found = []
     for name in () if record is None else record.jobs:
         job = campaign.jobs.get(name)
-        if not (campaign.output / name / "result.json").is_file():
-            continue
+        try:
+            if not (campaign.output / name / "result.json").is_file():
+                continue
+        except OSError:
+            continue  # the report says so
         if job is None:
             ago = f"no longer a job of {campaign.path.name}; the result is that of an earlier job. `lrbc update` leaves it out"
             found.append(f"{name}: {ago}")

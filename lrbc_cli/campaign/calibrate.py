@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
-from lrbc_cli.campaign.calibration import fitting, key_parts
+from lrbc_cli.campaign.calibration import fitting, key_parts, measured
 from lrbc_cli.campaign.digests import CALIBRATION_FILE as FILE
 from lrbc_cli.campaign.digests import key_of
 from lrbc_cli.campaign.identification.compared.doubts import calibration_doubts, refuse_units
@@ -26,13 +26,14 @@ from lrbc_cli.campaign.jobs.results import write_campaign
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, affine_model, frf_source, obtain_reduction
 from lrbc_cli.errors import NumericalError
+from lrbc_cli.io.atomic import changed_meanwhile, together
 from lrbc_cli.model.factors import with_factors
 from lrbc_cli.reduction.outcome import HeldOut
 from lrbc_cli.reduction.steps.certify import lines_between, measured_errors
 from lrbc_cli.reduction.threads import single_threaded
 from lrbc_cli.results.job import Lines, NoiseRecord, Provenance
 from lrbc_cli.results.model import Boundary, CalibrationRecord, Factor, FactorCertificate, HeldOutRecord, RoundRecord, StageRecord
-from lrbc_cli.results.store import versions, write_sealed
+from lrbc_cli.results.store import unwritable, versions, write_sealed
 from lrbc_cli.results.tables import write_csv
 from lrbc_cli.updating.calibration.calibrate import FactorFit, FactorProblem, fit_factors
 from lrbc_cli.updating.misfit.cost import mean_misfit
@@ -131,7 +132,7 @@ def run_calibration(
     ConfigError
         If the campaign has no calibration.
     DataError
-        If the measurement is unusable.
+        If the measurement is unusable, or changed during the run.
     NumericalError
         If the optimisation fails; an earlier calibration stays.
     """
@@ -142,10 +143,15 @@ def run_calibration(
         return stored, True
     parts = key_parts(inputs)
     outcome = calibrate(inputs, folder, accept=accept, progress=progress)
-    write_csv(
-        output / "calibration" / "frf.csv", *frf_rows(inputs, outcome.measurement, outcome.selected, outcome.initial, outcome.updated)
-    )
-    record = write_sealed(output / FILE, calibration_record(inputs, outcome, parts, settings.job))
+    if measured(inputs, lambda file: outcome.measurement.hashes.get(file.as_posix())) != parts["measurement"]:
+        raise changed_meanwhile(inputs.campaign.jobs[settings.job].first)
+    table = frf_rows(inputs, outcome.measurement, outcome.selected, outcome.initial, outcome.updated)
+    try:
+        with together():
+            write_csv(output / "calibration" / "frf.csv", *table)
+            record = write_sealed(output / FILE, calibration_record(inputs, outcome, parts, settings.job))
+    except OSError as error:
+        raise unwritable(output / FILE, error) from error
     # Results of jobs stay as they are, but the report needs the record of the campaign.
     if not (output / "campaign.json").is_file():
         write_campaign(output, inputs)

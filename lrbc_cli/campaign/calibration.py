@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from lrbc_cli.campaign.digests import CALIBRATION_FILE as FILE
 from lrbc_cli.campaign.digests import about_measurement, digest, key_of, surroundings
@@ -50,7 +52,6 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
     calibration = campaign.calibration
     assert calibration is not None
     resolved = campaign.resolved()
-    job = campaign.jobs[calibration.job]
     reduced = cache.key_parts(inputs)
     groups = [{k: v for k, v in group.items() if k != "select"} for group in resolved["parameters"].values()]
     # As for jobs (``identity``): which terms share a value.
@@ -61,12 +62,7 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
             reduced["terms"], list(resolved["parameters"]), groups, [(group.beta, group.loss_factor) for group in inputs.groups], *shared
         ),
         "band": digest(reduced["band"], reduced["tolerance"]),
-        "measurement": digest(
-            [file_hash(file) for file in job.all_files],
-            about_measurement(resolved, job, calibration.job),
-            {name: value.get("record") for name, value in resolved["responses"].items()},
-            [[response.name, response.quantity] for response in inputs.responses],
-        ),
+        "measurement": measured(inputs),
         "settings": digest(
             {name: getattr(inputs.method, name) for name in METHOD},
             resolved["update"]["weights"],
@@ -78,6 +74,19 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
         "statistics": inputs.statistics.digest(*STATISTICS),
         "version": digest(CALIBRATION_VERSION, NUMBERS["reduction"], NUMBERS["identification"]),
     }
+
+
+def measured(inputs: Inputs, content: Callable[[Path], str | None] = file_hash) -> str:
+    """Digest of the measurement; ``content`` gives the digest of a file, such as that which was read."""
+    campaign = inputs.campaign
+    assert campaign.calibration is not None
+    resolved, job = campaign.resolved(), campaign.jobs[campaign.calibration.job]
+    return digest(
+        [content(file) for file in job.all_files],
+        about_measurement(resolved, job, campaign.calibration.job),
+        {name: value.get("record") for name, value in resolved["responses"].items()},
+        [[response.name, response.quantity] for response in inputs.responses],
+    )
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,9 @@ from lrbc_cli.campaign.documents import require_own_output
 from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.cli.common import progress, say_json
 from lrbc_cli.cli.options import campaign_options
-from lrbc_cli.cli.terminal import say
+from lrbc_cli.cli.terminal import complain, say
 from lrbc_cli.config import load_campaign
+from lrbc_cli.report.reading import read_results
 from lrbc_cli.report.sections.top import NO_RESULT
 from lrbc_cli.report.summary import summary_text
 from lrbc_cli.report.write import VECTORS, missing_jobs, write_report
@@ -39,8 +40,11 @@ def _kinds(ctx: click.Context, param: click.Parameter, value: str) -> tuple[str,
 @click.option("--job", "jobs", multiple=True, metavar="NAME", help="Show only this job; repeatable.")
 def report(
     config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool, figures: tuple[str, ...], jobs: tuple[str, ...]
-) -> None:
-    """Draw figures, tables and report.html from the results."""
+) -> int:
+    """Draw figures, tables and report.html from the results.
+
+    Jobs whose results cannot be read (exit code 3) do not hide the others.
+    """
     campaign = load_campaign(config, overrides)
     require_own_output(campaign)
     require_inputs_apart(campaign)
@@ -55,8 +59,11 @@ def report(
         figures=figures,
         progress=progress(),
     )
+    unreadable = read_results(campaign.output, jobs or None).unreadable
+    for name, error in unreadable.items():
+        complain(f"job {name} is not shown: {error.message}")
     if as_json:
-        say_json({"report": page})
+        say_json({"report": page, "unreadable": {name: error.message for name, error in unreadable.items()}})
     else:
         say(summary_text(campaign.output, jobs or None), finding=True)
         for name in missing_jobs(campaign.output, jobs or None, expected):
@@ -64,3 +71,4 @@ def report(
         for text in gone:
             say(text)
         say(f"report: {page}")
+    return min((error.exit_code for error in unreadable.values()), default=0)

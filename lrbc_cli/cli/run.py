@@ -16,8 +16,8 @@ from lrbc_cli.cli.terminal import complain, remark, say
 from lrbc_cli.cli.update import FAIL_HELP, finished, outcome_tree, tell_clearance, tell_troubles
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.report.old import outdating
+from lrbc_cli.report.reading import read_results
 from lrbc_cli.report.write import write_report
-from lrbc_cli.results.store import read_job
 from lrbc_cli.study import Study
 
 
@@ -65,26 +65,25 @@ def run(
     try:
         expected, beside = list(inputs.campaign.jobs), passed_over(inputs.campaign)
         page = write_report(output, expected=expected, passed_over=beside, workers=min(2, os.cpu_count() or 1), progress=tell)
+        wrong = [*read_results(output).unreadable.values()]
     except LrbcError as error:
-        complain(error.message)
+        wrong = [error]
+    for unread in wrong:
+        complain(unread.message)
         # The lower exit code counts: the error of the report comes before those of single jobs.
-        code = min(code or error.exit_code, error.exit_code)
+        code = min(code or unread.exit_code, unread.exit_code)
     if as_json:
         use = inputs.calibration
         found = None if use is None else {"used": use.used, "text": use.text, "factors": use.factors}
         say_json({**outcome_tree(inputs.campaign, outcome, code), "calibration": found, "report": page})
     else:
-        _tell(output, finished(inputs.campaign, outcome), page)
+        for name in finished(inputs.campaign, outcome):
+            failure = outcome.errors.get(name)
+            said = outcome.results[name].sentence if failure is None else f"{name}: failed: {failure.message.splitlines()[0]}"
+            say(said, finding=True)
+        if page is not None:
+            say(f"report: {page}")
         tell_clearance(outcome, code, fail_on_loose)
     if opened and page is not None and not webbrowser.open(page.resolve().as_uri()):
         remark(f"no browser could be opened; open {page}", kind="warning")
     return code
-
-
-def _tell(output: Path, jobs: list[str], page: Path | None) -> None:
-    for name in jobs:
-        record = read_job(output, name)
-        if record is not None:
-            say(record.sentence, finding=True)
-    if page is not None:
-        say(f"report: {page}")

@@ -19,7 +19,7 @@ from lrbc_cli.cli.terminal import complain, remark, say
 from lrbc_cli.config import Campaign, load_campaign
 from lrbc_cli.io.common import listing
 from lrbc_cli.report.old import outdating
-from lrbc_cli.report.summary import summary_text
+from lrbc_cli.report.summary import summary_of
 from lrbc_cli.updating.judging.clearance import once_more, sentence
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def update(
     if as_json:
         say_json(outcome_tree(campaign, outcome, code))
     else:
-        say(summary_text(campaign.output, finished(campaign, outcome), reasons=False), finding=True)
+        say(summary_of({name: outcome.results.get(name) for name in finished(campaign, outcome)}), finding=True)
         tell_clearance(outcome, code, fail_on_loose)
         say(f"results in {campaign.output}")
     return code

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
+import stat
+import time
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 from typing import IO, Any, Literal, TypeVar
 
@@ -14,6 +18,12 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import require_file
 
 T = TypeVar("T")
+
+#: Names that ``atomic_path`` gives to temporary files, with the endings of results and of the cache.
+_TEMPORARY = re.compile(r"\..+-[0-9a-f]{12}\.(json|csv|h5|html|png|svg|pdf)")
+
+#: Complete files of a block ``together`` in this context that wait for the others: temporary and final path.
+_waiting: ContextVar[list[tuple[Path, Path]] | None] = ContextVar("_waiting", default=None)
 
 
 @contextmanager
@@ -36,15 +46,40 @@ def atomic_path(path: Path) -> Iterator[Path]:
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.parent / f".{path.stem[:80]}-{uuid.uuid4().hex[:12]}{path.suffix}"
+    waiting = _waiting.get()
     try:
         yield temporary
         _flush(temporary)
+        if waiting is not None:
+            waiting.append((temporary, path))
+            return
         temporary.replace(path)
     except BaseException:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
+        _remove(temporary)
         raise
     _flush_folder(path.parent)
+
+
+@contextmanager
+def together() -> Iterator[None]:
+    """The files written in the block replace the earlier ones when it ends without an error, in their order; otherwise none does.
+
+    So a disk that becomes full leaves no files of two runs beside each other.
+    """
+    files: list[tuple[Path, Path]] = []
+    token = _waiting.set(files)
+    try:
+        yield
+        for temporary, path in files:
+            temporary.replace(path)
+    except BaseException:
+        for temporary, _ in files:
+            _remove(temporary)
+        raise
+    finally:
+        _waiting.reset(token)
+    for folder in {path.parent for _, path in files}:
+        _flush_folder(folder)
 
 
 @contextmanager
@@ -69,6 +104,24 @@ def atomic_write(path: Path, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]
         else:
             with temporary.open("xb") as binary:
                 yield binary
+
+
+def remove_leftovers(folder: Path, *, age: float = 86400.0) -> None:
+    """Remove temporary files of killed processes from a folder that only this program writes; what cannot be removed stays.
+
+    Parameters
+    ----------
+    folder
+        Folders below it are left alone.
+    age
+        Seconds since the last change; a younger file may still be written by another process.
+    """
+    with suppress(OSError):
+        for path in list(folder.glob(".*")):
+            with suppress(OSError):
+                found = path.lstat()
+                if _TEMPORARY.fullmatch(path.name) and stat.S_ISREG(found.st_mode) and time.time() - found.st_mtime > age:
+                    path.unlink()
 
 
 def file_hash(path: Path) -> str:
@@ -106,6 +159,11 @@ def changed_meanwhile(file: Path) -> DataError:
         expected="the same content from the beginning to the end",
         hint="run again when the file is complete",
     )
+
+
+def _remove(path: Path) -> None:
+    with suppress(OSError):
+        path.unlink(missing_ok=True)
 
 
 def _flush(path: Path) -> None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import gzip
+import os
 import re
+import stat
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -90,7 +93,7 @@ def require_file(path: Path) -> int:
             raise DataError("the file does not exist", file=path, hint=_other_path(path))
         if not path.is_file():
             hint = "give a file in it, or several as a list [first, second]" if path.is_dir() else None
-            found = "a folder" if path.is_dir() else "something else"
+            found = "a folder" if path.is_dir() else "a pipe, a socket or a device"
             raise DataError("this is not a file", file=path, expected="a file", found=found, hint=hint)
         with path.open("rb") as stream:
             stream.read(1)
@@ -111,6 +114,25 @@ def _other_path(path: Path) -> str:
         return f"there is no folder {parent}; relative paths start at the campaign file's folder"
     near = get_close_matches(path.name, [other.name for other in parent.iterdir() if other.name != path.name], n=1, cutoff=0.75)
     return (f"did you mean '{near[0]}'? " if near else "") + "check the path; relative paths start at the campaign file's folder"
+
+
+def regular_bytes(path: Path, most: int = -1) -> bytes:
+    """Content of a regular file, up to ``most`` bytes.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read, or is something else: reading a pipe or a device may never end.
+    """
+
+    def at_once(name: str, flags: int) -> int:
+        # Otherwise opening a pipe would wait for its writer.
+        return os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
+
+    with open(path, "rb", opener=at_once) as stream:
+        if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+            raise OSError(errno.EINVAL, "not a regular file", str(path))
+        return stream.read(most)
 
 
 def head(path: Path, count: int = 1024) -> bytes:

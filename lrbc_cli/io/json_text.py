@@ -8,6 +8,8 @@ import re
 from pathlib import Path
 from typing import Any
 
+from lrbc_cli.io.common import regular_bytes
+
 #: Most bytes of a document: about those of a result with 2000 unknowns, whose covariance takes 26 bytes a number.
 MOST_BYTES = 128 * 2**20
 
@@ -30,12 +32,11 @@ def read_json_text(path: Path) -> str:
     Raises
     ------
     OSError
-        If it cannot be read.
+        If it cannot be read or is no regular file.
     ValueError
         If it is longer than ``MOST_BYTES``, or not UTF-8 (then a UnicodeDecodeError).
     """
-    with path.open("rb") as stream:
-        content = stream.read(MOST_BYTES + 1)
+    content = regular_bytes(path, MOST_BYTES + 1)
     if len(content) > MOST_BYTES:
         raise ValueError(f"it is longer than {MOST_BYTES // 2**20} MiB")
     return content.decode("utf-8")

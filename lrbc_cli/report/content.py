@@ -28,6 +28,8 @@ class FrfFigure:
 class Content:
     """Everything that the page shows; charts are by job. ``missing`` names the jobs of the campaign without a result.
 
+    ``unreadable`` has the errors of results that cannot be read, by job.
+
     ``unusable`` has the errors in the measurement files of jobs, whose result may be that of an earlier measurement; ``passed_over`` has
     messages on files in the watched folder that belong to no job.
     """
@@ -49,6 +51,7 @@ class Content:
     structure: StructureRecord | None = None
     shapes: Mapping[str, ShapesRecord] = field(default_factory=dict)
     missing: Sequence[str] = ()
+    unreadable: Mapping[str, str] = field(default_factory=dict)
     unusable: Mapping[str, str] = field(default_factory=dict)
     passed_over: Sequence[str] = ()
 

@@ -11,6 +11,7 @@ from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 
+from lrbc_cli.io.common import regular_bytes
 from lrbc_cli.report.html import Markup, tag
 
 #: Name of the picture beside the page.
@@ -35,8 +36,8 @@ def live_note(written: datetime) -> Markup:
 
 def version_of(page: Path) -> int:
     """Return twice the number of a page, plus one if it is marked as out of date; 1 if there is no page that refreshes itself."""
-    with suppress(OSError), page.open("rb") as file:
-        head = file.read(_HEAD)
+    with suppress(OSError):
+        head = regular_bytes(page, _HEAD)
         found = _STAMP.search(head)
         if found is not None:
             return 2 * int(found[1]) + (b'<p id="old">' in head)

@@ -14,6 +14,7 @@ from html import escape, unescape
 from pathlib import Path
 
 from lrbc_cli.errors import LrbcError, unwritten
+from lrbc_cli.io.common import regular_bytes
 from lrbc_cli.report.html import Markup
 
 #: Bytes that a page reserves for the note.
@@ -30,7 +31,7 @@ def room() -> Markup:
 def outdate(page: Path, why: str) -> None:
     """Write into a page that it is out of date, and why; keeps its modification time. No effect if there is no page or it is read-only."""
     with suppress(OSError):
-        before, found = page.stat(), _PLACE.search(page.read_bytes())
+        before, found = page.stat(), _PLACE.search(regular_bytes(page))
         if found is None:
             return
         text = f"This page is out of date ({datetime.now().astimezone():%d %B %Y, %H:%M}): {why}"
@@ -46,7 +47,7 @@ def outdate(page: Path, why: str) -> None:
 def outdated(page: Path) -> str:
     """Note that a page is out of date; empty if it has none."""
     with suppress(OSError):
-        found = _PLACE.search(page.read_bytes())
+        found = _PLACE.search(regular_bytes(page))
         if found is not None and not found[1]:
             return unescape(found[2].decode()).strip()
     return ""

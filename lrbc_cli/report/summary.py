@@ -3,54 +3,66 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from lrbc_cli.report.reading import read_results
 from lrbc_cli.results.job import FailedJob, Job, JobRecord
-from lrbc_cli.updating.judging.clearance import sentence
+from lrbc_cli.updating.judging.clearance import JobFinding, sentence
 
 
-def summary_text(output: Path, jobs: Sequence[str] | None = None, *, reasons: bool = True) -> str:
-    """Return a table with a line for each job (status, loose bolts, damping exponent, misfit, evaluations, seconds), then sentences.
+def summary_text(output: Path, jobs: Sequence[str] | None = None) -> str:
+    """Return ``summary_of`` stored results, then the reasons of failures.
 
     Parameters
     ----------
     output
         The campaign's output folder.
     jobs
-        Names of the jobs to show; None: all with results.
-    reasons
-        Whether to print the sentences of failed jobs, with the reason.
+        Names of the jobs to show; None: all with results that can be read.
 
     Raises
     ------
-    ConfigError
-        If a job is named that the campaign does not have.
-    DataError
-        If a result file is missing or damaged, or there is none.
+    ConfigError, DataError
+        As ``read_results``.
     """
-    _, results = read_results(output, jobs)
+    results = read_results(output, jobs).jobs
+    failed = [job for job in results if isinstance(job, FailedJob)]
+    reasons = [f"{job.job} failed: {job.reason or 'no reason given'}" for job in failed]
+    return "\n".join([*_lines({job.job: job for job in results}, told=[job.job for job in failed]), *reasons])
+
+
+def summary_of(jobs: Mapping[str, Job | None]) -> str:
+    """Return a table with a line for each job (status, loose bolts, damping exponent, misfit, evaluations, seconds), then sentences.
+
+    Parameters
+    ----------
+    jobs
+        Results by job; None for one that failed in this call, whose stored result may be an earlier one.
+    """
+    return "\n".join(_lines(jobs))
+
+
+def _lines(jobs: Mapping[str, Job | None], told: Sequence[str] = ()) -> list[str]:
+    """Lines of the table, and a sentence for each job that is not ``told`` otherwise."""
     head = ["job", "status", "loose bolts", "p_damp", "misfit [dB]", "evaluations", "seconds"]
     right = [False, False, False, True, True, True, True]
-    rows = [_row(job) for job in results]
+    rows = [_row(name, job) for name, job in jobs.items()]
     keep = [column for column in range(len(head)) if any(row[column] for row in rows)]
     widths = {column: max(len(head[column]), *(len(row[column]) for row in rows)) for column in keep}
     lines = []
     for row in [head, *rows]:
         cells = [row[column].rjust(widths[column]) if right[column] else row[column].ljust(widths[column]) for column in keep]
         lines.append("  ".join(cells).rstrip())
-    for job in results:
-        if isinstance(job, JobRecord) or not reasons:
-            lines.append(f"{job.job}: {sentence(job.finding)}")
-    if reasons:
-        lines += [f"{job.job} failed: {job.reason or 'no reason given'}" for job in results if isinstance(job, FailedJob)]
-    return "\n".join(lines)
+    for name, job in jobs.items():
+        if name not in told:
+            lines.append(f"{name}: {sentence(JobFinding(status='failed') if job is None else job.finding)}")
+    return lines
 
 
-def _row(job: Job) -> list[str]:
-    if isinstance(job, FailedJob):
-        return [job.job, job.status, "", "", "", "", ""]
+def _row(name: str, job: Job | None) -> list[str]:
+    if not isinstance(job, JobRecord):
+        return [name, "failed", "", "", "", "", ""]
     return [
         job.job,
         job.status,

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType, MappingProxyType
 
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import DataError, from_folder, on_one_line
 from lrbc_cli.report.content import Content, FrfFigure
 from lrbc_cli.report.drawing.chart import Chart
 from lrbc_cli.report.drawing.shapes import fits, shapes_chart
@@ -35,7 +35,7 @@ from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.store import read, write_sealed
 from lrbc_cli.results.structure import StructureRecord
-from lrbc_cli.results.tables import Frf, read_fdac, read_frf, require_files
+from lrbc_cli.results.tables import Frf, read_fdac, read_frf
 
 log = logging.getLogger(__name__)
 
@@ -62,7 +62,7 @@ def write_report(
     halt: Callable[[], bool] = lambda: False,
     progress: Callable[[str], None] | None = None,
 ) -> Path:
-    """Draw all figures and write ``report.html``, from result files only.
+    """Draw all figures and write ``report.html``, from result files only; it names the jobs whose results cannot be read.
 
     Figures whose content has not changed since they were drawn are not drawn again.
 
@@ -97,7 +97,7 @@ def write_report(
     ConfigError
         If a job is named that the campaign does not have.
     DataError
-        If a result file is missing or damaged, or nothing can be written.
+        If a file of the campaign is missing or damaged, no job has results that can be read, or nothing can be written.
     """
     say = progress or (lambda line: None)
     content, tasks = _contents(output, jobs, expected, draw=draw)
@@ -133,9 +133,9 @@ def _publish(
 
 def _contents(output: Path, jobs: Sequence[str] | None, expected: Sequence[str], *, draw: bool) -> tuple[Content, list[_Task]]:
     """Content of the page, and the charts with their files; pictures that are not on the page are left out unless `draw`."""
-    campaign, results = read_results(output, jobs)
+    found = read_results(output, jobs)
+    campaign, results = found.campaign, found.jobs
     done = [job for job in results if isinstance(job, JobRecord)]
-    _require_tables(output, done)
     calibration, calibration_frf = _calibration(output)
     plan = read(output / "plan.json", PlanRecord)
     structure = _structure(output)
@@ -160,6 +160,7 @@ def _contents(output: Path, jobs: Sequence[str] | None, expected: Sequence[str],
         structure=structure,
         shapes=shapes,
         missing=missing_jobs(output, jobs, expected),
+        unreadable={name: from_folder(on_one_line(error), output) for name, error in found.unreadable.items()},
     )
     whole = {"verdicts.png": content.strip, "damping.png": content.damping, "plan.png": None if plan is None else plan_chart(plan)}
     tasks: list[_Task] = [(chart, output / file) for file, chart in whole.items() if chart is not None]
@@ -196,11 +197,6 @@ def _reference(output: Path, campaign: CampaignRecord, done: Sequence[JobRecord]
     """Name and FRFs of the reference job, drawn beside those of other jobs; None if it has no result or is not shown."""
     name = next((job.job for job in done if job.job == campaign.reference), None)
     return None if name is None else (name, read_frf(output / name / "frf.csv"))
-
-
-def _require_tables(output: Path, done: Sequence[JobRecord]) -> None:
-    for job in done:
-        require_files(output / job.job, job.provenance.files or {})
 
 
 def _structure(output: Path) -> StructureRecord | None:
@@ -260,9 +256,9 @@ def _calibration(output: Path) -> tuple[CalibrationRecord | None, Frf | None]:
 
 def missing_jobs(output: Path, jobs: Sequence[str] | None, expected: Sequence[str]) -> list[str]:
     """Jobs of the campaign without a result; empty if single jobs are asked for by `jobs`. Raises as ``read_results``."""
-    campaign, results = read_results(output, jobs)
-    shown = {job.job for job in results}
-    return [] if jobs else [name for name in dict.fromkeys((*campaign.jobs, *expected)) if name not in shown]
+    found = read_results(output, jobs)
+    known = {*(job.job for job in found.jobs), *found.unreadable}
+    return [] if jobs else [name for name in dict.fromkeys((*found.campaign.jobs, *expected)) if name not in known]
 
 
 def _draw_all(tasks: Sequence[_Task], workers: int, halt: Callable[[], bool], say: Callable[[str], None]) -> None:

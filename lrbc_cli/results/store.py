@@ -207,7 +207,9 @@ def _record(path: Path, kind: type[R], tree: dict[str, Any]) -> R:
 def _text(path: Path, kind: type[StoredRecord]) -> str | None:
     """Text of a result file; None if it is missing."""
     try:
-        return read_json_text(path) if path.is_file() else None
+        return read_json_text(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
     except OSError as error:
         problem = f"the results cannot be read ({error.strerror or error})"
         raise ConfigError(problem, file=path, hint="choose another folder in `output`") from error

@@ -16,6 +16,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.errors import DataError
+from lrbc_cli.io.common import regular_bytes
 from lrbc_cli.remembered import Remembered
 from lrbc_cli.results.fields import StoredRecord
 from lrbc_cli.results.store import write_bytes
@@ -157,7 +158,7 @@ def _read(file: Path) -> dict[str, Floats]:
 
 def _content(file: Path) -> bytes:
     try:
-        return file.read_bytes()
+        return regular_bytes(file)
     except FileNotFoundError:
         raise DataError("this result file is missing", file=file, hint=HINT) from None
     except OSError as error:

@@ -5,6 +5,7 @@ The owner touches it regularly; a lock whose owner has ended, or on another mach
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import socket
@@ -16,6 +17,8 @@ from pathlib import Path
 import psutil
 
 from lrbc_cli.errors import ConfigError, room_or
+from lrbc_cli.io.atomic import atomic_write
+from lrbc_cli.io.common import regular_bytes
 
 NAME = ".watch.lock"
 
@@ -54,6 +57,8 @@ class Lock:
                     self._create(self._owner)
                     return
                 except FileExistsError:
+                    if self.path.exists() and not self.path.is_file():
+                        raise OSError(errno.EINVAL, "not a regular file") from None
                     other = self._other()
                     if other is not None:
                         break
@@ -103,7 +108,8 @@ class Lock:
             raise ConfigError("another `lrbc watch` took over these results", file=self.path, hint="use that one, or end it first")
         with suppress(OSError):
             if owner is None:
-                self.path.write_text(self._owner, encoding="utf-8")
+                with atomic_write(self.path) as file:
+                    file.write(self._owner)
             else:
                 os.utime(self.path)
 
@@ -147,7 +153,7 @@ def _runs(pid: int, started: object, *, near: float = 2.0) -> bool:
 
 def _read(path: Path) -> dict[str, object] | None:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = json.loads(regular_bytes(path))
     except (OSError, ValueError):
         return None
     return found if isinstance(found, dict) else None

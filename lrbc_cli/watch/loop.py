@@ -13,6 +13,7 @@ from pathlib import Path
 from lrbc_cli.campaign.beside import passed_over
 from lrbc_cli.errors import LrbcError, disk_is_full, on_one_line, unwritten
 from lrbc_cli.report.old import outdate
+from lrbc_cli.report.reading import read_results
 from lrbc_cli.results.store import read_job
 from lrbc_cli.updating.judging.clearance import JobFinding, once_more
 from lrbc_cli.watch.arrivals import Arrivals, signature
@@ -318,6 +319,8 @@ class Watch:
             halt = self.wake.due if live and figures else lambda: False
             self.session.report(live=live, figures=figures, halt=halt, unusable=self.unusable, passed_over=self._passed_over)
             self._undrawn = not figures or halt()
+            for name, unread in read_results(self.session.output).unreadable.items():
+                self._once(f"job {name} is not shown: {unread}")
         except (LrbcError, OSError) as error:
             self._undrawn, self._page_again = True, time.monotonic() + self.pace.retry
             problem, cause = error.problem if isinstance(error, LrbcError) else str(error), unwritten(error)

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import pickle
+import re
 import shutil
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -34,6 +40,16 @@ def address() -> Iterator[str]:
 def workers(address: str) -> Iterator[Cluster]:
     with cluster(address) as found:
         yield found
+
+
+@contextmanager
+def frozen(process: int) -> Iterator[None]:
+    """A process that runs but does nothing, as on a machine that swaps or behind a broken line."""
+    os.kill(process, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        os.kill(process, signal.SIGCONT)
 
 
 def numbers(folder: Folder, job: str) -> Any:
@@ -128,6 +144,39 @@ class TestRefused:
         with pytest.raises(ConfigError, match="does not have the version of this machine") as told, cluster(address):
             pass
         assert "identification 0-" in told.value.message
+
+    def test_a_worker_that_is_frozen(self) -> None:
+        with started(1) as found:
+            (nanny,) = found.workers.values()
+            with (
+                frozen(nanny.pid),
+                pytest.raises(ConfigError, match=r"the worker .* does not answer") as told,
+                cluster(found.scheduler_address, start=1.0),
+            ):
+                pass
+        assert "within 1 s" in told.value.message
+
+    def test_a_worker_that_has_just_gone(self, address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+        gone = "tcp://127.0.0.1:1"
+        monkeypatch.setattr(remote, "version", lambda: OSError(f"cannot connect to {gone}"))
+        with pytest.raises(ConfigError, match=r"the worker .* does not answer"), cluster(address):
+            pass
+
+    @pytest.mark.parametrize("what", ["frozen", "killed"])
+    def test_a_scheduler_that_is_lost_after_its_greeting(self, monkeypatch: pytest.MonkeyPatch, what: str) -> None:
+        line = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
+        with subprocess.Popen(line, stderr=subprocess.PIPE, text=True) as scheduler:
+            assert scheduler.stderr is not None
+            address = next(found[0] for text in scheduler.stderr if (found := re.search(r"tcp://\S+", text)))
+
+            def lost(*args: Any, original: Any = remote._slots) -> Any:
+                os.kill(scheduler.pid, signal.SIGSTOP if what == "frozen" else signal.SIGKILL)
+                return original(*args)
+
+            monkeypatch.setattr(remote, "_slots", lost)
+            with pytest.raises(ConfigError, match=f"the scheduler {address} does not answer"), cluster(address, seconds=1.0):
+                pass
+            scheduler.kill()
 
     def test_workers_of_this_machine_beside_it(self, frame: Folder, address: str) -> None:
         outcome = frame.run("update", "--workers", "2", "--scheduler", address)

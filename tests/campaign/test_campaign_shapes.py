@@ -97,12 +97,24 @@ def test_without_the_basis_there_are_no_shapes_and_no_error(found: tuple[Any, An
     other = replace(stage.reduction, model=replace(stage.reduction.model, B=2.0 * stage.reduction.model.B))
     assert "another model" in cache.load_rows(stage.decision, other, dofs[dofs >= 0])[1]
     assert "another model" in cache.load_rows(stage.decision, stage.reduction, dofs[dofs >= 0][1:])[1]
-    file.unlink()
-    job = next(iter(inputs.campaign.jobs))
+
+
+@pytest.mark.parametrize("damage", ["missing", "damaged"])
+def test_a_basis_that_was_lost_is_built_anew(done: Folder, tmp_path: Path, damage: str) -> None:
+    """Otherwise jobs identified without it stay without shapes for good."""
+    folder = done.copy(tmp_path / "frame")
+    (file,) = folder.cache.glob("*/rows.h5")
+    if damage == "missing":
+        file.unlink()
+    else:
+        file.write_bytes(file.read_bytes()[:-40] + bytes(40))
+    job = next(iter(folder.tree()["jobs"]))
     outcome = folder.run("update", "--job", job, "--force")
     assert outcome.code == 0
-    assert outcome.stderr.count("no deflection shapes: the basis of the reduced model is not kept in the cache") == 1
-    assert "shapes.json" not in folder.result(job)["provenance"]["files"]
+    assert outcome.stderr.count("the cached reduced model is built anew") == 1
+    assert "no deflection shapes" not in outcome.stderr
+    assert "shapes.json" in folder.result(job)["provenance"]["files"]
+    assert "built anew" not in folder.run("update", "--job", job, "--force").stderr
 
 
 def test_the_record_is_checked(done: Folder, tmp_path: Path) -> None:

@@ -97,6 +97,19 @@ def test_a_passing_failure_of_the_reference_job(frame_once: Folder, tmp_path: Pa
         assert folder.result(name)["bolts"] == tree["bolts"]
 
 
+@needs_limits
+@pytest.mark.slow
+def test_a_full_disk_takes_no_verdict_back(frame: Folder) -> None:
+    """The job is reported as failed, but nothing speaks against its earlier result."""
+    before = {path: path.read_bytes() for path in (frame.out / "loose-2").iterdir()}
+    full = on_a_full_disk(frame, "loose-2", "--force")
+    assert full.returncode == 5, full.stderr
+    assert "finished results are kept" in full.stderr
+    assert {path: path.read_bytes() for path in (frame.out / "loose-2").iterdir()} == before
+    assert "loose-2" in frame.run("update", "--json").json["kept"]
+    assert frame.run("report").code == 0
+
+
 @pytest.mark.slow
 def test_a_reference_job_that_fails_for_good(frame: Folder) -> None:
     """Its measurement is gone: what was identified with its earlier result, or without any, is kept while nothing changes."""
@@ -141,7 +154,7 @@ def test_the_earlier_reference_stands_in(frame: Folder) -> None:
     for name in OTHERS:
         assert frame.result(name)["bolts"] == before[name]["bolts"]
     outcome = frame.run("update", "--json")
-    assert (outcome.code, outcome.json["kept"]) == (0, OTHERS)
+    assert (outcome.code, outcome.json["kept"]) == (0, ["tight", *OTHERS])
 
 
 def test_an_earlier_reference_of_other_groups_does_not_stand_in(frame: Folder) -> None:
@@ -410,7 +423,7 @@ def test_a_table_of_another_run(frame: Folder, name: str) -> None:
         assert report.code == 3
         assert str(path) in report.stderr
         assert "lrbc update" in report.stderr
-        assert not (frame.out / "report.html").exists()
+        assert "loose-2: no verdict: its result cannot be read" in (frame.out / "report.html").read_text(encoding="utf-8")
         assert plans(frame)["loose-2"][0]
         assert name in plans(frame)["loose-2"][1]
     outcome = frame.run("update", "--json")

@@ -18,6 +18,7 @@ from campaigns import ROOT, Folder, box, finished, frame, lrbc
 from samples import reduced_cache
 
 import lrbc_cli
+from lrbc_cli.campaign import calibrate
 from lrbc_cli.campaign.calibration import read_inputs
 from lrbc_cli.config import load_campaign
 from lrbc_cli.results.store import digest_of
@@ -203,6 +204,25 @@ class TestWhetherItFits:
         assert after["factors"]["stiffness.structure"]["value"] == pytest.approx(
             before["factors"]["stiffness.structure"]["value"], rel=1e-9
         )
+
+    def test_a_measurement_that_changes_during_the_run(self, copy: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Replaced after the key was taken, and put back: the factors of the other content would count as those of this one."""
+        before = (copy.out / "calibration.json").read_bytes()
+        right, other = (copy.data / "frf" / f"{name}.csv" for name in ("tight", "loose-2"))
+        content = right.read_bytes()
+
+        def read(*args: Any, original: Any = calibrate.read_measurement) -> Any:
+            right.write_bytes(other.read_bytes())
+            return original(*args)
+
+        with monkeypatch.context() as change:
+            change.setattr(calibrate, "read_measurement", read)
+            outcome = copy.run("calibrate", "--force")
+        assert outcome.code == 3, outcome.stderr
+        assert f"{right}: the file changed during the run" in outcome.stderr
+        assert (copy.out / "calibration.json").read_bytes() == before
+        right.write_bytes(content)
+        assert "calibration: used" in copy.run("reduce", "--dry-run").stderr
 
     def test_without_the_block(self, copy: Folder) -> None:
         tree = copy.tree()

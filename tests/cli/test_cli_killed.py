@@ -122,19 +122,41 @@ def test_update(calibrated: Folder, undisturbed: Folder, file: str) -> None:
     assert file != "result.json" or folder.run("report", "--job", "tight").code == 0
 
 
-@pytest.mark.parametrize("file", [pytest.param("frf.csv", marks=pytest.mark.slow), "result.json"])
 @pytest.mark.slow
+@pytest.mark.parametrize("file", ["frf.csv", "result.json"])
 def test_killed_between_the_files_of_a_job(tmp_path: Path, undisturbed: Folder, file: str) -> None:
-    """A run with other settings leaves its first tables beside the earlier result: never shown together, and never kept."""
+    """They are replaced together, so the earlier result is whole."""
     folder = undisturbed.copy(tmp_path / "frame")
     kill(folder, file, "update", "--override", "parameters.left_edge.initial=6.0")
+    assert folder.run("report").code == 0
+    outcome = folder.run("update", "--json")
+    assert outcome.json["kept"] == JOBS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("file", ["model.h5", "rows.h5"])
+def test_killed_between_the_model_and_its_basis(tmp_path: Path, file: str) -> None:
+    """Every job has its deflection shapes in the end."""
+    folder = two_jobs(tmp_path / "frame")
+    kill(folder, file, "reduce")
+    outcome = folder.run("update", "--job", "tight")
+    assert outcome.code == 0, outcome.stderr
+    assert "no deflection shapes" not in outcome.stderr
+    assert "shapes.json" in folder.result("tight")["provenance"]["files"]
+
+
+@pytest.mark.slow
+def test_files_of_two_runs(tmp_path: Path, undisturbed: Folder) -> None:
+    """As a copy of a part of the folder leaves them: never shown together, and never kept."""
+    folder = undisturbed.copy(tmp_path / "frame")
     mixed = folder.out / "tight" / "profile.csv"
-    assert mixed.read_bytes() != (undisturbed.out / "tight" / "profile.csv").read_bytes()
-    assert (folder.out / "tight" / "result.json").read_bytes() == (undisturbed.out / "tight" / "result.json").read_bytes()
+    mixed.write_bytes((folder.out / "loose-2" / "profile.csv").read_bytes())
     report = folder.run("report")
     assert report.code == 3
     assert str(mixed) in report.stderr
     assert "two runs are mixed" in report.stderr
+    assert "loose-2: B3, B4 loose" in report.stdout
+    assert "tight: no verdict: its result cannot be read" in (folder.out / "report.html").read_text(encoding="utf-8")
     plan = folder.run("update", "--dry-run", "--json").json["jobs"]["tight"]
     assert plan == {"run": True, "judge": False, "reason": "profile.csv is not the file that was written with it"}
     outcome = folder.run("update", "--json")

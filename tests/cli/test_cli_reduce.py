@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -71,6 +73,20 @@ def test_a_second_reduction_is_a_hit(tmp_path: Path) -> None:
     assert "cache: hit (matrices, terms" in text.stdout
     assert "measured error: at most" in text.stdout
     assert f"reduced model: {first.json['size']} DOFs" in text.stdout
+
+
+def test_temporary_files_of_killed_runs_are_removed(box: Folder) -> None:
+    (model,) = box.cache.glob("*/model.h5")
+    left = [folder / ".result-0123456789ab.json" for folder in (model.parent, box.out, box.out / "tight")]
+    own = [box.out / "mine" / ".result-0123456789ab.json", box.cache / ".result-0123456789ab.json", *(path.with_name("a") for path in left)]
+    long_ago = time.time() - 100_000
+    for path in (*left, *own):
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("x")
+        os.utime(path, (long_ago, long_ago))
+    assert box.run("update", "--force", "--job", "loose").code == 0
+    assert not any(path.exists() for path in left)
+    assert all(path.exists() for path in own)
 
 
 def test_force_builds_anew(box: Folder) -> None:

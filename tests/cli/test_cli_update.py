@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
 import logging
 import math
@@ -21,6 +22,7 @@ from campaigns import box as make_box
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.identification.weights import mostly_noise
 from lrbc_cli.campaign.jobs.table import CAMPAIGN_COLUMNS
+from lrbc_cli.io import atomic, json_text
 from lrbc_cli.io.frf import read_frf
 from lrbc_cli.results.store import digest_of
 
@@ -494,6 +496,80 @@ def test_the_earlier_result_of_a_failing_job_is_kept(box: Folder) -> None:
     assert box.results()["loose"]["parameters"] == json.loads(before)["parameters"]
 
 
+def disk_full_at(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
+    """The disk is full when one of these files of the job loose is written."""
+
+    def flush(path: Path, original: Any = atomic._flush) -> None:
+        if path.parent.name == "loose" and path.name.startswith(tuple(f".{name}-" for name in names)):
+            raise OSError(errno.ENOSPC, "No space left on device", str(path))
+        original(path)
+
+    monkeypatch.setattr(atomic, "_flush", flush)
+
+
+@pytest.mark.parametrize("name", ["profile", "frf", "result"])
+def test_a_full_disk_takes_no_result_back(box: Folder, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Nothing speaks against the earlier result, of which no file is replaced; the job is reported as failed all the same."""
+    before = {path: path.read_bytes() for path in (box.out / "loose").iterdir()}
+    with monkeypatch.context() as full:
+        disk_full_at(full, name)
+        outcome = box.run("update", "--force")
+    assert outcome.code == 5, outcome.stderr
+    assert "finished results are kept" in outcome.stderr
+    assert "\nloose: no verdict" in outcome.stdout
+    assert {path: path.read_bytes() for path in (box.out / "loose").iterdir()} == before
+    assert box.run("report").code == 0
+    assert box.run("update", "--json").json["kept"] == ["tight", "loose"]
+
+
+def test_a_full_disk_lets_no_outdated_result_stand(box: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The result is that of another measurement: no verdict is shown for this one. Its tables are still those of the result before."""
+    before = {path.name: path.read_bytes() for path in (box.out / "loose").iterdir()}
+    shutil.copy(box.data / "tight.uff", box.data / "loose.uff")
+    disk_full_at(monkeypatch, "frf")
+    assert box.run("update").code == 5
+    assert "No space left" in box.result("loose")["reason"]
+    after = {path.name: path.read_bytes() for path in (box.out / "loose").iterdir()}
+    assert after.pop("result.previous.json") == before.pop("result.json")
+    assert after.pop("result.json")
+    assert after == before
+
+
+@pytest.mark.parametrize("before", ["a result", "no result"])
+def test_a_failure_that_cannot_be_noted_ends_no_other_job(box: Folder, monkeypatch: pytest.MonkeyPatch, before: str) -> None:
+    result = box.out / "loose" / "result.json"
+    content = result.read_bytes()
+    (box.out / "tight" / "result.json").unlink()
+    shutil.copy(box.data / "tight.uff", box.data / "loose.uff")
+    if before == "no result":
+        result.unlink()
+    disk_full_at(monkeypatch, "result", "result.previous")
+    outcome = box.run("update")
+    assert outcome.code == 5, outcome.stderr
+    assert "internal error" not in outcome.stderr
+    assert "job loose: its failure cannot be noted" in outcome.stderr
+    assert "\nloose: no verdict" in outcome.stdout
+    assert box.result("tight")["status"] == "converged"
+    assert result.read_bytes() == content if before == "a result" else not result.exists()
+
+
+def test_a_job_folder_that_cannot_be_read(box: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
+    def denied(original: Any, self: Path, *args: Any, **options: Any) -> Any:
+        if self.parent == box.out / "loose":
+            raise PermissionError(errno.EACCES, "Permission denied", str(self))
+        return original(self, *args, **options)
+
+    real = Path.stat
+    monkeypatch.setattr(Path, "stat", lambda self, **options: denied(real, self, **options))
+    monkeypatch.setattr(json_text, "regular_bytes", partial(denied, json_text.regular_bytes))
+    outcome = box.run("report")
+    assert outcome.code == 2, outcome.stderr
+    assert "internal error" not in outcome.stderr
+    assert "job loose is not shown" in outcome.stderr
+    assert "Permission denied" in outcome.stderr
+    assert "loose: no verdict: its result cannot be read" in (box.out / "report.html").read_text(encoding="utf-8")
+
+
 # -- verdicts in the exit code ------------------------------------------------------------------------------------------
 
 
@@ -701,6 +777,7 @@ def test_results_of_another_program_are_not_overwritten_in_silence(box: Folder) 
     shutil.rmtree(box.out / "loose")
     (box.out / "loose").write_text("mine")
     result = box.run("update")
-    assert result.code == 2
+    assert result.code == 5, result.stderr
     assert "the results cannot be written" in result.stderr
+    assert "job loose: its failure cannot be noted" in result.stderr
     assert (box.out / "loose").read_text() == "mine"

@@ -291,6 +291,19 @@ def test_a_result_that_no_page_shows_is_told(begun: Folder, tmp_path: Path) -> N
     assert folder.run("watch", "--once").stdout == ""
 
 
+@pytest.mark.slow
+def test_a_result_that_cannot_be_read_is_told(begun: Folder, tmp_path: Path) -> None:
+    """The page shows the other jobs."""
+    folder = begun.copy(tmp_path / "damaged")
+    tree = folder.tree()
+    tree["jobs"] = {"gone": {"frf": "data/frf/gone.csv"}}
+    folder.write(tree)
+    (folder.out / "gone").mkdir()
+    (folder.out / "gone" / "result.json").write_text("{}")
+    assert folder.run("watch", "--once").stderr.count("job gone is not shown") == 1
+    assert "gone: no verdict: its result cannot be read" in (folder.out / "report.html").read_text(encoding="utf-8")
+
+
 def test_wrong_calls(begun: Folder) -> None:
     assert "needs --once" in begun.run("watch", "--fail-on-loose").stderr
     none = begun.run("watch", "--hook", "no-such-program-anywhere --flag")

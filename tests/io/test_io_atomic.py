@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import time
 
 import pytest
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.atomic import atomic_path, atomic_write, file_hash
+from lrbc_cli.io.atomic import atomic_path, atomic_write, file_hash, remove_leftovers, together
 
 
 def names(folder):
@@ -76,3 +78,69 @@ def test_hash(tmp_path):
     assert file_hash(path) == hashlib.sha256(b"lrbc" * 100_000).hexdigest()
     with pytest.raises(DataError, match="does not exist"):
         file_hash(tmp_path / "none")
+
+
+def test_files_are_replaced_together_or_not_at_all(tmp_path):
+    first, second = tmp_path / "a" / "first.csv", tmp_path / "b" / "second.json"
+
+    def write(text):
+        with together():
+            for path in (first, second):
+                with atomic_write(path) as file:
+                    file.write(text)
+            if text == "broken":
+                raise OSError("full")
+
+    write("old")
+    with pytest.raises(OSError, match="full"):
+        write("broken")
+    assert (first.read_text(), second.read_text()) == ("old", "old")
+    write("new")
+    assert (first.read_text(), second.read_text()) == ("new", "new")
+    assert (names(first.parent), names(second.parent)) == (["first.csv"], ["second.json"])
+    # Afterwards each file is replaced at once again.
+    with atomic_write(first) as file:
+        file.write("alone")
+    assert first.read_text() == "alone"
+
+
+def test_only_old_temporary_files_of_this_program_are_removed(tmp_path, monkeypatch):
+    endings = ("json", "csv", "h5", "html", "png", "svg", "pdf")
+    old = [tmp_path / f".a-b-0123456789ab.{ending}" for ending in endings]
+    foreign = ("x-0123456789ab.json", ".x-0123456789AB.json", ".x-0123456789ab.uff", ".x-0123456789a.csv", ".0123456789ab.h5", ".x.json")
+    others = [tmp_path / name for name in (*foreign, ".watch.lock", "job/.x-0123456789ab.json")]
+    young = tmp_path / ".y-0123456789ab.json"
+    (tmp_path / "job").mkdir()
+    (tmp_path / ".z-0123456789ab.json").mkdir()
+    target = tmp_path / "target"
+    for path in (*old, *others, young, target):
+        path.write_text("x")
+        long_ago = time.time() - (3600 if path == young else 100_000)
+        os.utime(path, (long_ago, long_ago))
+    (tmp_path / ".l-0123456789ab.json").symlink_to(target)
+    kept = {*others, young, target, tmp_path / ".z-0123456789ab.json", tmp_path / ".l-0123456789ab.json"}
+    remove_leftovers(tmp_path)
+    assert not any(path.exists() for path in old)
+    assert all(path.exists() for path in kept)
+    # Neither a missing folder nor a file that cannot be removed is an error.
+    remove_leftovers(tmp_path / "none")
+    old[0].write_text("x")
+    os.utime(old[0], (1.0, 1.0))
+
+    def denied(self, missing_ok=False):
+        raise PermissionError("denied")
+
+    monkeypatch.setattr(type(tmp_path), "unlink", denied)
+    remove_leftovers(tmp_path)
+    assert old[0].exists()
+
+
+def test_the_temporary_name_is_one_that_is_removed_later(tmp_path):
+    """In the longest case too."""
+    for name in ("result.json", "b" * 200 + ".csv", "result.previous.json", ".watch.svg"):
+        with atomic_path(tmp_path / name) as temporary:
+            temporary.write_text("x")
+            os.utime(temporary, (1.0, 1.0))
+            remove_leftovers(tmp_path)
+            assert not temporary.exists()
+            temporary.write_text("x")

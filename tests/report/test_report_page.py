@@ -315,9 +315,9 @@ def test_only_markup_escapes_escaping():
 
 
 def test_the_time_can_be_given(output):
-    campaign, found = read_results(output)
+    found = read_results(output)
     text = page.render(
-        Content(campaign=campaign, jobs=found, reduction=None, profiles={}, frfs=[]), datetime(2026, 3, 1, 12, 30, tzinfo=UTC)
+        Content(campaign=found.campaign, jobs=found.jobs, reduction=None, profiles={}, frfs=[]), datetime(2026, 3, 1, 12, 30, tzinfo=UTC)
     )
     assert "01 March 2026, 12:30 UTC" in text
 

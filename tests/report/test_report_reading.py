@@ -10,7 +10,9 @@ from fake_campaign import campaign_of, reduction_of
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.report.old import outdate, outdated
-from lrbc_cli.report.sections.top import NO_RESULT
+from lrbc_cli.report.reading import read_results
+from lrbc_cli.report.sections.top import NO_RESULT, UNREADABLE
+from lrbc_cli.report.summary import summary_text
 from lrbc_cli.report.write import missing_jobs, write_report
 from lrbc_cli.results.job import FailedJob
 from lrbc_cli.results.store import digest_of, read_job
@@ -117,9 +119,14 @@ def test_null_is_not_a_number(output):
 def test_a_damaged_document_is_named(output, content, words):
     file = output / "bolts-04" / "result.json"
     file.write_bytes(content)
-    with pytest.raises(DataError, match=words) as caught:
-        write_report(output)
-    assert caught.value.file == str(file)
+    found = read_results(output)
+    assert [job.job for job in found.jobs] == ["bolts-00"]
+    error = found.unreadable["bolts-04"]
+    assert re.search(words, error.message)
+    assert error.file == str(file)
+    # Nothing else is to be shown.
+    with pytest.raises(DataError, match=words):
+        write_report(output, jobs=["bolts-04"])
     assert not (output / "report.html").exists()
 
 
@@ -218,17 +225,23 @@ def test_tables_of_another_run_are_not_shown(output, caplog):
     assert not caplog.records
     file = output / "bolts-04" / "frf.csv"
     file.write_bytes((output / "bolts-00" / "frf.csv").read_bytes())
-    (output / "report.html").unlink()
-    with pytest.raises(DataError, match="not written with the result") as caught:
-        write_report(output, workers=1)
-    assert caught.value.file == str(file)
-    assert "lrbc update" in caught.value.hint
-    assert not (output / "report.html").exists()
+    error = read_results(output).unreadable["bolts-04"]
+    assert "not written with the result" in error.problem
+    assert error.file == str(file)
+    assert error.hint is not None
+    assert "lrbc update" in error.hint
+    page = write_report(output, workers=1).read_text(encoding="utf-8")
+    head, rest = page.split("</header>")
+    assert f"<li>bolts-04: {UNREADABLE}</li>" in head
+    assert "No loose bolt found in 1 of 2 tested jobs. Jobs without result: 1" in head
+    assert "bolts-04: bolts-04/frf.csv: this file was not written with the result.json beside it" in head
+    assert "bolts-04" not in rest
+    assert "bolts-04" not in summary_text(output)
+    assert missing_jobs(output, None, ["bolts-04"]) == []
     # Not part of what is asked for.
-    write_report(output, jobs=["bolts-00"], workers=1)
+    assert UNREADABLE not in write_report(output, jobs=["bolts-00"], workers=1).read_text(encoding="utf-8")
     file.unlink()
-    with pytest.raises(DataError, match="missing"):
-        write_report(output, workers=1)
+    assert "missing" in read_results(output).unreadable["bolts-04"].problem
 
 
 def test_what_is_not_sealed_is_said_at_the_job_and_at_the_top(output, caplog):
@@ -266,8 +279,7 @@ def test_sealed_records_that_were_edited_are_refused(output, name):
 @pytest.mark.parametrize("name", ["../bolts-00/frf.csv", "..", ""])
 def test_hashes_are_of_files_in_the_folder(output, name):
     spoil(output / "bolts-04" / "result.json", "provenance", "files", value={name: "0"})
-    with pytest.raises(DataError, match="damaged"):
-        write_report(output, workers=1)
+    assert "damaged" in read_results(output).unreadable["bolts-04"].problem
 
 
 def test_empty_cells_are_absent_values(output):

@@ -194,7 +194,6 @@ def test_one_watcher_a_campaign(tmp_path: Path) -> None:
     second.release()
 
 
-@pytest.mark.skipif(not FULL.exists(), reason="no device that is always full")
 def test_a_lock_of_a_process_whose_number_is_used_again_blocks_nobody(tmp_path: Path) -> None:
     """In a container every watcher has the same number: after a kill its successor was refused by itself."""
     lock, path = Lock(tmp_path / "out"), tmp_path / "out" / NAME
@@ -213,6 +212,7 @@ def test_a_lock_of_a_process_whose_number_is_used_again_blocks_nobody(tmp_path: 
     Lock(tmp_path / "out").take()
 
 
+@pytest.mark.skipif(not FULL.exists(), reason="no device that is always full")
 def test_a_lock_that_was_not_written_whole_blocks_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lock = Lock(tmp_path / "out")
     lock.path.parent.mkdir()

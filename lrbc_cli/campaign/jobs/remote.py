@@ -6,6 +6,7 @@ workers need no campaign files and no shared folder.
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import socket
 from collections.abc import Iterator
@@ -20,6 +21,7 @@ from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.errors import ConfigError, DataError, LrbcError, on_one_line
+from lrbc_cli.io.reader_process import START_SECONDS
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.version import __version__
 
@@ -102,7 +104,7 @@ def _measured(inputs: Inputs, name: str) -> dict[str, Measurement]:
 
 
 @contextmanager
-def cluster(address: str, *, seconds: float = 10.0) -> Iterator[Cluster]:
+def cluster(address: str, *, seconds: float = 10.0, start: float = START_SECONDS) -> Iterator[Cluster]:
     """Connection to the workers of a Dask scheduler.
 
     Parameters
@@ -110,12 +112,14 @@ def cluster(address: str, *, seconds: float = 10.0) -> Iterator[Cluster]:
     address : str
         Such as ``tcp://host:8786``.
     seconds : float
-        Time to wait for an answer [s].
+        Time to wait for an answer of the scheduler [s].
+    start : float
+        Time to wait for the first answers of the workers, which may have to load this program [s].
 
     Raises
     ------
     ConfigError
-        If Dask is not installed, no scheduler answers, it has no workers, or these have another version of this program.
+        If Dask is not installed, scheduler or worker do not answer, there are no workers, or one has another version of this program.
     """
     try:
         from distributed import Client
@@ -142,19 +146,35 @@ def cluster(address: str, *, seconds: float = 10.0) -> Iterator[Cluster]:
         ) from error
     found = Cluster(client, 0)
     try:
-        found.slots = _slots(client, address)
+        found.slots = _slots(client, address, seconds, start)
         yield found
     finally:
         found.close()
 
 
-def _slots(client: Any, address: str) -> int:
-    """Number of jobs that the workers can do at a time; raises a ConfigError if there are none, or of another version."""
-    threads = client.nthreads()
+def _slots(client: Any, address: str, seconds: float, start: float) -> int:
+    """Number of jobs that the workers can do at a time; raises a ConfigError without workers, or if one is lost or of another version."""
+    try:
+        threads = client.sync(client.nthreads, callback_timeout=seconds)
+    except OSError as error:
+        raise _silent(f"scheduler {address}", seconds, error) from error
     if not threads:
         hint = f"start one on each machine: `dask worker {address} --nthreads 1`"
         raise ConfigError("the scheduler has no workers", found=address, hint=hint)
-    for worker, own in client.run(version, on_error="return").items():
+
+    async def ask(worker: str) -> Any:
+        # Without a limit of time, a worker that was stopped or lies behind a broken line is waited for without end.
+        try:
+            return (await asyncio.wait_for(client.run(version, workers=[worker], on_error="return"), start))[worker]
+        except OSError as error:
+            return error
+
+    async def ask_all() -> list[Any]:
+        return await asyncio.gather(*map(ask, threads))
+
+    for worker, own in zip(threads, client.sync(ask_all), strict=True):
+        if isinstance(own, OSError):
+            raise _silent(f"worker {worker}", start, own)
         if own != version():
             raise ConfigError(
                 f"the worker {worker} does not have the version of this machine",
@@ -163,3 +183,12 @@ def _slots(client: Any, address: str) -> int:
                 hint="install this version of lrbc with the extra [cluster] on every worker, then restart it",
             )
     return sum(map(int, threads.values()))
+
+
+def _silent(who: str, seconds: float, error: OSError) -> ConfigError:
+    return ConfigError(
+        f"the {who} does not answer",
+        expected=f"an answer within {seconds:g} s",
+        found=str(error) or type(error).__name__,
+        hint="check that it runs and can be reached, or end it and start it again",
+    )

@@ -10,46 +10,66 @@ import numpy as np
 from lrbc_cli.campaign.jobs.finished import Finished, calibration_record, origin_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import ReductionStage
-from lrbc_cli.errors import DataError, from_folder
+from lrbc_cli.errors import DataError, LrbcError, from_folder, unwritten
+from lrbc_cli.io.atomic import together
 from lrbc_cli.reduction.outcome import Step
 from lrbc_cli.reduction.steps.unseen import CONFIDENCE, SHARE
 from lrbc_cli.results import model
 from lrbc_cli.results.job import FailedJob, JobRecord, Provenance
-from lrbc_cli.results.store import read_job, versions, write, write_evidence, write_sealed
+from lrbc_cli.results.store import read_job, unwritable, versions, write, write_bytes, write_evidence, write_sealed
 from lrbc_cli.results.tables import write_csv
 from lrbc_cli.version import __version__
 
 
 def write_result(output: Path, finished: Finished) -> JobRecord:
-    """Write the tables, evidence.json and shapes.json, then result.json with their hashes.
+    """Write the tables, evidence.json and shapes.json, then result.json with their hashes; if one cannot be written, none is replaced.
 
     Returns
     -------
     JobRecord
         Content of result.json.
+
+    Raises
+    ------
+    ConfigError
+        If the output folder cannot be written.
     """
     folder = output / finished.record.job
-    files = {name: write_csv(folder / name, *table) for name, table in finished.tables.items()}
-    files["evidence.json"] = write_evidence(folder, finished.evidence)
-    if finished.shapes is not None:
-        files["shapes.json"] = write(folder / "shapes.json", finished.shapes, compact=True)
-    provenance = finished.record.provenance.model_copy(update={"files": files})
-    return write_sealed(folder / "result.json", finished.record.model_copy(update={"provenance": provenance}))
+    try:
+        with together():
+            files = {name: write_csv(folder / name, *table) for name, table in finished.tables.items()}
+            files["evidence.json"] = write_evidence(folder, finished.evidence)
+            if finished.shapes is not None:
+                files["shapes.json"] = write(folder / "shapes.json", finished.shapes, compact=True)
+            provenance = finished.record.provenance.model_copy(update={"files": files})
+            return write_sealed(folder / "result.json", finished.record.model_copy(update={"provenance": provenance}))
+    except OSError as error:
+        raise unwritable(folder / "result.json", error) from error
 
 
-def write_failure(output: Path, inputs: Inputs, name: str, reason: str, identity: str | None) -> None:
+def write_failure(output: Path, inputs: Inputs, name: str, error: LrbcError, identity: str | None) -> None:
     """Write ``result.json`` of a job that failed; an earlier result is kept as ``result.previous.json``, its tables and figures stay.
 
+    If only the new result could not be written and the earlier one has the same identity, nothing speaks against that: it stays.
     Paths in the reason are those seen from the campaign file.
+
+    Raises
+    ------
+    ConfigError
+        If the folder of the job cannot be read or written; the earlier result then stays ``result.json``.
     """
-    reason = from_folder(reason, inputs.campaign.path.parent)
     path = output / name / "result.json"
     try:
         before = read_job(output, name)
     except DataError:
         before = None
     if isinstance(before, JobRecord):
-        path.replace(path.with_name("result.previous.json"))
+        not_written = unwritten(error) is not None and error.file is not None and Path(error.file).parent == path.parent
+        if not_written and before.provenance.identity == identity:
+            return
+        # Copied, not moved: should the disk be full, `result.json` is still there.
+        write_bytes(path.with_name("result.previous.json"), path.read_bytes())
+    reason = from_folder(error.message, inputs.campaign.path.parent)
     provenance = Provenance(identity=identity, versions=versions(), inputs=inputs.hashes, configuration=inputs.campaign.resolved())
     failed = FailedJob(format="lrbc-result", version=1, job=name, status="failed", reason=reason, provenance=provenance)
     write_sealed(path, failed)

@@ -26,8 +26,8 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, obtain_source, with_rows
 from lrbc_cli.campaign.structure import structure_of
-from lrbc_cli.errors import DataError, LrbcError, NumericalError
-from lrbc_cli.io.atomic import changed_meanwhile
+from lrbc_cli.errors import DataError, LrbcError, NumericalError, on_one_line
+from lrbc_cli.io.atomic import changed_meanwhile, remove_leftovers
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job, sealed, write
 
@@ -108,6 +108,8 @@ class _Run:
             if p.kept:
                 keep(p, outcome, self.progress)
         todo = [name for name in self.names if name not in outcome.results]
+        for folder in (self.output, self.output / "calibration", *(self.output / name for name in campaign.jobs)):
+            remove_leftovers(folder)
         # campaign.json is written last: it holds the hash of structure.json.
         drawn = write(self.output / "structure.json", sealed(structure_of(self.inputs)))
         write_campaign(self.output, self.inputs, {"structure.json": drawn})
@@ -231,10 +233,10 @@ class _Run:
         self.outcome.failed.append(name)
         self.outcome.errors[name] = error
         try:
-            write_failure(self.output, self.inputs, name, error.message, self.plans[name].identity.digest)
-        except OSError as problem:
-            # The earlier result of this job cannot be moved; the other jobs run.
-            log.warning("job %s: its failure cannot be noted in %s (%s)", name, self.output / name, problem)
+            write_failure(self.output, self.inputs, name, error, self.plans[name].identity.digest)
+        except (LrbcError, OSError) as lack:
+            # The other jobs run.
+            log.warning("job %s: its failure cannot be noted in %s (%s)", name, self.output / name, on_one_line(lack))
         self.progress(f"{name}: failed")
 
 
@@ -242,8 +244,12 @@ def reference_result(inputs: Inputs, outcome: Outcome, reference: str, stage: Re
     """Result of the reference job: of this call or, if it failed, its previous one with the same reduced model; else None."""
     if reference in outcome.results:
         return outcome.results[reference]
+    output = inputs.campaign.output
     try:
-        before = read_job(inputs.campaign.output, reference, "result.previous.json")
+        before = read_job(output, reference)
+        # It is still in its place if only the new one could not be written.
+        if not isinstance(before, JobRecord):
+            before = read_job(output, reference, "result.previous.json")
     except DataError:
         return None
     # With other parameter groups its state cannot be compared with.

@@ -296,13 +296,25 @@ def store_rows(decision: CacheDecision, reduction: Reduction, dofs: Integers) ->
         log.warning("the basis at the drawn nodes was not kept (%s)", error)
 
 
-def load_rows(decision: CacheDecision, reduction: Reduction, dofs: Integers) -> tuple[Floats | None, str]:
-    """(k, r) rows of the basis at k DOFs, and an empty text; None, and the reason, if they are missing, damaged or of another model."""
+def rows_fault(decision: CacheDecision) -> str:
+    """Why the stored rows of the basis cannot be read; empty if they can, also if they are those of another model."""
     path = decision.path.with_name("rows.h5")
     if not path.is_file():
-        return None, "the basis of the reduced model is not kept in the cache"
+        return "the basis of the reduced model is not kept in the cache"
     try:
-        tree = read_store(path)
+        read_store(path)
+    except DataError as error:
+        return f"the basis in the cache is damaged ({error.problem})"
+    return ""
+
+
+def load_rows(decision: CacheDecision, reduction: Reduction, dofs: Integers) -> tuple[Floats | None, str]:
+    """(k, r) rows of the basis at k DOFs, and an empty text; None, and the reason, if they are missing, damaged or of another model."""
+    fault = rows_fault(decision)
+    if fault:
+        return None, fault
+    try:
+        tree = read_store(decision.path.with_name("rows.h5"))
         if tree.get("made_for") != _rows_stamp(decision, reduction, dofs):
             return None, "the basis in the cache belongs to another model"
         _require_arrays({"rows": tree.get("rows")}, {"rows": (dofs.size, reduction.model.size)})

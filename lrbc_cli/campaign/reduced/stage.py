@@ -24,6 +24,7 @@ from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, require_memory
 from lrbc_cli.campaign.structure import drawn_dofs
 from lrbc_cli.errors import DataError, NumericalError
+from lrbc_cli.io.atomic import remove_leftovers
 from lrbc_cli.method.resolve import formula
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.outcome import Reduction
@@ -114,13 +115,10 @@ def obtain_reduction(
     start = time.perf_counter()
     parts = cache.key_parts(inputs)
     decision = cache.look_up(folder, parts)
+    remove_leftovers(decision.path.parent)
     reduction: Reduction | None = None
     if decision.hit and not force:
-        try:
-            reduction = cache.load(decision, inputs)
-        except DataError as error:
-            log.warning("the cached reduced model is built anew (%s: %s)", decision.path, error.problem)
-            decision = replace(decision, hit=False, reason="the file in the cache is damaged")
+        decision, reduction = _cached(inputs, decision)
     elif decision.hit:
         decision = replace(decision, hit=False, reason="--force")
     elif decision.path.is_file():
@@ -185,6 +183,21 @@ def _share(value: float) -> str:
     return f"{100.0 * value:.3g} %" if 0.01 <= value < 10.0 else "less than 1 %" if value < 0.01 else f"{value:.3g} times"
 
 
+def _cached(inputs: Inputs, decision: cache.CacheDecision) -> tuple[cache.CacheDecision, Reduction | None]:
+    """The model from the cache; None, and why it is a miss, if its file is damaged or its basis cannot be read."""
+    try:
+        reduction = cache.load(decision, inputs)
+    except DataError as error:
+        told, reason = error.problem, "the file in the cache is damaged"
+    else:
+        # Without its basis, the jobs identified with it would stay without deflection shapes.
+        told = reason = cache.rows_fault(decision) if drawn_dofs(inputs).size else ""
+        if not reason:
+            return decision, reduction
+    log.warning("the cached reduced model is built anew (%s: %s)", decision.path, told)
+    return replace(decision, hit=False, reason=reason), None
+
+
 def _built_and_kept(inputs: Inputs, decision: cache.CacheDecision, parts: dict[str, str], progress: Callable[[str], None]) -> Reduction:
     # Imported here because most calls find the model in the cache.
     from lrbc_cli.reduction.build import reduce_model
@@ -209,9 +222,10 @@ def _built_and_kept(inputs: Inputs, decision: cache.CacheDecision, parts: dict[s
             bound_hint(reduction.worst, reduction.options.tolerance, len(reduction.held_out)),
         )
     reduction = replace(reduction, seconds=reduction.seconds | line_seconds(reduction.model, settings.band))
-    cache.store(decision, parts, reduction)
+    # The model comes last: a process that is killed in between leaves nothing that counts as finished.
     if reduction.rows is not None:
         cache.store_rows(decision, reduction, dofs[dofs >= 0])
+    cache.store(decision, parts, reduction)
     return replace(reduction, rows=None)
 
 

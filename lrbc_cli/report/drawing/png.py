@@ -19,6 +19,7 @@ from matplotlib.path import Path as Outline
 from matplotlib.text import Text as TextArtist
 from matplotlib.transforms import Affine2D, Transform
 
+from lrbc_cli.io.common import regular_bytes
 from lrbc_cli.report.drawing.chart import Chart
 from lrbc_cli.report.drawing.layout import Drawing, Fill, Line, Mosaic, Shape, Symbols, Text, lay_out
 from lrbc_cli.report.drawing.style import STYLES
@@ -111,7 +112,7 @@ def _digest(drawing: Drawing) -> str:
 
 def _digest_in(file: Path) -> str | None:
     try:
-        data = file.read_bytes()
+        data = regular_bytes(file)
     except OSError:
         return None
     if not data.startswith(_SIGNATURE) or not data.endswith(b"IEND\xaeB`\x82"):

@@ -22,6 +22,9 @@ from lrbc_cli.updating.judging.clearance import loose_bolts
 #: Text for a job of the campaign without a result.
 NO_RESULT = "no result, not judged"
 
+#: Text for a job with a result that cannot be read.
+UNREADABLE = "no verdict: its result cannot be read"
+
 #: Texts for a job whose files exist but cannot be used, without and with a result.
 CANNOT_BE_USED = "no verdict: its files cannot be used"
 EARLIER = "result of an earlier measurement; the present files cannot be used"
@@ -39,6 +42,7 @@ def header(content: Content, written: datetime, live: Markup | None = None) -> M
     about = [campaign.test_article, f"measured by {campaign.operator}" if campaign.operator else ""]
     about += [f"report of {written:%d %B %Y, %H:%M %Z}".strip(), content.tool]
     sentences = [_sentence(content, job) for job in content.jobs]
+    sentences += [tag("li", f"{name}: {UNREADABLE}") for name in content.unreadable]
     sentences += [tag("li", f"{name}: {CANNOT_BE_USED if name in content.unusable else NO_RESULT}") for name in content.missing]
     first, rest = sentences[:_SENTENCES], sentences[_SENTENCES:]
     return tag(
@@ -66,13 +70,14 @@ def _sentence(content: Content, job: Job) -> Markup:
 
 
 def _files(content: Content) -> Markup | None:
-    """List of measurements that cannot be used and of files that belong to no job, with advice."""
-    lines = [f"{name}: {problem}" for name, problem in content.unusable.items()] + list(content.passed_over)
+    """List of results that cannot be read, measurements that cannot be used and files that belong to no job, with advice."""
+    wrong = [*content.unreadable.items(), *content.unusable.items()]
+    lines = [f"{name}: {problem}" for name, problem in wrong] + list(content.passed_over)
     if not lines:
         return None
     return tag(
         "div",
-        tag("p", "Files that were not judged, or that no longer exist:"),
+        tag("p", "Files that cannot be read, were not judged, or no longer exist:"),
         tag("ul", *(tag("li", line) for line in lines)),
         class_="warning",
     )
@@ -131,7 +136,7 @@ def _compared(content: Content) -> tuple[list[Job], list[JobRecord], list[str]]:
     """Jobs that are compared with a tight state, those of them with verdicts, and the names of those without a result."""
     compared = [job for job in content.jobs if not isinstance(job, JobRecord) or job.taken_as_tight is None]
     judged = [job for job in compared if isinstance(job, JobRecord) and job.explained and job.observable]
-    return compared, judged, [name for name in content.missing if name != content.campaign.reference]
+    return compared, judged, [name for name in (*content.unreadable, *content.missing) if name != content.campaign.reference]
 
 
 def _union(jobs: Iterable[JobRecord], verdict: Verdict = "loose") -> list[str]:
