@@ -7,6 +7,6 @@ sources takes longer than judging a campaign anew; ``tests/test_constants.py`` c
 #: For reduced models; for identifications and calibrations (which also depend on reduced models); for judgements.
 NUMBERS = {
     "reduction": "959027b085577dff",
-    "identification": "83cd2f4b4c138d9e",
+    "identification": "374ef3e64a9bdfb6",
     "judgement": "6f8ddba0f259cd1a",
 }

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
-from lrbc_cli.campaign.identification.compared.doubts import LEAST_BAND, factors_of, offset_texts, sideways_text, trusted
 from lrbc_cli.campaign.identification.compared.likeness import (
     CLEARLY,
     LEAST_DIFFERENCE,
@@ -28,6 +27,7 @@ from lrbc_cli.campaign.identification.compared.likeness import (
     sideways,
     turned,
 )
+from lrbc_cli.campaign.identification.compared.offsets import LEAST_BAND, factors_of, offset_texts, sideways_text, trusted
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.weights import without_noise
 from lrbc_cli.campaign.looking.all_jobs import OfJob, Told, each_once, pooled, told_of_all
@@ -216,6 +216,8 @@ def _looked_at(source: Looking, measurements: Mapping[str, Measurement], name: s
     backwards = not how and run_backwards(measurements[name].frequency_hz, measurements[name].values)
     near = [*nearest_states(seen), *(state for state in (held, fitted) if state is not None)]
     told, offsets = _channels(seen, near, reach[0], backwards=backwards)
+    # Places are looked for below; without a better finding this remains.
+    uneven = {key: told.pop(key) for key in list(told) if key[0] == "places"}
     if not told and how:
         return OfJob({("sideways", how): sideways_text(inputs, how, name)})
     if not told and seen.reference:
@@ -229,7 +231,7 @@ def _looked_at(source: Looking, measurements: Mapping[str, Measurement], name: s
         told |= _beside_tight(seen, held, reach)
         if not told and fitted is not None:
             told |= _beside_fitted(seen, fitted) or _foreign(seen, held)
-    return OfJob(told, offsets)
+    return OfJob(told or uneven, offsets)
 
 
 def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: str, first: OfJob) -> tuple[Looking, OfJob]:
@@ -238,7 +240,7 @@ def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: 
     Nothing is calibrated from a job that loose bolts explain.
     """
     calibration, kinds = source.inputs.campaign.calibration, {kind for kind, *_ in first.told}
-    if calibration is None or calibration.job != name or kinds - {"unlike", "alone", "coordinates"}:
+    if calibration is None or calibration.job != name or kinds - {"unlike", "alone", "coordinates", "places"}:
         return source, first
     seen = Seen.of(source, name, measurements[name])
     calibrated = None if tighter_text(seen, measurements) or looser(seen, seen.misfit) else roughly_calibrated(source, measurements[name])

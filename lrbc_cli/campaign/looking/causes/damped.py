@@ -43,7 +43,9 @@ def misdamped_text(inputs: Inputs, own: Measurement, *, decades: float = 1.5, se
         if not large and (len(off) < len(parts) or max(off.values()) > -decades):
             continue
         key = max(units, key=lambda name: float(np.median(parts[field][name])))
-        stated, power = getattr(getattr(damping, field), key), round(float(np.median(np.log10(parts[field][key] / measured))))
+        # Other damping adds to the measured one, so the least of these ratios is nearest.
+        power = round(float(np.quantile(np.log10(parts[field][key] / measured), 0.9)))
+        stated = getattr(getattr(damping, field), key)
         at = int(np.argsort(ratio[field])[omega.size // 2])
         return (
             f"model.damping.{field}: {key}: {stated:g} is probably wrong by a power of ten: at {modes.frequency_hz[at]:.4g} Hz the damping "
