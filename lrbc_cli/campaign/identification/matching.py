@@ -21,7 +21,7 @@ Wanted = str | int | RecordRef | FileRecordRef
 LEAST_USED = 0.5
 
 #: Largest number of records in one message.
-MOST_RECORDS = 12
+MOST_NAMED = 12
 
 
 def describe(record: FrfRecord, several: bool = False) -> str:
@@ -40,7 +40,7 @@ def describe(record: FrfRecord, several: bool = False) -> str:
 def listed(frf: FrfSet) -> str:
     """All records in one line of text."""
     several = len({record.file for record in frf.records}) > 1
-    return "; ".join(describe(r, several) for r in frf.records[:MOST_RECORDS]) + (" ..." if len(frf.records) > MOST_RECORDS else "")
+    return "; ".join(describe(r, several) for r in frf.records[:MOST_NAMED]) + (" ..." if len(frf.records) > MOST_NAMED else "")
 
 
 def _wanted_text(wanted: Wanted) -> str:
@@ -90,7 +90,7 @@ def _one(found: list[FrfRecord], how: str, response: Response, frf: FrfSet, inpu
     if len(own) == 1:
         return own[0]
     names = list(dict.fromkeys(Path(record.file).name for record in found))
-    text = "; ".join(describe(r, len(names) > 1) for r in found[:MOST_RECORDS])
+    text = "; ".join(describe(r, len(names) > 1) for r in found[:MOST_NAMED])
     if len(names) > 1:
         raise DataError(
             f"the files {names[0]} and {names[1]} both contain response {response.name} ({how})",

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.campaign.identification.matching import MOST_RECORDS, called, describe, named, reciprocal
+from lrbc_cli.campaign.identification.matching import MOST_NAMED, called, describe, named, reciprocal
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.campaign.reading.places import MILLIMETRES
 from lrbc_cli.config.settings import JobConfig
@@ -53,10 +53,10 @@ def _miscounted(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None])
     away = {order.index(record.name.strip().lower()) - order.index(r.name.lower()) for r, record in own}
     if len(own) < max(2, len(found)) or len(away) != 1 or away == {0}:
         return ""
-    named = ", ".join(f"{r.name} selects record {record.number} ({record.name})" for r, record in own[:MOST_RECORDS])
+    named = ", ".join(f"{r.name} selects record {record.number} ({record.name})" for r, record in own[:MOST_NAMED])
     by, way = abs(min(away)), "high" if min(away) > 0 else "low"
     return (
-        f"{called(job)}: the record numbers are probably {by} too {way}: {named}{' ...' if len(own) > MOST_RECORDS else ''}. Correct "
+        f"{called(job)}: the record numbers are probably {by} too {way}: {named}{' ...' if len(own) > MOST_NAMED else ''}. Correct "
         "responses.NAME.record (records are counted from 1), or remove it, as the names in the file are those of the responses"
     )
 

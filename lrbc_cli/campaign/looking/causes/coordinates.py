@@ -58,7 +58,7 @@ def coordinates_texts(seen: Seen, *, unlike: bool) -> tuple[dict[tuple[int, ...]
     others = [other for other in _others(inputs, dofs) if left[list(other.responses)].mean() > least]
     largest, told = float(np.abs(seen.model).max()), dict[tuple[int, ...], str]()
     better: list[tuple[_Other, Floats, Floats]] = []
-    for few in gradually(seen):
+    for few, wider in gradually(seen):
         before, better = apart(few.measured, few.model), []
         with suppress(LrbcError):
             for other, after in zip(others, _misfits(few, others, largest), strict=True):
@@ -66,7 +66,7 @@ def coordinates_texts(seen: Seen, *, unlike: bool) -> tuple[dict[tuple[int, ...]
                 # If the model is far from most responses, it must be near at the other place.
                 limit = MOST_LEFT if unlike and not other.turned else max(MOST_LEFT, typical)
                 share = MOSTLY if len(own) > 1 and not other.turned else CLEARLY
-                if after.mean() <= min(limit, share * float(before[own].mean())) and np.all(after < before[own]):
+                if after.mean() <= wider * min(limit, share * float(before[own].mean())) and np.all(after < wider * before[own]):
                     better.append((other, before[own], after))
         others = [other for other, *_ in better]
     for other, before, after in sorted(better, key=lambda each: float(each[2].mean())):
@@ -82,7 +82,7 @@ def mirrored_text(seen: Seen) -> str:
     if dofs is None or seen.work(LINES) > MOST_WORK:
         return ""
     ways, found = [way for axis in range(3) if (way := _mirrored(inputs, dofs, axis))], list[tuple[float, float, _Other]]()
-    for few in gradually(seen):
+    for few, wider in gradually(seen):
         found, better = [], []
         with suppress(LrbcError):
             each = iter(_misfits(few, [other for others in ways for other in others], float(np.abs(seen.model).max())))
@@ -90,7 +90,7 @@ def mirrored_text(seen: Seen) -> str:
                 own = [i for other in others for i in other.responses]
                 before = float(np.median(apart(few.measured[:, own], few.model[:, own])))
                 after = float(np.median(np.concatenate([next(each) for _ in others])))
-                if before > LEAST_DIFFERENCE and after <= min(MOST_LEFT, CLEARLY * before):
+                if wider * before > LEAST_DIFFERENCE and after <= wider * min(MOST_LEFT, CLEARLY * before):
                     better.append(others)
                     found.append((before, after, others[0]))
         ways = better

@@ -69,11 +69,11 @@ def held_text(seen: Seen, before: float) -> str | None:
     # Stiffness-proportional damping also holds the nodes. Removing mass-proportional damping with it changes next to nothing.
     free = {name: (A - sp.diags_array(_forces(A, dofs, rows), format="csc")).tocsc() for name, A in (("K", model.K), ("C", model.C))}
     left = np.inf
-    for few in gradually(seen):
+    for few, wider in gradually(seen):
         with suppress(LrbcError):
             ports = full_ports(replace(model, **free, extras={}), inputs.input_of, few.s, inputs.campaign.reduction.band)
             left = float(np.median(spread(levels(few.measured) - levels(ports.evaluate(few.dynamic)), 0)))
-        if left > min(MOST_LEFT, CLEARLY * before):
+        if left > wider * min(MOST_LEFT, CLEARLY * before):
             return None
     nodes = np.unique(dofs.node[rows])
     named = ", ".join(str(node) for node in nodes[:6].tolist()) + (" ..." if nodes.size > 6 else "")
