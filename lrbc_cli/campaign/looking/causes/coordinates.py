@@ -11,14 +11,13 @@ import scipy.sparse as sp
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, apart, apart_there
-from lrbc_cli.campaign.looking.causes.moved import LINES, gradually
+from lrbc_cli.campaign.looking.causes.moved import LINES, gradually, solved
 from lrbc_cli.campaign.looking.causes.rescaled import MOST_WORK
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.selection import nearest, spacing
-from lrbc_cli.reduction.problem.full import full_ports
 
 _AXES = "xyz"
 
@@ -68,7 +67,8 @@ def coordinates_texts(seen: Seen, *, unlike: bool) -> tuple[dict[tuple[int, ...]
                 share = MOSTLY if len(own) > 1 and not other.turned else CLEARLY
                 if after.mean() <= wider * min(limit, share * float(before[own].mean())) and np.all(after < wider * before[own]):
                     better.append((other, before[own], after))
-        others = [other for other, *_ in better]
+        if not better:
+            break
     for other, before, after in sorted(better, key=lambda each: float(each[2].mean())):
         if other.responses not in told:
             left[list(other.responses)] = after
@@ -83,7 +83,7 @@ def mirrored_text(seen: Seen) -> str:
         return ""
     ways, found = [way for axis in range(3) if (way := _mirrored(inputs, dofs, axis))], list[tuple[float, float, _Other]]()
     for few, wider in gradually(seen):
-        found, better = [], []
+        found = []
         with suppress(LrbcError):
             each = iter(_misfits(few, [other for others in ways for other in others], float(np.abs(seen.model).max())))
             for others in ways:
@@ -91,11 +91,9 @@ def mirrored_text(seen: Seen) -> str:
                 before = float(np.median(apart(few.measured[:, own], few.model[:, own])))
                 after = float(np.median(np.concatenate([next(each) for _ in others])))
                 if wider * before > LEAST_DIFFERENCE and after <= wider * min(MOST_LEFT, CLEARLY * before):
-                    better.append(others)
                     found.append((before, after, others[0]))
-        ways = better
-    if not found:
-        return ""
+        if not found:
+            return ""
     before, after, first = found[0]
     xyz = ", ".join(f"{value:.6g}" for value in dofs.xyz[first.dof] / inputs.campaign.unit_system.length)
     return (
@@ -142,7 +140,7 @@ def _misfits(seen: Seen, others: Sequence[_Other], largest: float) -> list[Float
     model = seen.inputs.model
     L = sp.csc_array((np.ones(at.size), (np.arange(at.size), at)), (at.size, model.size))
     moved = replace(model, L=L, output_power=model.output_power[responses], extras={})
-    ports = full_ports(moved, seen.inputs.input_of[responses], seen.s, seen.inputs.campaign.reduction.band)
+    ports = solved(seen, moved, seen.inputs.input_of[responses], b"moved" + at.tobytes() + responses.tobytes())
     computed = ports.evaluate(seen.dynamic)
     found = apart_there(seen.measured[:, responses], computed, largest)
     return np.split(found, np.cumsum([len(other.responses) for other in others])[:-1])

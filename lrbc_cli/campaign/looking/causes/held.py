@@ -10,13 +10,12 @@ import scipy.sparse as sp
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, apart, levels, spread
-from lrbc_cli.campaign.looking.causes.moved import LINES, gradually
+from lrbc_cli.campaign.looking.causes.moved import LINES, gradually, solved
 from lrbc_cli.campaign.looking.causes.rescaled import MOST_LEFT, MOST_WORK
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.doubts.springs import turned_about
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
-from lrbc_cli.reduction.problem.full import full_ports
 
 #: Forces below this share of the sum of a row's magnitudes are rounding.
 _ROUNDING = 1e-6
@@ -71,7 +70,7 @@ def held_text(seen: Seen, before: float) -> str | None:
     left = np.inf
     for few, wider in gradually(seen):
         with suppress(LrbcError):
-            ports = full_ports(replace(model, **free, extras={}), inputs.input_of, few.s, inputs.campaign.reduction.band)
+            ports = solved(few, replace(model, **free, extras={}), inputs.input_of, b"held" + rows.tobytes())
             left = float(np.median(spread(levels(few.measured) - levels(ports.evaluate(few.dynamic)), 0)))
         if left > wider * min(MOST_LEFT, CLEARLY * before):
             return None

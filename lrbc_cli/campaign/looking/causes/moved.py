@@ -17,6 +17,7 @@ from lrbc_cli.campaign.looking.states import Seen, values_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
+from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.problem.full import full_ports
 from lrbc_cli.reduction.reduced.ports import PortFrf
 
@@ -82,8 +83,32 @@ def gradually(seen: Seen, *, wider: float = 1.6) -> Iterator[tuple[Seen, float]]
 
     What does not fit a third of the lines within wider limits needs no further full solves.
     """
-    yield seen.few(LINES // 3), wider
-    yield seen.few(LINES), 1.0
+    few = seen.few(LINES)
+    yield few.on(np.arange(1, few.s.size, 3)), wider
+    yield few, 1.0
+
+
+def solved(seen: Seen, model: FeModel, input_of: Integers, key: bytes) -> PortFrf:
+    """Full-order port FRFs of a changed model on the lines of ``seen``; lines that were solved before, under ``key``, are kept."""
+    known: dict[complex, PortFrf] = seen.source.known.setdefault(key, {})
+    if new := [value for value in seen.s.tolist() if value not in known]:
+        ports = full_ports(model, input_of, np.array(new), seen.inputs.campaign.reduction.band)
+        every = np.arange(input_of.size)
+        known.update({value: ports.select(np.array([k]), every) for k, value in enumerate(new)})
+    own = [known[value] for value in seen.s.tolist()]
+
+    def joined(name: str) -> Complexes:
+        return np.concatenate([getattr(each, name) for each in own])
+
+    return replace(
+        own[0],
+        s=joined("s"),
+        H00=joined("H00"),
+        H0p=joined("H0p"),
+        Hp0=joined("Hp0"),
+        Hpp=joined("Hpp"),
+        D_ref=joined("D_ref"),
+    )
 
 
 def _nearest_place(seen: Seen, dofs: DofTable, at: int) -> tuple[float, float, int, int]:
@@ -197,28 +222,23 @@ def _relative(values: Complexes, others: Complexes) -> Floats:
 
 def _reciprocal_ports(seen: Seen, places: Integers, responses: Integers) -> PortFrf:
     """Interface FRFs of the transposed model from sensors to places (responses vary fastest); solved once for all jobs with these lines."""
-    key = b"places" + responses.tobytes() + seen.s.tobytes()
-    if key not in seen.source.known:
-        # Transposed, so that one solve per sensor suffices; without a cavity the matrices are symmetric.
-        model, count = seen.inputs.model, responses.size
-        K, C, M = (A.T.tocsc() for A in (model.K, model.C, model.M))
-        terms = replace(model.terms, left=model.terms.right, right=model.terms.left)
-        entries = np.ones(places.size * count), (np.arange(places.size * count), np.repeat(places, count))
-        turned = replace(
-            model,
-            K=K,
-            C=C,
-            M=M,
-            terms=terms,
-            B=model.L[responses].T.tocsc(),
-            L=sp.csc_array(entries, (places.size * count, model.size)),
-            output_power=np.tile(model.output_power[responses], places.size),
-            extras={},
-        )
-        inputs_of = np.tile(np.arange(count), places.size)
-        seen.source.known[key] = full_ports(turned, inputs_of, seen.s, seen.inputs.campaign.reduction.band)
-    found: PortFrf = seen.source.known[key]
-    return found
+    # Transposed, so that one solve per sensor suffices; without a cavity the matrices are symmetric.
+    model, count = seen.inputs.model, responses.size
+    K, C, M = (A.T.tocsc() for A in (model.K, model.C, model.M))
+    terms = replace(model.terms, left=model.terms.right, right=model.terms.left)
+    entries = np.ones(places.size * count), (np.arange(places.size * count), np.repeat(places, count))
+    turned = replace(
+        model,
+        K=K,
+        C=C,
+        M=M,
+        terms=terms,
+        B=model.L[responses].T.tocsc(),
+        L=sp.csc_array(entries, (places.size * count, model.size)),
+        output_power=np.tile(model.output_power[responses], places.size),
+        extras={},
+    )
+    return solved(seen, turned, np.tile(np.arange(count), places.size), b"places" + responses.tobytes())
 
 
 def sensor_text(seen: Seen, response: int) -> str:
@@ -233,7 +253,7 @@ def sensor_text(seen: Seen, response: int) -> str:
     input_of, left, best = np.full(places.size, inputs.input_of[response]), np.full(places.size, np.inf), 0
     for few, wider in gradually(seen):
         with suppress(LrbcError):
-            computed = full_ports(moved, input_of, few.s, inputs.campaign.reduction.band).evaluate(few.dynamic)
+            computed = solved(few, moved, input_of, b"sensor" + np.int64(response).tobytes()).evaluate(few.dynamic)
             measured = np.broadcast_to(few.measured[:, [response]], computed.shape)
             left = apart_there(measured, computed, float(np.abs(computed).max()))
         best = int(np.argmin(left))
