@@ -7,6 +7,6 @@ sources takes longer than judging a campaign anew; ``tests/test_constants.py`` c
 #: For reduced models; for identifications and calibrations (which also depend on reduced models); for judgements.
 NUMBERS = {
     "reduction": "959027b085577dff",
-    "identification": "9201b86697bb29fb",
+    "identification": "8c79847a389ab04b",
     "judgement": "9ad4a8347edc039d",
 }

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lrbc_cli.campaign.reading.doubts.astray import beside_their_springs, reversed_order, stray_springs
+from lrbc_cli.campaign.reading.doubts.astray import beside_their_springs, renumbered_text, reversed_order, stray_springs
 from lrbc_cli.campaign.reading.places import AT_NODE, EXCHANGES, NearPoint, exchanged_axes
 from lrbc_cli.io.text.bushings import BushingTable
 from lrbc_cli.model.dofs import DofTable, PointTable
@@ -117,3 +117,33 @@ def test_exchanged_axes_of_a_table_or_of_the_points(axes: str) -> None:
     assert exchanged_axes(right, points(right, 0.0)) == ""
     assert exchanged_axes(right, points(right, 0.01)) == ""
     assert exchanged_axes(dofs, points(dofs, 0.0)[:1]) == ""
+
+
+@pytest.mark.parametrize("step", [-1, 1])
+def test_node_numbers_that_are_all_off_by_one(step: int) -> None:
+    """Bolts at every third of a row of nodes; springs of a table whose nodes are one beside."""
+    nodes = np.arange(1, 30)
+    xyz = np.column_stack([0.1 * nodes, np.zeros((29, 2))])
+    dofs = DofTable(node=nodes, component=np.full(29, "UZ"), xyz=xyz)
+    own = np.array([4, 10, 13, 22])
+    bolts = PointTable(tuple("ABCD"), xyz[own - 1] + [0.002, 0.0, 0.0])
+
+    def told(node: np.ndarray) -> str:
+        table = BushingTable(
+            path=Path("b.csv"),
+            lines=(2, 3, 4, 5),
+            bolt=tuple("ABCD"),
+            node_a=node,
+            node_b=(None,) * 4,
+            component=("UZ",) * 4,
+            stiffness=np.ones(4),
+            axes=np.broadcast_to(np.eye(3), (4, 3, 3)),
+        )
+        return renumbered_text(table, xyz[node - 1], bolts, dofs, 1.0)
+
+    text = told(own - step)
+    assert f"with every node number one {'higher' if step > 0 else 'lower'} 0.002 at most" in text
+    assert ("add 1 to every node_a" if step > 0 else "subtract 1 from every node_a") in text
+    assert told(own) == ""
+    # One mistyped node is no numbering.
+    assert told(own - [step, 0, 0, 0]) == ""

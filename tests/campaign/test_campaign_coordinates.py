@@ -14,7 +14,7 @@ from samples import reduced_cache, sample
 
 from lrbc_cli.campaign.identification.compared.likeness import exchanged
 from lrbc_cli.campaign.identification.unknowns import parameterise
-from lrbc_cli.campaign.looking.coordinates import coordinates_texts
+from lrbc_cli.campaign.looking.causes.coordinates import coordinates_texts
 from lrbc_cli.campaign.reduced.stage import FrfSource, obtain_reduction
 from lrbc_cli.model.selection import nearest
 from lrbc_cli.reduction.problem.full import full_ports

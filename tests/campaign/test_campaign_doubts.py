@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,11 @@ import lrbc_cli as lrbc
 from lrbc_cli.campaign.identification.compared.doubts import (
     coarse_text,
     noise_level,
-    offset_texts,
     own_fault_text,
-    trusted,
     unreached,
     worsened,
 )
+from lrbc_cli.campaign.identification.compared.offsets import offset_texts, trusted
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.jobs.evidence import guessed_text
 from lrbc_cli.campaign.reading.doubts import springs
@@ -81,6 +81,47 @@ def test_a_factor_that_leaves_most_of_the_misfit_is_no_unit(frame: Folder) -> No
 
     assert found(8.7, 10.5) == []
     assert "acc3: measured over computed +31.10 dB" in found(0.5, 3.0)[0]
+
+
+def hammered(**db: float) -> dict[tuple[object, ...], str]:
+    """Findings of four sensors under two hammer points with these factors, else none."""
+    names = [f"a{k}-h{h}" for h in (1, 2) for k in range(1, 5)]
+    responses = [SimpleNamespace(name=n, node=int(n[1]), direction=3, quantity="acceleration", input=int(n[-1]) - 1) for n in names]
+    reference = SimpleNamespace(update=SimpleNamespace(reference="tight"), jobs={"tight": SimpleNamespace(factor=lambda _: 1.0)})
+    method = SimpleNamespace(residual=SimpleNamespace(phase=False))
+    inputs: Any = SimpleNamespace(responses=responses, campaign=reference, method=method)
+    own = [db.get(name.replace("-", ""), 0.0) for name in names]
+    found = [
+        Offset(response=i, db=size, half=0.3, power=0, known=(), before=max(abs(size), 1.0), after=1.0, named=abs(size) > 2.0)
+        for i, size in enumerate(own)
+    ]
+    return offset_texts(inputs, found, "tight")
+
+
+def test_a_factor_that_depends_on_the_hammer_point_is_no_sensitivity() -> None:
+    """Sensors beside the model's nodes: each record was told as a sensitivity of its own, with a scale to write."""
+    text = hammered(a1h1=4.6, a1h2=-5.1, a2h1=7.0, a3h2=4.0)
+    assert text.keys() == {("places", 0, 1, 4, 6)}
+    (said,) = text.values()
+    assert "no sensitivity depends on the hammer point. Check places and directions of a1-h1, a2-h1, a1-h2, a3-h2" in said
+    assert "scale" not in said
+
+
+def test_factors_of_a_sensor_or_of_a_hammer_are_told_as_such() -> None:
+    sensor = hammered(a1h1=4.6, a1h2=4.7)
+    assert sensor.keys() == {("units", 0, 4)}
+    assert "jobs.tight.scale: {a1-h1: " in next(iter(sensor.values()))
+    hammer = hammered(**{f"a{k}h2": 4.6 for k in range(1, 5)})
+    assert hammer.keys() == {("units", 4, 5, 6, 7)}
+
+
+def test_of_g_and_a_factor_of_ten_several_sensors_share_g() -> None:
+    g = -20.0 * np.log10(9.80665)
+    text = hammered(**{f"a{k}h{h}": g - 0.1 for k in (1, 2) for h in (1, 2)})
+    assert text.keys() == {("units", 0, 1, 4, 5)}
+    assert "FRFs in g/N or a sensitivity or a range ten times off. Write jobs.tight.scale: {a1-h1: 9.80665" in text["units", 0, 1, 4, 5]
+    alone = hammered(a1h1=g - 0.1, a1h2=g - 0.1)
+    assert "a sensitivity or a range ten times off or FRFs in g/N. Write jobs.tight.scale: {a1-h1: 10" in alone["units", 0, 4]
 
 
 def test_what_is_found_is_told_apart_by_kind_and_responses(frame: Folder) -> None:
@@ -168,7 +209,8 @@ def test_a_misfit_that_is_no_factor(frame: Folder) -> None:
     held = ("parameters.left_edge.bounds=[7.9, 8.0]", "parameters.left_edge.initial=8.0")
     tree = update(frame, "loose-all", *held).json["results"]["loose-all"]
     assert tree["status"] == "unexplained"
-    assert "the misfit is not a constant factor: without the largest, " in tree["reason"]
+    assert " has the largest, " in tree["reason"]
+    assert "dB of this response remain" in tree["reason"]
     assert not any("units" in text for text in tree["warnings"])
 
 

@@ -10,7 +10,7 @@ from looking import seen
 
 from lrbc_cli.campaign.identification.compared.likeness import by_sensors, exchanged_text
 from lrbc_cli.campaign.looking.all_jobs import pooled
-from lrbc_cli.campaign.looking.moved import hammers_text, unmoved_text
+from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
 
 
 def campaign(reference: str = "tight") -> Any:

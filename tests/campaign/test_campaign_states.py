@@ -82,3 +82,14 @@ def test_where_the_model_feels_nothing_nothing_is_near() -> None:
     measured = rng.normal(size=(40, 3)) + 1j * rng.normal(size=(40, 3))
     computed = measured * np.array([1.0, 0.0, 1e-14])
     assert apart_there(measured, computed, float(np.abs(measured).max())).tolist() == [pytest.approx(0.0, abs=1e-9), np.inf, np.inf]
+
+
+@pytest.mark.parametrize(("calibrated", "second", "least"), [(True, 0.5, 1.0), (True, 1.2, 2.4), (True, 2.5, 3.0), (False, 0.5, 3.0)])
+def test_a_hammer_point_beside_others_that_fit(calibrated: bool, second: float, least: float) -> None:
+    """A point 7 cm off left 3 dB beside half a decibel at the other one, and nothing was said."""
+    away = np.where(np.arange(40)[:, None] % 2, 1.0, -1.0) * np.array([2.9, 2.9, second, second])
+    start = {"joints": np.zeros(1)} if calibrated else {}
+    source: Any = SimpleNamespace(inputs=SimpleNamespace(input_of=np.array([0, 0, 1, 1])), known={}, start=start)
+    job = seen(10.0 ** (away / 20.0) + 0j, np.ones((1, 40, 4), dtype=complex), source=source)
+    assert job.by_excitation[0] == pytest.approx(2.9)
+    assert job.least_of(0) == pytest.approx(least)

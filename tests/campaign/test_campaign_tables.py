@@ -11,8 +11,8 @@ import pytest
 import scipy.sparse as sp
 from looking import seen
 
-from lrbc_cli.campaign.looking import tables
-from lrbc_cli.campaign.looking.tables import other_tables
+from lrbc_cli.campaign.looking.causes import tables
+from lrbc_cli.campaign.looking.causes.tables import other_tables
 
 S = 2j * np.pi * np.linspace(20.0, 300.0, 200)
 SHAPES = np.random.default_rng(5).normal(size=(6, 4))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from looking import seen
 
-from lrbc_cli.campaign.looking import tightness
+from lrbc_cli.campaign.looking.causes import tightness
 from lrbc_cli.campaign.looking.states import Seen
 
 

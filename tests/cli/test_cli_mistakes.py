@@ -24,7 +24,7 @@ from campaigns import plate as make_plate
 from looking import seen
 from samples import reduced_cache
 
-from lrbc_cli.campaign.looking import rescaled
+from lrbc_cli.campaign.looking.causes import rescaled
 from lrbc_cli.io.meshes.nodes import read_nodes
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction import predict

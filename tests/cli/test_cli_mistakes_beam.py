@@ -13,8 +13,8 @@ import pytest
 import scipy.io
 from campaigns import lrbc
 
-from lrbc_cli.campaign.looking import held, moved, rescaled
-from lrbc_cli.campaign.looking.tightness import of_other_unit_text
+from lrbc_cli.campaign.looking.causes import held, moved, rescaled
+from lrbc_cli.campaign.looking.causes.tightness import of_other_unit_text
 
 Damage = Callable[[Path], object]
 

@@ -61,6 +61,24 @@ def test_a_window_where_loosened_bolts_change_all_shapes():
     assert float(text.split("by the same ")[1].split(" 1/s")[0]) == pytest.approx(-np.log(0.001), rel=0.1)
 
 
+def test_a_window_where_loosened_bolts_lower_the_first_mode():
+    """It lies below all modes of the reference job, whose first one has the damping ratio expected of it."""
+    few = slice(0, 4)
+    tight = frfs(OMEGA[few], DECAY[few], SHAPES[few])
+    own = frfs(OMEGA[few] * [0.7, 0.96, 0.94, 0.97], DECAY[few] * [0.7, 1.0, 1.0, 1.0], OTHER_SHAPES[few], window=-np.log(0.001), seed=1)
+    assert "decay faster than in tight by the same" in str(other_chain(F, own, tight, "tight", NAMES))
+
+
+@pytest.mark.parametrize("count", [-1, 2])
+def test_a_file_whose_lines_are_off_by_whole_numbers(count):
+    tight, own = (frfs(OMEGA * np.array([0.98, 1.0, 0.99, 1.0, 1.0, 1.0]) ** k, seed=k) for k in range(2))
+    text = str(other_chain(F[3:-3], np.roll(own, count, axis=0)[3:-3], tight[3:-3], "tight", NAMES))
+    aside = "1 line (1 Hz) lower" if count < 0 else "2 lines (2 Hz) higher"
+    assert f"modes that can be compared are {aside} than in tight, all by the same amount" in text
+    assert ("add 1 Hz to its frequencies" if count < 0 else "subtract 2 Hz from its frequencies") in text
+    assert other_chain(F, own, tight, "tight", NAMES) is None
+
+
 @pytest.mark.parametrize("more", [0.0, np.array([9.0, 0.5, 7.0, 1.0, 8.0, 3.0])])
 def test_loosened_bolts_that_change_all_shapes_are_no_window(more):
     """Nor where they damp some modes much and others hardly."""

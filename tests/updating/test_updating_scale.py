@@ -194,3 +194,11 @@ def test_what_is_clear_of_some_responses_is_meant_of_all_that_may_share_it() -> 
     alone = grouped([clear, *others, replace(clear, response=4, db=-6.0)], quantities)
     assert sorted(one.responses for one in alone) == [(0, 1, 3), (2,), (4,)]
     assert grouped([clear, *others, unsure], [*quantities[:4], "pressure"])[0].responses == (0, 1, 3)
+
+
+@pytest.mark.parametrize(("strays", "together"), [((-22.9, -22.6), True), ((-22.9, -22.6, -17.0), False), ((-26.0,), False)])
+def test_some_intervals_of_many_miss_the_factor_that_a_file_has(strays: tuple[float, ...], together: bool) -> None:
+    """Eight responses in g/N: half of them were told, with a scale for each."""
+    sizes = [*strays, *[-19.8] * (8 - len(strays))]
+    offsets = [Offset(response=i, db=db, half=1.0, power=0, known=(), before=19.0, after=4.0, named=True) for i, db in enumerate(sizes)]
+    assert (len(grouped(offsets, ["acceleration"] * 8)) == 1) == together

@@ -7,16 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.arrays import Complexes
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
-from lrbc_cli.campaign.reading.places import MILLIMETRES
 from lrbc_cli.config.settings import JobConfig
-from lrbc_cli.config.structure import FileRecordRef, PointConfig, RecordRef
+from lrbc_cli.config.structure import FileRecordRef, RecordRef
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.frf_common import alike
-from lrbc_cli.model.dofs import COMPONENTS, DofTable
 from lrbc_cli.model.frf import FrfRecord, FrfSet
-from lrbc_cli.model.selection import nearest, spacing
 
 Wanted = str | int | RecordRef | FileRecordRef
 
@@ -24,7 +21,7 @@ Wanted = str | int | RecordRef | FileRecordRef
 LEAST_USED = 0.5
 
 #: Largest number of records in one message.
-_MOST = 12
+MOST_NAMED = 12
 
 
 def describe(record: FrfRecord, several: bool = False) -> str:
@@ -43,7 +40,7 @@ def describe(record: FrfRecord, several: bool = False) -> str:
 def listed(frf: FrfSet) -> str:
     """All records in one line of text."""
     several = len({record.file for record in frf.records}) > 1
-    return "; ".join(describe(r, several) for r in frf.records[:_MOST]) + (" ..." if len(frf.records) > _MOST else "")
+    return "; ".join(describe(r, several) for r in frf.records[:MOST_NAMED]) + (" ..." if len(frf.records) > MOST_NAMED else "")
 
 
 def _wanted_text(wanted: Wanted) -> str:
@@ -62,20 +59,19 @@ def _place_text(response: Response) -> str:
     return f", or of node {response.node}" + ("" if response.direction is None else f" direction {response.direction}")
 
 
-def _named(record: FrfRecord, name: str) -> bool:
+def named(record: FrfRecord, name: str) -> bool:
+    """Whether a record has this name, apart from case."""
     return record.name.strip().lower() == name.strip().lower()
 
 
 def _asked(wanted: Wanted) -> Callable[[FrfRecord], bool]:
     """Test whether a record is the one that the campaign names."""
     if isinstance(wanted, str):
-        return lambda r: _named(r, wanted)
+        return lambda r: named(r, wanted)
     if isinstance(wanted, int):
         return lambda r: r.number == wanted
     if isinstance(wanted, FileRecordRef):
-        return lambda r: (
-            r.file == str(wanted.file) and wanted.number in (None, r.number) and (wanted.name is None or _named(r, wanted.name))
-        )
+        return lambda r: r.file == str(wanted.file) and wanted.number in (None, r.number) and (wanted.name is None or named(r, wanted.name))
     return lambda r: (
         (r.response_node, r.response_direction) == (wanted.node, wanted.direction)
         and wanted.reference_node in (None, r.reference_node)
@@ -94,7 +90,7 @@ def _one(found: list[FrfRecord], how: str, response: Response, frf: FrfSet, inpu
     if len(own) == 1:
         return own[0]
     names = list(dict.fromkeys(Path(record.file).name for record in found))
-    text = "; ".join(describe(r, len(names) > 1) for r in found[:_MOST])
+    text = "; ".join(describe(r, len(names) > 1) for r in found[:MOST_NAMED])
     if len(names) > 1:
         raise DataError(
             f"the files {names[0]} and {names[1]} both contain response {response.name} ({how})",
@@ -162,7 +158,7 @@ def _named_alike(response: Response, frf: FrfSet, inputs: Inputs) -> FrfRecord |
     wanted = alike(response.name)
     found = [record for record in frf.records if alike(record.name) == wanted]
     others = [other.name for other in inputs.responses if other is not response]
-    taken = any(alike(name) == wanted or _named(record, name) for record in found for name in others)
+    taken = any(alike(name) == wanted or named(record, name) for record in found for name in others)
     return found[0] if len(found) == 1 and not taken else None
 
 
@@ -290,118 +286,6 @@ def called(job: JobConfig) -> str:
     """Files of a job in words."""
     first, *others = job.measurements[0]
     return first.name + (f" and {len(others)} more" if others else "")
-
-
-def _miscounted(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -> str:
-    """Warning if all records selected by number have names of other responses, each the same number of records away; else empty."""
-    names = {r.name.lower() for r in inputs.responses}
-    found = [
-        (r, record)
-        for r, record in zip(inputs.responses, records, strict=True)
-        if record is not None and isinstance(job.records.get(r.name, inputs.campaign.responses[r.name].record), int)
-    ]
-    own = [(r, record) for r, record in found if record.name.strip().lower() in names]
-    order = [r.name.lower() for r in inputs.responses]
-    away = {order.index(record.name.strip().lower()) - order.index(r.name.lower()) for r, record in own}
-    if len(own) < max(2, len(found)) or len(away) != 1 or away == {0}:
-        return ""
-    named = ", ".join(f"{r.name} selects record {record.number} ({record.name})" for r, record in own[:_MOST])
-    by, way = abs(min(away)), "high" if min(away) > 0 else "low"
-    return (
-        f"{called(job)}: the record numbers are probably {by} too {way}: {named}{' ...' if len(own) > _MOST else ''}. Correct "
-        "responses.NAME.record (records are counted from 1), or remove it, as the names in the file are those of the responses"
-    )
-
-
-def misplaced(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -> list[str]:
-    """Warnings about records of other nodes or directions than their responses, if most nodes in the files are those of the model."""
-    if miscounted := _miscounted(inputs, job, records):
-        return [miscounted]
-    pairs = [(r, record) for r, record in zip(inputs.responses, records, strict=True) if record is not None and r.node is not None]
-    own = [(r, record) for r, record in pairs if record.response_node is not None and not reciprocal(record, r, inputs)]
-    alike = sum(record.response_node == r.node for r, record in own)
-    if 2 * alike <= len(pairs):
-        return [_mirrored(inputs, job)] if _congruent(inputs, own) else []
-    found = []
-    for r, record in own:
-        key, where = f"responses.{r.name}", f"{called(job)}: {describe(record)} was measured"
-        if record.response_node != r.node:
-            metres = _in_metres(inputs, inputs.campaign.responses[r.name], record.response_node)
-            found.append(
-                f"{where} at node {record.response_node}, but response {r.name} is node {r.node} of the "
-                f"model: {metres or f'correct the place of {key}, or its record'}"
-            )
-        elif {record.response_direction, r.direction} <= {1, 2, 3} and record.response_direction != r.direction:
-            axes = dict(enumerate(COMPONENTS[:3], start=1))
-            found.append(
-                f"{where} along {axes[record.response_direction]}, but response {r.name} is {axes[r.direction or 0]} of that node: write "
-                f"{key}.component: {axes[record.response_direction]}, or use another channel of the sensor ({key}.record)"
-            )
-    for at, (name, (node, along)) in enumerate(zip(inputs.excitations, inputs.excitation_points, strict=True)):
-        ways = {abs(record.reference_direction or 0) for r, record in own if r.input == at}
-        if len(ways) == 1 and {along, *ways} <= {1, 2, 3} and along not in ways:
-            axes = dict(enumerate(COMPONENTS[:3], start=1))
-            found.append(
-                f"{called(job)}: the hammer hit along {axes[ways.pop()]}, but excitation.{name} is {axes[along or 0]}: correct "
-                f"excitation.{name}.component, or use the measurement that was hit along {axes[along or 0]}"
-            )
-        over = {record.reference_node for r, record in own if r.input == at}
-        if node is not None and len(over) == 1 and not over & {None, node}:
-            hit = over.pop()
-            metres = _in_metres(inputs, inputs.campaign.excitation[name], hit)
-            fix = f"Correct excitation.{name}, or, if only this measurement is affected, measure it again at node {node}"
-            found.append(
-                f"{called(job)}: the hammer hit node {hit}, but excitation.{name} is node {node} of the model: "
-                f"{metres or f'check whether hammer and sensor are exchanged. {fix}'}"
-            )
-    return found
-
-
-def _congruent(inputs: Inputs, own: list[tuple[Response, FrfRecord]], *, least: int = 4, same: float = 0.01) -> bool:
-    """Whether the nodes in the files are the places of the campaign mirrored or rotated: other nodes with equal mutual distances.
-
-    If node numbers of the test are unrelated to the model, the distances differ. ``same``: tolerance relative to the extent of the model.
-    """
-    if inputs.dofs is None:
-        return False
-    pairs = {(r.node, record.response_node) for r, record in own}
-    pairs |= {(inputs.excitation_points[r.input][0], record.reference_node) for r, record in own}
-    stated, measured = (_places(inputs.dofs, [pair[k] for pair in pairs]) for k in (0, 1))
-    if stated is None or measured is None or len(stated) < least:
-        return False
-    extent = float(np.ptp(inputs.dofs.xyz, axis=0).max())
-    apart = [np.linalg.norm(xyz[:, None] - xyz, axis=2) for xyz in (stated, measured)]
-    moved = np.linalg.norm(stated - measured, axis=1).max() > same * extent
-    return bool(moved and np.abs(apart[0] - apart[1]).max() <= same * extent and np.ptp(stated, axis=0).max() > same * extent)
-
-
-def _places(dofs: DofTable, nodes: Sequence[int | None]) -> Floats | None:
-    """(k, 3) coordinates of nodes [m]; None if one of them is not in the model."""
-    at = [np.flatnonzero(dofs.node == node) for node in nodes]
-    return None if any(node is None or not found.size for node, found in zip(nodes, at, strict=True)) else dofs.xyz[[int(f[0]) for f in at]]
-
-
-def _mirrored(inputs: Inputs, job: JobConfig) -> str:
-    return (
-        f"{called(job)}: all records were measured at other nodes of the model than the campaign file says; these are its places "
-        "mirrored or turned. Give hammer, sensors and bolts in the axes of the model (lrbc check -v lists the nodes of the records); "
-        "otherwise the wrong bolt is found loose"
-    )
-
-
-def _in_metres(inputs: Inputs, point: PointConfig, node: int | None) -> str | None:
-    """Hint that a point was given in metres instead of millimetres, if 1000 times its coordinates lie at the measured node; else None.
-
-    The opposite mistake puts points outside the model, which is refused elsewhere.
-    """
-    if point.near is None or point.component is None or inputs.dofs is None:
-        return None
-    place = [value / MILLIMETRES for value in point.near]
-    dof, distance = nearest(inputs.dofs, [value * inputs.campaign.unit_system.length for value in place], point.component) or (-1, np.inf)
-    if dof < 0 or inputs.dofs.node[dof] != node or distance > spacing(inputs.dofs, dof):
-        return None
-    text = ", ".join(f"{value:.6g}" for value in place)
-    return f"multiplied by 1000, the given point lies there: write near: [{text}], in the units of the campaign"
 
 
 def require_signals(inputs: Inputs, records: list[FrfRecord | None], values: Complexes) -> None:

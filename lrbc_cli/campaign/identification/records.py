@@ -10,8 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
+from lrbc_cli.campaign.identification.compared.addressed import misplaced, pair_notes
 from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, apart
-from lrbc_cli.campaign.identification.matching import called, describe, matched, misplaced, reciprocal, require_signals, unmatched
+from lrbc_cli.campaign.identification.matching import (
+    called,
+    describe,
+    matched,
+    require_signals,
+    unmatched,
+)
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.config.settings import JobConfig, files_of
 from lrbc_cli.errors import DataError
@@ -180,10 +187,7 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     notes = list(frf.notes)
     warnings = [*frf.warnings, *_missing(inputs, job, records, frf), *misplaced(inputs, job, records)]
     pairs = [(r, record) for r, record in zip(inputs.responses, records, strict=True) if record is not None]
-    if unstated := [r.name for r, record in pairs if record.quantity is None]:
-        notes.append(f"quantities not stated in the file, taken as in the campaign: {', '.join(unstated)}")
-    if exchanged := [r.name for r, record in pairs if reciprocal(record, r, inputs)]:
-        notes.append(f"hammer and sensor exchanged, by reciprocity: {', '.join(exchanged)}")
+    notes += pair_notes(inputs, job, pairs)
     if unused := len(frf.records) - len({id(record) for _, record in pairs}):
         notes.append(f"{unused} of {len(frf.records)} records belong to no response; left out")
     _require_one_axis(records, job, name, inputs)

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lrbc_cli.campaign.identification.compared.doubts import offset_texts, sign_tail
 from lrbc_cli.campaign.identification.compared.likeness import same_sensor
+from lrbc_cli.campaign.identification.compared.offsets import offset_texts, sign_tail
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.comparison.scale import (
     ALIKE,
@@ -30,7 +30,7 @@ from lrbc_cli.updating.robust import scatter
 Told = dict[tuple[object, ...], str]
 
 #: Kinds of warnings by ``offset_texts``.
-_OF_OFFSETS = ("units", "reversed", "late", "early", "conjugate")
+_OF_OFFSETS = ("units", "places", "reversed", "late", "early", "conjugate")
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,8 @@ def told_of_all(inputs: Inputs, found: Mapping[str, OfJob], reference: str) -> d
             for o in offsets
         )
         kept = {key: text for key, text in told[name].items() if key[0] not in _OF_OFFSETS}
-        told[name] = texts | offset_texts(inputs, left, name) | kept
+        own_texts = {key: text for key, text in offset_texts(inputs, left, name).items() if key[0] != "places" or key in told[name]}
+        told[name] = texts | own_texts | kept
     return told
 
 

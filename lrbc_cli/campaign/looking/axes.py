@@ -9,7 +9,7 @@ import numpy as np
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, MOST_LEFT, levels, spread
 from lrbc_cli.campaign.identification.records import Measurement, unlike
-from lrbc_cli.campaign.looking.rescaled import scaled_text
+from lrbc_cli.campaign.looking.causes.rescaled import scaled_text
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.updating.statistics.lines import MIN_BAND
 

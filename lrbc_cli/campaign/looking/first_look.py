@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
-from lrbc_cli.campaign.identification.compared.doubts import LEAST_BAND, factors_of, offset_texts, sideways_text, trusted
 from lrbc_cli.campaign.identification.compared.likeness import (
     CLEARLY,
     LEAST_DIFFERENCE,
@@ -23,24 +22,32 @@ from lrbc_cli.campaign.identification.compared.likeness import (
     exchanged_text,
     off_level,
     other_reading,
-    outlying,
     run_backwards,
     same_sensor,
     sideways,
     turned,
 )
+from lrbc_cli.campaign.identification.compared.offsets import LEAST_BAND, factors_of, offset_texts, sideways_text, trusted
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.weights import without_noise
 from lrbc_cli.campaign.looking.all_jobs import OfJob, Told, each_once, pooled, told_of_all
 from lrbc_cli.campaign.looking.axes import stretched_text
-from lrbc_cli.campaign.looking.coordinates import coordinates_texts, mirrored_text
+from lrbc_cli.campaign.looking.causes.damped import misdamped_text
+from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
+from lrbc_cli.campaign.looking.causes.rescaled import overdamped_text, rescaled_text
+from lrbc_cli.campaign.looking.causes.tables import other_tables
+from lrbc_cli.campaign.looking.causes.tightness import (
+    UNLIKE,
+    looser,
+    lowered_text,
+    not_tight,
+    of_other_unit_text,
+    taken_as_tight,
+    tighter_text,
+)
 from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, roughly_calibrated, strike_text
-from lrbc_cli.campaign.looking.held import held_text, idle_text, supports_text
-from lrbc_cli.campaign.looking.moved import hammer_text, hammers_text, sensor_text, unmoved_text
-from lrbc_cli.campaign.looking.rescaled import overdamped_text, rescaled_text, softness_text
 from lrbc_cli.campaign.looking.states import Looking, Seen, nearest_states, reach_of_one
-from lrbc_cli.campaign.looking.tables import other_tables
-from lrbc_cli.campaign.looking.tightness import UNLIKE, looser, lowered_text, not_tight, of_other_unit_text, taken_as_tight, tighter_text
+from lrbc_cli.campaign.looking.unexplained import little_in_common, placed, single_responses
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misread
 from lrbc_cli.campaign.reduced import cache
@@ -103,6 +110,7 @@ def first_look(
     progress : callable
         Receives one line of text per step.
     """
+    reference = inputs.campaign.update.reference
     try:
         if misread(inputs.campaign, inputs.model, inputs.groups, inputs.dofs):
             return FirstLook(note="measured and computed FRFs are compared once the warnings on model and parameters are corrected")
@@ -110,12 +118,14 @@ def first_look(
         whole = [name for name, found in measurements.items() if np.ptp(found.frequency_hz) > LEAST_BAND * (high - low)]
         if measurements and not whole:
             return FirstLook(note="measured and computed FRFs are compared once reduction.band is a band that was measured")
+        if reference in whole and (text := misdamped_text(inputs, measurements[reference])):
+            note = "measured and computed FRFs are compared once the damping is corrected"
+            return FirstLook((f"job {reference}: {text}",), note=note)
         source = _source(inputs, folder, progress)
         if source is None:
             return FirstLook(
                 note="measured and computed FRFs (units, signs, exchanged sensors) are compared once `lrbc reduce` has been run"
             )
-        reference = inputs.campaign.update.reference
         order = sorted(whole, key=lambda name: name != reference)
         # A matrix that does not contain the baseline subtracted from it gives no FRFs to compare with.
         if lacking := _lacking(inputs, source):
@@ -206,20 +216,22 @@ def _looked_at(source: Looking, measurements: Mapping[str, Measurement], name: s
     backwards = not how and run_backwards(measurements[name].frequency_hz, measurements[name].values)
     near = [*nearest_states(seen), *(state for state in (held, fitted) if state is not None)]
     told, offsets = _channels(seen, near, reach[0], backwards=backwards)
+    # Places are looked for below; without a better finding this remains.
+    uneven = {key: told.pop(key) for key in list(told) if key[0] == "places"}
     if not told and how:
         return OfJob({("sideways", how): sideways_text(inputs, how, name)})
     if not told and seen.reference:
-        told |= other_tables(seen) or _unlike(seen, measurements)
+        told |= other_tables(seen) or little_in_common(seen, measurements)
         if ("unlike",) in told and (text := stretched_text(measurements[name], seen)):
             told = {("stretched",): text}
         elif ("unlike",) in told and (text := rescaled_text(seen, seen.misfit, further=1.5)):
             told = {("rescaled",): text}
-    told = _placed(seen, told)
+    told = placed(seen, told)
     if not told and held is not None:
         told |= _beside_tight(seen, held, reach)
         if not told and fitted is not None:
             told |= _beside_fitted(seen, fitted) or _foreign(seen, held)
-    return OfJob(told, offsets)
+    return OfJob(told or uneven, offsets)
 
 
 def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: str, first: OfJob) -> tuple[Looking, OfJob]:
@@ -228,7 +240,7 @@ def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: 
     Nothing is calibrated from a job that loose bolts explain.
     """
     calibration, kinds = source.inputs.campaign.calibration, {kind for kind, *_ in first.told}
-    if calibration is None or calibration.job != name or kinds - {"unlike", "alone", "coordinates"}:
+    if calibration is None or calibration.job != name or kinds - {"unlike", "alone", "coordinates", "places"}:
         return source, first
     seen = Seen.of(source, name, measurements[name])
     calibrated = None if tighter_text(seen, measurements) or looser(seen, seen.misfit) else roughly_calibrated(source, measurements[name])
@@ -236,7 +248,7 @@ def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: 
         return source, first
     again, after = _looked_at(calibrated, measurements, name), Seen.of(calibrated, name, measurements[name])
     # Nothing found is no all-clear while the FRFs of another excitation are not fitted.
-    if not again.told and ("coordinates" in kinds or max(after.by_excitation.values()) > LEAST_DIFFERENCE):
+    if not again.told and ("coordinates" in kinds or any(db > LEAST_DIFFERENCE for db in after.by_excitation.values())):
         return calibrated, first
     if unit := of_other_unit_text(seen, after):
         return calibrated, OfJob({("springs",): unit})
@@ -295,7 +307,7 @@ def _beside_tight(seen: Seen, tight: Complexes, reach: tuple[Floats | float, Flo
     """
     reference = str(seen.inputs.campaign.update.reference)
     away, every = off_level(seen.inputs, seen.measured, tight, reference, seen.job, reach[0]), apart(seen.measured, tight)
-    alone = _alone(seen.inputs, every, f"its FRF in {reference}", seen.job)
+    alone = single_responses(seen.inputs, every, f"its FRF in {reference}", seen.job)
     far = {i for i in range(every.size) if CLEARLY * every[i] > np.broadcast_to(reach[1], every.shape)[i]}
     return {key: text for key, text in alone.items() if key[1] in far} | {("level", i): text for i, text in away.items()}
 
@@ -303,7 +315,7 @@ def _beside_tight(seen: Seen, tight: Complexes, reach: tuple[Floats | float, Flo
 def _beside_fitted(seen: Seen, fitted: Complexes) -> Told:
     """Sensors far from the state of the bolts that fits best (``fitted``, (F, R)), at every hammer point, if that explains the others."""
     every = apart(seen.measured, fitted)
-    alone = _alone(seen.inputs, every, "the state of the bolts that fits best", seen.job)
+    alone = single_responses(seen.inputs, every, "the state of the bolts that fits best", seen.job)
     if float(np.median(every)) > LEAST_DIFFERENCE:
         return {}
     # Errors of the model show at single hammer points, too.
@@ -321,128 +333,3 @@ def _foreign(seen: Seen, tight: Complexes) -> Told:
         "more changed than the bolts"
     )
     return {("foreign",): text}
-
-
-def _placed(seen: Seen, told: Told) -> Told:
-    """Findings ``told`` of a job, replaced or completed by wrong places of hammer or sensors, or fixed nodes, if these explain it."""
-    away = apart(seen.measured, seen.states)
-    every = np.median(away, axis=1)
-    # If all sensors are mirrored, some seem exchanged, and the others are far off, too.
-    involved = {i for kind in told if kind[0] == "exchanged" for cycle in kind[1:] if isinstance(cycle, tuple) for i in cycle}
-    others = np.setdiff1d(np.arange(away.shape[1]), list(involved))
-    beyond = not told or ("unlike",) in told or (involved and (not others.size or float(np.median(away[0, others])) > LEAST_DIFFERENCE))
-    if seen.reference and beyond and float(every[0]) > LEAST_DIFFERENCE and (mirrored := mirrored_text(seen)):
-        return {("mirrored",): mirrored}
-    # The bolts may be in a state that was not tried, so misfits up to ``UNLIKE`` are accepted.
-    # In the reference job no bolt is loose, so a smaller misfit is examined already.
-    # With a calibrated model a single hammer point may be wrong.
-    far = max(seen.by_excitation.values()) if seen.reference and seen.source.start else float(every.min())
-    struck = _of_one_blow(seen, told)
-    if ("unlike",) in told or struck or (not told and far > (LEAST_DIFFERENCE if seen.reference else UNLIKE)):
-        if text := hammer_text(seen, away):
-            return {("hammer",): text}
-        if struck:
-            return {("hammer",): struck}
-        if seen.reference and (text := held_text(seen, float(every[0]))):
-            return {("held",): text}
-        if seen.reference and ("unlike",) in told:
-            told = told | {("unlike",): told["unlike",] + supports_text(seen)}
-    if not seen.reference:
-        return told
-    told = _stated(seen, told)
-    elsewhere = {key: sensor_text(seen, int(str(key[1]))) for key in told if key[0] == "alone"}
-    # After a calibration, a response with small motion stands out by errors of the model alone.
-    weak = {
-        key
-        for key, where in elsewhere.items()
-        if seen.source.start and not where and apart(seen.measured, seen.model)[int(str(key[1]))] <= UNLIKE
-    }
-    return {key: text + elsewhere.get(key, "") for key, text in told.items() if key not in weak}
-
-
-def _of_one_blow(seen: Seen, told: Told) -> str:
-    """Warning if the single responses that differ are most of those of one excitation and none of another; else empty."""
-    alone = [int(str(key[1])) for key in told if key[0] == "alone"]
-    away, input_of = seen.by_excitation, seen.inputs.input_of
-    if not alone or len(away) < 2 or len(own := set(input_of[alone].tolist())) > 1:
-        return ""
-    at = own.pop()
-    if 2 * len(alone) <= int((input_of == at).sum()):
-        return ""
-    name, rest = seen.inputs.excitations[at], max(db for other, db in away.items() if other != at)
-    return (
-        f"FRFs of {name} differ from the model by {away[at]:.1f} dB (median over its responses, mean level of each removed), those of "
-        f"other excitations by {rest:.1f} dB at most. Check the place and the direction of excitation.{name}, and that its records are not "
-        "those of another hammer point"
-    )
-
-
-def _stated(seen: Seen, told: Told) -> Told:
-    """Findings of the reference job with those of wrong coordinates, which replace other findings of the same sensors."""
-    if not {kind for kind, *_ in told} <= {"unlike", "alone"}:
-        return told
-    found, left = coordinates_texts(seen, unlike=("unlike",) in told)
-    elsewhere = {i for responses in found for i in responses}
-    kept = {
-        key: text
-        for key, text in told.items()
-        if key[1:] not in {(i,) for i in elsewhere} and not (found and key == ("unlike",) and float(np.median(left)) <= UNLIKE)
-    }
-    return {("coordinates", *responses): text for responses, text in found.items()} | kept
-
-
-def _unlike(seen: Seen, measurements: Mapping[str, Measurement]) -> Told:
-    """Warnings if the tight state is not explained although neither factors nor exchanged sensors were found.
-
-    ``measurements`` of all jobs: another one may be nearer to the tight model.
-    """
-    inputs, every = seen.inputs, apart(seen.measured, seen.model)
-    own = every[inputs.used]
-    typical = float(np.median(every))
-    told: Told = {}
-    if typical > LEAST_DIFFERENCE:
-        text = rescaled_text(seen, typical)
-        if text is not None:
-            return {("rescaled",): text}
-        if idle := idle_text(seen):
-            return {("idle",): idle}
-    if float(np.median(own)) > UNLIKE:
-        far = f"level misfits of {min(own):.1f} to {max(own):.1f} dB at the start values (mean level of each response removed)"
-        far += _uneven_text(seen)
-        if tighter := tighter_text(seen, measurements):
-            return {("unlike",): f"measured and computed FRFs differ: {far}. {tighter}{looser(seen, typical)}"}
-        causes = "the springs whose places are warned of may be the reason; otherwise " if inputs.springs_doubt else ""
-        causes += (
-            "check the mass sum (units of the model), the material of each part, damping, start values, places and directions of hammer "
-            "and sensors (lrbc check --picture); `lrbc calibrate` corrects errors of some per cent" + softness_text(seen)
-        )
-        if free := looser(seen, typical):
-            causes = f"this is the reference job{free}. Set update.reference to a tight job, or measure it again; otherwise {causes}"
-        told["unlike",] = f"measured and computed FRFs have little in common: {far}. {causes[:1].upper()}{causes[1:]}"
-    return told | _alone(inputs, every, "the model")
-
-
-def _uneven_text(seen: Seen, *, uneven: float = 1.5) -> str:
-    """Clause that names the excitation whose FRFs differ most, if by ``uneven`` times as much as any other's; else empty."""
-    worst, *others = sorted(seen.by_excitation.items(), key=lambda item: -item[1])
-    if not others or worst[1] < uneven * others[0][1]:
-        return ""
-    name = seen.inputs.excitations[worst[0]]
-    return f", mostly those of {name} ({worst[1]:.1f} dB, others up to {others[0][1]:.1f} dB: check excitation.{name} first)"
-
-
-def _alone(inputs: Inputs, every: Floats, of: str, job: str | None = None) -> Told:
-    """Warnings about single responses with a large distance ``every`` (R,) [dB] from ``of``; relative to the reference job if ``job``."""
-    told: Told = {}
-    for i in outlying(every):
-        response = inputs.responses[i].name
-        causes = f"Check the place and the component of responses.{response} (lrbc check --picture), and that the channel is not another"
-        causes += " sensor's"
-        if job is not None:
-            causes = "Check whether its sensor was dead, overloaded or moved, or another one was connected. Measure it again, or remove "
-            causes += f"its record from the file of {job}"
-        told["alone", i] = (
-            f"{response} differs from {of} by {every[i]:.1f} dB (mean level removed), the median of all responses is "
-            f"{float(np.median(every)):.1f} dB. {causes}"
-        )
-    return told

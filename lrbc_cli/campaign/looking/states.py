@@ -8,10 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers, spaced
-from lrbc_cli.campaign.identification.compared.likeness import apart, levels, spread
+from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, apart, levels, spread
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reduced.memory import reduction_cost
 from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.model.terms import ParameterGroup, Parameterisation
 from lrbc_cli.reduction.reduced.ports import PortFrf
@@ -161,6 +162,24 @@ class Seen:
         """As ``misfit``, separately for the responses of each excitation [dB]."""
         far, input_of = apart(self.measured, self.model), self.inputs.input_of
         return {int(at): float(np.median(far[input_of == at])) for at in np.unique(input_of)}
+
+    def work(self, lines: int) -> float:
+        """Predicted operations of full solves at that many lines."""
+        known = self.source.known
+        if (key := b"work") not in known:
+            known[key] = reduction_cost(self.inputs)[0].line
+        return float(known[key] * lines)
+
+    def least_of(self, at: int, *, times: float = 2.0, calibrated: float = 1.0) -> float:
+        """Misfit of the responses of excitation ``at`` up to which they count as explained [dB].
+
+        After a rough calibration, an excitation may be wrong by less than ``LEAST_DIFFERENCE``, if its misfit is more than ``times`` that
+        of the others and above that of a calibrated model. On right campaigns it was 1.3 times as large at most.
+        """
+        others = [db for other, db in self.by_excitation.items() if other != at]
+        if not others or not self.source.start:
+            return LEAST_DIFFERENCE
+        return min(LEAST_DIFFERENCE, max(times * max(others), calibrated))
 
     @property
     def left(self) -> float:

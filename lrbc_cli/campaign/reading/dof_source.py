@@ -282,12 +282,16 @@ def _sorted_anew(dofs: DofTable, given: Integers, connected: tuple[Integers, Int
         **{f"by {', then '.join(way)}": np.lexsort([places[axis] for axis in reversed(way)]) for way in permutations(axes)},
     }
     mean = {text: float(_distances(dofs.xyz[given[order]], *connected).mean()) for text, order in orders.items()}
-    text = min(mean, key=lambda name: mean[name])
+    # A sorted table keeps the node of each row; coordinates of another numbering do not belong to the nodes, and sorting does not help.
+    by_node = mean["by node number"] <= NEARER * own
+    text = "by node number" if by_node else min(mean, key=lambda name: mean[name])
     if mean[text] > NEARER * own:
         return None
     causes = (
         "Check whether the table was sorted in a spreadsheet and its column dof filled down again. Use the table as it was exported, or "
         f"sort its rows {text} and then number the column dof from 0"
+        if by_node
+        else "The coordinates are probably those of another numbering of the nodes. Export matrices and DOF table of one model in one run"
     )
     if meshed:
         causes = (

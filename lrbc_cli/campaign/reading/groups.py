@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.campaign.reading.doubts.astray import beside_their_dofs, beside_their_springs, stray_springs
+from lrbc_cli.campaign.reading.doubts.astray import beside_their_dofs, beside_their_springs, renumbered_text, stray_springs
 from lrbc_cli.campaign.reading.joints import aside_text, bolts_of_terms, bushing_vectors, joint_notes, owners, require_free
 from lrbc_cli.campaign.reading.places import EXCHANGES, require_near
 from lrbc_cli.campaign.reading.reader import ModelReader, Parts
@@ -270,6 +270,8 @@ class GroupReader(ModelReader):
             self.warn(f"{file.name}: {aside}")
         check = partial(beside_their_springs, springs=places, owner=table.bolt, unit=self.unit.length)
         astray = None if self.bolts is None or self.misplaced else check(self.bolts)
+        if self.bolts is not None and not self.misplaced:
+            astray = renumbered_text(table, places, self.bolts, self.dofs, self.unit.length) or astray
         if astray and self.axes and self.bolts and not check(replace(self.bolts, xyz=self.bolts.xyz[:, EXCHANGES[self.axes]])):
             self.table_exchanged = True
         elif astray:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.campaign.reading.dof_source import added_nodes, numbering, order_doubt, unfitting
+from lrbc_cli.campaign.reading.doubts.coupled import coupled_doubt
 from lrbc_cli.campaign.reading.doubts.numbering import require_whole
 from lrbc_cli.campaign.reading.doubts.rigid import digits_doubt, places_doubt, symmetry_doubt
 from lrbc_cli.campaign.reading.doubts.settings import guesses
@@ -403,7 +404,8 @@ def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, ND
     if reader.dofs is not None and source.dofs is not None:
         reader.units_doubt = require_metres(K, M, reader.dofs, reader.campaign)
         order = order_doubt(K, reader.dofs, source.dofs)
-        wrong = order or places_doubt(K, reader.dofs, table.name if (table := coordinates_file(reader.campaign)) else "")
+        table = found.name if (found := coordinates_file(reader.campaign)) else ""
+        wrong = order or places_doubt(K, reader.dofs, table) or coupled_doubt(K, M, reader.dofs, table)
         reader.misplaced = wrong is not None
         fewer = digits_doubt(K, first.matrix.data, reader.dofs.component)
         half = None if order else symmetry_doubt(K, reader.dofs)

@@ -408,7 +408,10 @@ def grouped(offsets: Sequence[Offset], quantities: Sequence[str]) -> tuple[Commo
     middle = float(np.median([o.db for o in offsets])) if offsets else 0.0
     reach = MOST_REACH + LEAST_REACH
     limits = [max(reach, o.half) if o.named else max(reach, o.half, abs(o.db)) for o in offsets]
-    alike = bool(named) and all(o.power == named[0].power and abs(o.db - middle) <= most for o, most in zip(offsets, limits, strict=True))
+    # Of many 95 % intervals some miss: a quarter may by as much again.
+    away = [abs(o.db - middle) / most for o, most in zip(offsets, limits, strict=True)]
+    alike = bool(named) and all(o.power == named[0].power and far <= 2.0 for o, far in zip(offsets, away, strict=True))
+    alike = alike and 4 * sum(far > 1.0 for far in away) <= len(away)
     shared = alike and len({quantities[o.response] for o in offsets}) == 1
     left = sorted(offsets if shared else named, key=lambda o: (not o.named, o.half, o.response))
     found = []

@@ -77,6 +77,40 @@ def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str
     return f"{which} {lie} nearer to the springs of other bolts than to {its} own; {fix}"
 
 
+def renumbered_text(table: BushingTable, places: Floats, bolts: PointTable, dofs: DofTable, unit: float) -> str:
+    """Warning if all springs lie at their bolts once every node number is one higher or lower, as they do not as stated; else empty.
+
+    Parameters
+    ----------
+    table : BushingTable
+    places : (m, 3) float array
+        Positions of the springs [m].
+    bolts : PointTable
+    dofs : DofTable
+    unit : float
+        Length unit of the file [m].
+    """
+    known = [k for k, bolt in enumerate(table.bolt) if bolt in bolts.name]
+    if len({table.bolt[k] for k in known}) < 3:
+        return ""
+    own = bolts.xyz[[bolts.name.index(table.bolt[k]) for k in known]]
+    away = np.linalg.norm(places[known] - own, axis=1)
+    at = {int(node): dofs.xyz[k] for k, node in enumerate(dofs.node.tolist()) if not dofs.is_acoustic[k]}
+    for step, fix in ((-1, "subtract 1 from"), (1, "add 1 to")):
+        ends = [[at.get(node + step) for node in (int(table.node_a[k]), table.node_b[k]) if node is not None] for k in known]
+        if any(place is None for pair in ends for place in pair):
+            continue
+        now = np.linalg.norm(np.array([np.mean(np.array(pair), axis=0) for pair in ends]) - own, axis=1)
+        if now.max() < CLEARLY_NEARER * float(np.median(away)) and np.all(now <= away + ROUNDING * away.max()):
+            side = "lower" if step < 0 else "higher"
+            return (
+                f"springs lie up to {away.max() / unit:.3g} from their bolts, with every node number one {side} {now.max() / unit:.3g} at "
+                "most: the numbers are probably those of another version of the mesh, or counted from another first number; "
+                f"{fix} every node_a and node_b"
+            )
+    return ""
+
+
 def stray_springs(table: BushingTable, places: Floats, bolts: PointTable, dofs: DofTable, unit: float, *, times: float = 3.0) -> str:
     """Warning about a few springs far from their bolts while all others are at theirs; empty if there are none.
 

@@ -38,13 +38,16 @@ class ModalRule:
         Window: least decay over the length of a record, as exponent of e; a window that leaves more than 1/e at its end is none.
     level_db : float
         Window: least change of the levels at the peaks [dB]: as much as a misfit may rise before a job counts as unexplained.
+    beyond : float
+        Window: largest ratio of frequencies of a mode and of the lowest or highest mode of the reference job, beyond which it lies, up to
+        which that mode's damping ratio is its expected one. A choice: damping varies little over an octave.
     clock : float
         Clock: least relative shift of the frequencies. A choice: the temperature of metals causes a third of it for 10 K.
     clock_in_air : float
         The same if the model contains air: the speed of sound, and with it all modes of air, rises by as much for 9 K.
     together : float
-        Clock: largest deviation of a mode's relative shift from the median shift, over that, in the upper half of the shifts. A choice:
-        bolts lower some modes and not others.
+        Clock: largest deviation of a mode's relative shift from the median shift, over that, in the upper half of the shifts; for shifts by
+        whole lines the largest deviation from these, in line spacings. A choice: bolts lower some modes and not others.
     clocked : int
         Clock: least number of modes that can be compared. A choice. In 3 of 327 jobs of virtual rigs ``least`` of them agreed by chance;
         when more had to agree, jobs with another clock were judged without a doubt.
@@ -64,6 +67,7 @@ class ModalRule:
     share: float = 0.5
     powers: float = 1.0
     level_db: float = 1.5
+    beyond: float = 2.0
     clock: float = 0.005
     clock_in_air: float = 0.015
     together: float = 0.15
@@ -209,6 +213,7 @@ def other_chain(
         one, other, length, reference, rule
     )
     least = rule.clock_in_air if air else rule.clock
+    window = window or _moved(one.frequency_hz[first], other.frequency_hz[second], float(steps.mean()), reference, rule)
     window = window or _clock(one.frequency_hz[first], other.frequency_hz[second], reference, rule, least)
     return window or _filter(one, other, reference, [name for name, there in zip(names, held, strict=True) if there], rule)
 
@@ -237,6 +242,7 @@ def _window(own: Floats, tight: Floats, length: float, reference: str, rule: Mod
 def _window_by_curve(one: FittedModes, other: FittedModes, length: float, reference: str, rule: ModalRule) -> str | None:
     """The same with decay rates of the reference job interpolated at the job's frequencies, since loosened bolts change mode shapes.
 
+    Below its lowest and above its highest mode these have the damping ratio of that mode, as loosened bolts also lower frequencies.
     Differences must also be within ``share`` of their median, in both directions. In 235 jobs of virtual rigs and of structures of
     another FE code the closest one without a window had differences of 0.4 to 1.6 times the median; a window with a time constant of 8 %
     of the record was found in 164, by modes of the same shapes alone in 72.
@@ -245,12 +251,30 @@ def _window_by_curve(one: FittedModes, other: FittedModes, length: float, refere
     hz, decay = other.frequency_hz[order], other.decay[order]
     if hz.size < rule.clocked:
         return None
-    within = (one.frequency_hz >= hz[0] * (1.0 - rule.tolerance)) & (one.frequency_hz <= hz[-1] * (1.0 + rule.tolerance))
-    own, there = one.decay[within], np.interp(one.frequency_hz[within], hz, decay)
+    within = (one.frequency_hz >= hz[0] / rule.beyond) & (one.frequency_hz <= hz[-1] * rule.beyond)
+    at, own = one.frequency_hz[within], one.decay[within]
+    there = np.interp(at, hz, decay) * np.maximum(at / hz[-1], 1.0) * np.minimum(at / hz[0], 1.0)
     change = own - there
     if own.size < rule.clocked or np.ptp(change) > 2.0 * rule.share * abs(np.median(change)):
         return None
     return _window(own, there, length, reference, rule)
+
+
+def _moved(own: Floats, tight: Floats, step: float, reference: str, rule: ModalRule) -> str | None:
+    """Message if the frequencies of the same modes [Hz] differ by a whole number of line spacings, in the upper half of the shifts."""
+    if own.size < rule.clocked:
+        return None
+    upper = np.sort((own - tight) / step)[::-1][: max(rule.least, (own.size + 1) // 2)]
+    count = round(float(np.median(upper)))
+    if count == 0 or np.abs(upper - count).max() > rule.together:
+        return None
+    aside = f"{abs(count)} line{'s' if abs(count) > 1 else ''} ({abs(count) * step:.4g} Hz)"
+    return (
+        f"{upper.size} of the {own.size} modes that can be compared are {aside} {'higher' if count > 0 else 'lower'} than in {reference}, "
+        "all by the same amount; a loosened bolt lowers some modes more than others. Check whether the lines of its file were counted from "
+        f"another first line, or the first was left out; {'subtract' if count > 0 else 'add'} {abs(count) * step:.4g} Hz "
+        f"{'from' if count > 0 else 'to'} its frequencies, or export it again"
+    )
 
 
 def _clock(own: Floats, tight: Floats, reference: str, rule: ModalRule, least: float) -> str | None:

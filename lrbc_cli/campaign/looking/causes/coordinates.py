@@ -11,15 +11,13 @@ import scipy.sparse as sp
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, apart, apart_there
-from lrbc_cli.campaign.looking.moved import LINES
-from lrbc_cli.campaign.looking.rescaled import MOST_WORK
+from lrbc_cli.campaign.looking.causes.moved import LINES, gradually, solved
+from lrbc_cli.campaign.looking.causes.rescaled import MOST_WORK
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.campaign.reduced.memory import reduction_cost
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.selection import nearest, spacing
-from lrbc_cli.reduction.problem.full import full_ports
 
 _AXES = "xyz"
 
@@ -52,50 +50,57 @@ def coordinates_texts(seen: Seen, *, unlike: bool) -> tuple[dict[tuple[int, ...]
     """
     inputs, dofs = seen.inputs, seen.inputs.dofs
     left = apart(seen.measured, seen.model)
-    if dofs is None or reduction_cost(inputs)[0].line * LINES > MOST_WORK:
+    if dofs is None or seen.work(LINES) > MOST_WORK:
         return {}, left
-    few = seen.few(LINES)
-    before = apart(few.measured, few.model)
-    typical = FARTHER * float(np.median(before))
+    typical = FARTHER * float(np.median(left))
     least = LEAST_DIFFERENCE if unlike else max(LEAST_DIFFERENCE, typical)
-    others = [other for other in _others(inputs, dofs) if before[list(other.responses)].mean() > least]
+    others = [other for other in _others(inputs, dofs) if left[list(other.responses)].mean() > least]
     largest, told = float(np.abs(seen.model).max()), dict[tuple[int, ...], str]()
-    with suppress(LrbcError):
-        each = sorted(zip(others, _misfits(few, others, largest), strict=True), key=lambda pair: float(pair[1].mean()))
-        for other, after in each:
-            own = list(other.responses)
-            # If the model is far from most responses, it must be near at the other place.
-            limit = MOST_LEFT if unlike and not other.turned else max(MOST_LEFT, typical)
-            most = min(limit, (MOSTLY if len(own) > 1 and not other.turned else CLEARLY) * float(before[own].mean()))
-            if other.responses in told or after.mean() > most or np.any(after >= before[own]):
-                continue
-            left[own] = after
-            told[other.responses] = _text(inputs, dofs, other, float(before[own].mean()), float(after.mean()))
+    better: list[tuple[_Other, Floats, Floats]] = []
+    for few, wider in gradually(seen):
+        before, better = apart(few.measured, few.model), []
+        with suppress(LrbcError):
+            for other, after in zip(others, _misfits(few, others, largest), strict=True):
+                own = list(other.responses)
+                # If the model is far from most responses, it must be near at the other place.
+                limit = MOST_LEFT if unlike and not other.turned else max(MOST_LEFT, typical)
+                share = MOSTLY if len(own) > 1 and not other.turned else CLEARLY
+                if after.mean() <= wider * min(limit, share * float(before[own].mean())) and np.all(after < wider * before[own]):
+                    better.append((other, before[own], after))
+        if not better:
+            break
+    for other, before, after in sorted(better, key=lambda each: float(each[2].mean())):
+        if other.responses not in told:
+            left[list(other.responses)] = after
+            told[other.responses] = _text(inputs, dofs, other, float(before.mean()), float(after.mean()))
     return told, left
 
 
 def mirrored_text(seen: Seen) -> str:
     """Warning if all sensors together fit with one coordinate counted from the other side; else empty."""
     inputs, dofs = seen.inputs, seen.inputs.dofs
-    if dofs is None or reduction_cost(inputs)[0].line * LINES > MOST_WORK:
+    if dofs is None or seen.work(LINES) > MOST_WORK:
         return ""
-    few = seen.few(LINES)
-    ways = [way for axis in range(3) if (way := _mirrored(inputs, dofs, axis))]
-    with suppress(LrbcError):
-        each = iter(_misfits(few, [other for others in ways for other in others], float(np.abs(seen.model).max())))
-        for others in ways:
-            own = [i for other in others for i in other.responses]
-            before = float(np.median(apart(few.measured[:, own], few.model[:, own])))
-            after = float(np.median(np.concatenate([next(each) for _ in others])))
-            if before > LEAST_DIFFERENCE and after <= min(MOST_LEFT, CLEARLY * before):
-                unit, first = inputs.campaign.unit_system.length, others[0]
-                xyz = ", ".join(f"{value:.6g}" for value in dofs.xyz[first.dof] / unit)
-                return (
-                    f"all sensors are probably stated with {first.how}: the mirrored places reduce the level misfit from {before:.1f} to "
-                    f"{after:.1f} dB (mean level of each response removed). Correct the places of all responses: "
-                    f"responses.{inputs.responses[first.responses[0]].name}: near: [{xyz}] and so on"
-                )
-    return ""
+    ways, found = [way for axis in range(3) if (way := _mirrored(inputs, dofs, axis))], list[tuple[float, float, _Other]]()
+    for few, wider in gradually(seen):
+        found = []
+        with suppress(LrbcError):
+            each = iter(_misfits(few, [other for others in ways for other in others], float(np.abs(seen.model).max())))
+            for others in ways:
+                own = [i for other in others for i in other.responses]
+                before = float(np.median(apart(few.measured[:, own], few.model[:, own])))
+                after = float(np.median(np.concatenate([next(each) for _ in others])))
+                if wider * before > LEAST_DIFFERENCE and after <= wider * min(MOST_LEFT, CLEARLY * before):
+                    found.append((before, after, others[0]))
+        if not found:
+            return ""
+    before, after, first = found[0]
+    xyz = ", ".join(f"{value:.6g}" for value in dofs.xyz[first.dof] / inputs.campaign.unit_system.length)
+    return (
+        f"all sensors are probably stated with {first.how}: the mirrored places reduce the level misfit from {before:.1f} to "
+        f"{after:.1f} dB (mean level of each response removed). Correct the places of all responses: "
+        f"responses.{inputs.responses[first.responses[0]].name}: near: [{xyz}] and so on"
+    )
 
 
 def _mirrored(inputs: Inputs, dofs: DofTable, axis: int) -> list[_Other]:
@@ -135,7 +140,7 @@ def _misfits(seen: Seen, others: Sequence[_Other], largest: float) -> list[Float
     model = seen.inputs.model
     L = sp.csc_array((np.ones(at.size), (np.arange(at.size), at)), (at.size, model.size))
     moved = replace(model, L=L, output_power=model.output_power[responses], extras={})
-    ports = full_ports(moved, seen.inputs.input_of[responses], seen.s, seen.inputs.campaign.reduction.band)
+    ports = solved(seen, moved, seen.inputs.input_of[responses], b"moved" + at.tobytes() + responses.tobytes())
     computed = ports.evaluate(seen.dynamic)
     found = apart_there(seen.measured[:, responses], computed, largest)
     return np.split(found, np.cumsum([len(other.responses) for other in others])[:-1])

@@ -10,14 +10,12 @@ import scipy.sparse as sp
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, apart, levels, spread
-from lrbc_cli.campaign.looking.moved import LINES
-from lrbc_cli.campaign.looking.rescaled import MOST_LEFT, MOST_WORK
+from lrbc_cli.campaign.looking.causes.moved import LINES, gradually, solved
+from lrbc_cli.campaign.looking.causes.rescaled import MOST_LEFT, MOST_WORK
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.doubts.springs import turned_about
-from lrbc_cli.campaign.reduced.memory import reduction_cost
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
-from lrbc_cli.reduction.problem.full import full_ports
 
 #: Forces below this share of the sum of a row's magnitudes are rounding.
 _ROUNDING = 1e-6
@@ -62,27 +60,28 @@ def held_text(seen: Seen, before: float) -> str | None:
         Level misfit with the supports, constants removed, median over the responses [dB].
     """
     inputs, dofs, model = seen.inputs, seen.inputs.dofs, seen.inputs.model
-    if dofs is None or model.is_acoustic.any() or reduction_cost(inputs)[0].line * LINES > MOST_WORK:
+    if dofs is None or model.is_acoustic.any() or seen.work(LINES) > MOST_WORK:
         return None
     rows = _held(model.K, dofs, np.unique(model.terms.left.indices))
     if not rows.size:
         return None
-    few = seen.few(LINES)
     # Stiffness-proportional damping also holds the nodes. Removing mass-proportional damping with it changes next to nothing.
     free = {name: (A - sp.diags_array(_forces(A, dofs, rows), format="csc")).tocsc() for name, A in (("K", model.K), ("C", model.C))}
-    with suppress(LrbcError):
-        ports = full_ports(replace(model, **free, extras={}), inputs.input_of, few.s, inputs.campaign.reduction.band)
-        left = float(np.median(spread(levels(few.measured) - levels(ports.evaluate(few.dynamic)), 0)))
-        if left <= min(MOST_LEFT, CLEARLY * before):
-            nodes = np.unique(dofs.node[rows])
-            named = ", ".join(str(node) for node in nodes[:6].tolist()) + (" ..." if nodes.size > 6 else "")
-            components = ", ".join(label for label in COMPONENTS if np.any(dofs.component[rows] == label))
-            return (
-                f"the stiffness matrix holds {nodes.size} node{'s' if nodes.size > 1 else ''} to the ground in addition to the terms "
-                f"({named}; {components}), probably by a boundary condition that was left in: without it the level misfit falls from "
-                f"{before:.1f} to {left:.1f} dB (mean level of each response removed). Remove it in the FE model, export the matrices again"
-            )
-    return None
+    left = np.inf
+    for few, wider in gradually(seen):
+        with suppress(LrbcError):
+            ports = solved(few, replace(model, **free, extras={}), inputs.input_of, b"held" + rows.tobytes())
+            left = float(np.median(spread(levels(few.measured) - levels(ports.evaluate(few.dynamic)), 0)))
+        if left > wider * min(MOST_LEFT, CLEARLY * before):
+            return None
+    nodes = np.unique(dofs.node[rows])
+    named = ", ".join(str(node) for node in nodes[:6].tolist()) + (" ..." if nodes.size > 6 else "")
+    components = ", ".join(label for label in COMPONENTS if np.any(dofs.component[rows] == label))
+    return (
+        f"the stiffness matrix holds {nodes.size} node{'s' if nodes.size > 1 else ''} to the ground in addition to the terms "
+        f"({named}; {components}), probably by a boundary condition that was left in: without it the level misfit falls from "
+        f"{before:.1f} to {left:.1f} dB (mean level of each response removed). Remove it in the FE model, export the matrices again"
+    )
 
 
 def supports_text(seen: Seen) -> str:

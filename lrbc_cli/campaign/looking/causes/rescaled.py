@@ -13,7 +13,6 @@ from lrbc_cli.arrays import Complexes, Integers, spaced
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, levels, spread
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.places import GRAVITIES, POWERS, mistake_text
-from lrbc_cli.campaign.reduced.memory import reduction_cost
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.problem.full import full_ports
@@ -68,7 +67,7 @@ def rescaled_text(seen: Seen, before: float, *, further: float = 1.0) -> str | N
     found: list[tuple[float, str, float, float]] = []
     few = seen.few(LINES)
     inputs = seen.inputs
-    line, spent = reduction_cost(inputs)[0].line * few.s.size, 0.0
+    line, spent = seen.work(few.s.size), 0.0
     factors = [10.0**power for power in (*sorted(POWERS, key=abs), *_FURTHER)]
     for factor in (*factors, *GRAVITIES, *(1.0 / gravity for gravity in GRAVITIES)):
         # A stiffer model has fewer resonances. After a factor that explains the measurement, only those within a decade are tried.
@@ -114,7 +113,7 @@ def scaled_text(seen: Seen, ratio: float, *, most: int = 12) -> str | None:
         Largest number of full solutions of that minimisation.
     """
     few, inputs = seen.few(LINES), seen.inputs
-    if most * reduction_cost(inputs)[0].line * few.s.size > MOST_WORK:
+    if most * seen.work(few.s.size) > MOST_WORK:
         return None
 
     def misfit(case: tuple[str, float, Complexes, float]) -> tuple[float, float]:
@@ -155,7 +154,7 @@ def overdamped_text(seen: Seen, most: float) -> str | None:
     few = seen.on(np.union1d(spaced(seen.s.size, LINES), peaks[spaced(peaks.size, LINES)]))
     dynamic = few.dynamic
     factors = [10.0**-power for power in range(1, max(POWERS) + 1)]
-    factors = factors[: int(MOST_WORK / (reduction_cost(inputs)[0].line * few.s.size))]
+    factors = factors[: int(MOST_WORK / seen.work(few.s.size))]
     found: list[tuple[float, float]] = []
     for factor in factors:
         stiffness = plain.K.real + 1j * factor * plain.K.imag if np.iscomplexobj(plain.K) else plain.K

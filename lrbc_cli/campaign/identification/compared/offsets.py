@@ -1,0 +1,262 @@
+"""Texts on constant factors, signs, delays and phases between measured FRFs and those of the model, and their likely causes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+
+from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.campaign.identification.compared.likeness import MOST_LEFT, outlying, same_sensor
+from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.io.common import listing
+from lrbc_cli.updating.comparison.scale import LEAST_OFFSET, LEAST_REACH, MOST_REACH, Common, Offset, grouped, moved, offsets_of
+
+#: Least share of the band over which a constant factor can be distinguished from errors of the model.
+LEAST_BAND = 0.8
+
+#: Ratio of a factor to the half width of its interval that errors of a model do not reach, because they vary over the band.
+EVIDENT_HALVES = 6.0
+
+
+def factors_of(inputs: Inputs, measurement: Measurement, states: Sequence[Complexes]) -> tuple[Offset, ...]:
+    """Constant factors between measured FRFs and those of the model in some states, for all measured responses.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    measurement : Measurement
+    states : sequence of (F, R) complex arrays
+        FRFs of the model on all measured lines.
+
+    Returns
+    -------
+    tuple of Offset
+        Empty if the lines cover less than ``LEAST_BAND``: over one or two resonances, errors of the model look like a factor.
+    """
+    low, high = inputs.campaign.reduction.band
+    if np.ptp(measurement.frequency_hz) < LEAST_BAND * (high - low):
+        return ()
+    return offsets_of(measurement.frequency_hz, measurement.values, states, quantities_of(inputs))
+
+
+def trusted(offset: Offset, offsets: Sequence[Offset]) -> bool:
+    """Whether a factor is too clear to be an error of the model.
+
+    Criteria: a narrow interval and a small remaining misfit, or the same factor in most responses; a power of the frequency must come
+    without a further factor, or in most responses.
+    """
+    alike = sum(other.named and other.power == offset.power for other in offsets)
+    # A factor many times its interval, which explains the whole misfit, needs no narrow interval; nor does such a power of the frequency.
+    explained = {o.response: o.before - o.after if o.power else abs(o.db) if abs(o.db) - o.before <= o.half else 0.0 for o in offsets}
+    reach = {response: db / EVIDENT_HALVES for response, db in explained.items()}
+    firm = [o for o in offsets if o.named and o.half <= max(MOST_REACH, reach[o.response]) and o.after <= MOST_LEFT]
+    shared = sum(other.power == offset.power and abs(other.db - offset.db) <= MOST_REACH for other in firm)
+    # A factor that most other responses show, too, needs less evidence.
+    if offset not in firm and 2 * shared <= len(offsets):
+        return False
+    return offset.power == 0 or abs(offset.db) <= max(offset.half, LEAST_REACH) or 2 * alike > max(len(offsets), 4)
+
+
+def quantities_of(inputs: Inputs) -> list[str]:
+    """Physical quantity of each response."""
+    return [response.quantity for response in inputs.responses]
+
+
+def _names(inputs: Inputs, responses: Sequence[int], of: int) -> str:
+    names = ", ".join(inputs.responses[i].name for i in responses)
+    return f"all responses ({names})" if len(responses) == of and of > 1 else names
+
+
+def _factors(inputs: Inputs, job: str, responses: Sequence[int], factor: float) -> str:
+    """Value of ``jobs.JOB.scale`` that multiplies the FRFs of these responses by a factor."""
+    stated = inputs.campaign.jobs[job].factor
+    found = {name: f"{factor * stated(name):.6g}" for name in (inputs.responses[i].name for i in responses)}
+    if len(responses) == len(inputs.responses) > 1 == len(set(found.values())):
+        return next(iter(found.values()))
+    return "{" + ", ".join(f"{name}: {value}" for name, value in found.items()) + "}"
+
+
+def sensor_of(inputs: Inputs, response: int) -> tuple[object, ...]:
+    """The sensor of a response: its DOF if that is known, else the response itself."""
+    own = inputs.responses[response]
+    return (response,) if own.node is None else (own.node, own.direction)
+
+
+def by_hammer(inputs: Inputs, db: Mapping[int, float], half: Mapping[int, float], *, least: float = LEAST_OFFSET) -> set[int]:
+    """Responses whose factor differs from that of the same sensor for another hammer point; empty if each hammer has one factor of its own.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    db, half : mappings
+        Factors, and half widths of their intervals, by response [dB].
+    least : float
+        Least difference beyond both intervals [dB].
+    """
+
+    def differing(values: Mapping[int, float]) -> set[int]:
+        pairs = [(i, k) for i in values for k in same_sensor(inputs, i) if k in values]
+        return {i for pair in pairs if abs(values[pair[0]] - values[pair[1]]) > least + half[pair[0]] + half[pair[1]] for i in pair}
+
+    hammers = {i: inputs.responses[i].input for i in db}
+    own = {hammer: float(np.median([db[i] for i in db if hammers[i] == hammer])) for hammer in set(hammers.values())}
+    return differing(db) if differing({i: db[i] - own[hammers[i]] for i in db}) else set()
+
+
+def sizes_text(inputs: Inputs, responses: Collection[int], offsets: Mapping[int, Offset], most: int = 6) -> str:
+    """Factors of responses in words, at most ``most`` of them."""
+    return listing([f"{inputs.responses[i].name} {offsets[i].db:+.1f} dB" for i in sorted(responses)], most)
+
+
+def causes_of(inputs: Inputs, common: Common, compared: Sequence[int]) -> bool:
+    """Whether a unit, a derivative or a digit too many or too few explains a factor that some of the compared responses share."""
+    offset, kinds = common.offset, [(response.quantity, response.input) for response in inputs.responses]
+    shared = {kinds[i] for i in common.responses}.isdisjoint(kinds[i] for i in compared if i not in common.responses)
+    tenfold = abs(abs(offset.db) - 20.0) <= min(max(offset.half, LEAST_REACH), MOST_REACH)
+    return bool(offset.power or tenfold or any(known.cause for known in offset.known if shared or not known.of_all))
+
+
+def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: str) -> tuple[str, str]:
+    """Text on one factor that some of the compared responses share, and text on its likely cause with the key that corrects it."""
+    offset, count, names = common.offset, len(compared), _names(inputs, common.responses, len(compared))
+    kinds = [(response.quantity, response.input) for response in inputs.responses]
+    shared = {kinds[i] for i in common.responses}.isdisjoint(kinds[i] for i in compared if i not in common.responses)
+    recognised = [known for known in offset.known if shared or not known.of_all]
+    b, quantity = offset.power, inputs.responses[offset.response].quantity
+    frequency = "" if not b else f" times {'' if b > 0 else '1/'}(2 pi f){'²' if abs(b) == 2 else ''}"
+    size = f"{offset.db:+.2f} dB" if not b or abs(offset.db) >= offset.half + 0.5 else "a factor"
+    text = f"{names}: measured over computed {size}{frequency} at all lines (+-{offset.half:.2f} dB); without this factor the misfit falls "
+    text += f"from {offset.before:.1f} to {offset.after:.1f} dB"
+    # With a wider interval, parts of the band differ, and one factor is less likely.
+    likely = "probable cause:" if offset.half <= MOST_REACH else "possible cause:"
+    causes = [known.cause for known in recognised if known.cause]
+    unit = next((known.unit for known in recognised if known.unit), None)
+    other = moved(quantity, b)
+    if b and other is not None:
+        cause = f"{likely} {other}, not {quantity}{' and ' + causes[0] if causes else ''}. Write "
+        keys = ", ".join(f"responses.{inputs.responses[i].name}.quantity: {other}" for i in common.responses)
+        if job != inputs.campaign.update.reference:
+            keys += f" (if all jobs contain it; otherwise export {job} again as {quantity})"
+        whole = f"format.quantity: {other} in each job whose file states {quantity}"
+        keys += f", and {whole if len(common.responses) == count else f'beside each labelled: {quantity}, if the files state that'}"
+        return text, cause + keys + (f", and jobs.{job}.format.unit: {unit}" if unit else "")
+    if b:
+        return text, f"{likely} a derivative or an integral with respect to time, perhaps of the input. Convert the FRF file"
+    own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-offset.db / 20.0))}"
+    # A sensitivity with a digit too many or too few, of some sensors or in one job; a unit may explain the factor as well.
+    tenfold = float(np.copysign(20.0, offset.db))
+    some = len(common.responses) < count or job != inputs.campaign.update.reference
+    if some and abs(offset.db - tenfold) <= min(max(offset.half, LEAST_REACH), MOST_REACH):
+        every = len(common.responses) == count
+        cause = "a sensitivity or a range ten times off" + (", that of the hammer for example" if every else "")
+        options = [(abs(offset.db - tenfold), tenfold, cause)]
+        options += [(abs(offset.db - known.db), known.db, known.cause) for known in recognised if known.cause]
+        # Sensors rarely share a wrong sensitivity; a unit they do share, though 9.81 is hardly to be distinguished from 10.
+        several = len({sensor_of(inputs, i) for i in common.responses}) > 1
+        options.sort(key=lambda option: (several and option[1] == tenfold, option[0]))
+        # If all responses share the factor and a unit is nearer, the unit comes first, with its key (below).
+        if not every or options[0][1] == tenfold:
+            own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-options[0][1] / 20.0))}"
+            return text, f"{likely} {' or '.join(cause for *_, cause in options)}. Write {own}"
+        causes.append(f"{cause} (then scale: {_factors(inputs, job, common.responses, 10.0 ** (-tenfold / 20.0))})")
+    if not causes:
+        return text, f"{likely} a sensitivity, a gain or a unit that is not known here. Check it, then write {own}"
+    known = next(known for known in recognised if known.cause)
+    own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-known.db / 20.0))}"
+    cause = f"{likely} {' or '.join(causes)}. Write "
+    if known.of_model:
+        scales = (f"responses.{inputs.responses[i].name}.scale: {10.0 ** (known.db / 20.0):.6g}" for i in common.responses)
+        return text, cause + ", ".join(scales)
+    return text, cause + (f"jobs.{job}.format.unit: {unit}, or {own}" if unit and len(common.responses) == count else own)
+
+
+def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> dict[tuple[object, ...], str]:
+    """Warnings about factors, signs, delays and conjugates, by kind and responses (to merge equal ones of several jobs); may be empty."""
+    firm = {offset.response for offset in offsets if offset.named and trusted(offset, offsets)}
+    compared, known = [o.response for o in offsets], {o.response: o for o in offsets if not o.power}
+    differing = by_hammer(inputs, {i: o.db for i, o in known.items()}, {i: o.half for i, o in known.items()})
+    # A factor without which most of the misfit remains is neither unit nor gain.
+    shared = [common for common in grouped(offsets, quantities_of(inputs)) if firm.intersection(common.responses)]
+    placed = [common for common in shared if not causes_of(inputs, common, compared) and differing.intersection(common.responses)]
+    found: dict[tuple[object, ...], str] = {
+        ("units", *common.responses): "probably not in the model's units: " + "; ".join(factor_text(inputs, common, compared, job))
+        for common in shared
+        if common not in placed
+    }
+    if placed:
+        own = sorted(i for common in placed for i in common.responses)
+        found["places", *own] = (
+            f"FRFs are higher or lower than the model's at all lines ({sizes_text(inputs, differing, known)}), but not by one factor of "
+            f"each sensor: no sensitivity depends on the hammer point. Check places and directions of {_names(inputs, own, len(offsets))}, "
+            "and of the hammer points (lrbc check --picture)"
+        )
+    tail = sign_tail(inputs)
+    turned = [o.response for o in offsets if o.reversed]
+    if turned:
+        what = "the hammer or of all sensors" if len(turned) == len(offsets) else "the sensor"
+        found["reversed", *turned] = (
+            f"probably reversed sign: {_names(inputs, turned, len(offsets))}: measured phases are 180 degrees from the model's. Possible "
+            f"cause: the direction of {what}. Write jobs.{job}.scale: {_factors(inputs, job, turned, -1.0)}{tail}"
+        )
+    late = [o for o in offsets if o.delay]
+    if late:
+        delay = float(np.median([o.delay for o in late]))
+        word, side = ("late", "behind") if delay > 0 else ("early", "ahead of")
+        delayed = [o.response for o in late]
+        names = _names(inputs, delayed, len(offsets))
+        found[word, *delayed] = (
+            f"probably {word}: {names}: sensors {1e3 * abs(delay):.3g} ms {side} the hammer (measured phases leave the model's by 360 "
+            f"degrees every {abs(1.0 / delay):.3g} Hz). Possible causes: another front end, filter or trigger. Let the analyser correct "
+            "the delay of its channels, and export again; the calibration is sensitive to the delay"
+        )
+    mirrored = [o.response for o in offsets if o.conjugate]
+    if mirrored:
+        found["conjugate", *mirrored] = (
+            f"phases probably of opposite sign: {_names(inputs, mirrored, len(offsets))}: measured is the complex conjugate of computed. "
+            f"Possible cause: the convention exp(-i omega t). Conjugate the FRF file: imaginary parts, or phases, times -1{tail}"
+        )
+    return found
+
+
+def sign_tail(inputs: Inputs) -> str:
+    """End of warnings that concern phases only: they have no effect on a fit that uses magnitudes."""
+    return "" if inputs.method.residual.phase else "; no effect on the fit, which uses magnitudes in dB"
+
+
+def sideways_text(inputs: Inputs, how: str, job: str) -> str:
+    """Warning about phases 90 degrees from the model's; ``how`` as returned by ``likeness.sideways``, not empty."""
+    tail = sign_tail(inputs)
+    if how == "exchanged":
+        return (
+            "real and imaginary parts are probably exchanged: phases of all responses are 90 degrees minus the model's. Exchange the two "
+            f"columns of each FRF in the file, or list them in their order under jobs.{job}.format.columns{tail}"
+        )
+    return (
+        "all phases are probably 90 degrees from the model's, levels are not affected. Possible causes: phases that refer to a sine, an "
+        f"integration of phases alone. Export the FRFs as real and imaginary parts of response over force{tail}"
+    )
+
+
+def largest_text(inputs: Inputs, offsets: Sequence[Offset], misfits: Floats) -> str:
+    """Whether a constant factor explains the misfit, and which responses stand out by their mean misfits (R,) [dB], in a clause."""
+    if not offsets:
+        return "too few lines, or too little of the band, to look for a constant factor"
+    groups = grouped(offsets, quantities_of(inputs))
+    if groups:
+        worst = max(groups, key=lambda common: common.offset.before - common.offset.after).offset
+        what = f"{worst.db:+.2f} dB" + (f" and (2 pi f)^{worst.power}" if worst.power else "")
+        left = f"{worst.before:.1f} dB, {worst.after:.1f} dB without it"
+        return f"a constant factor explains most of the misfit of {inputs.responses[worst.response].name}: {what} ({left})"
+    constant = [offset for offset in offsets if not offset.power]
+    text = "the misfit is not a constant factor"
+    if constant:
+        worst = max(constant, key=lambda offset: abs(offset.db))
+        text += f": {inputs.responses[worst.response].name} has the largest, {worst.db:+.2f} dB, and without it {worst.after:.1f} of the "
+        text += f"{worst.before:.1f} dB of this response remain"
+    if alone := outlying(misfits):
+        names = ", ".join(inputs.responses[i].name for i in alone)
+        text += f"; {names} {'stands' if len(alone) == 1 else 'stand'} out ({misfits[alone].min():.1f} dB and more, "
+        text += f"{float(np.nanmedian(misfits)):.1f} dB in the median of all): check these sensors, or leave them out of update.responses"
+    return text

@@ -1,0 +1,55 @@
+"""Compares the damping coefficients of the model with the damping of measured modes, without any solution of the model."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.config.structure import ProportionalDamping
+from lrbc_cli.updating.statistics.chain.modal import fitted_modes
+
+
+def misdamped_text(inputs: Inputs, own: Measurement, *, decades: float = 1.5, seen: float = 0.2) -> str | None:
+    """Warning if the coefficients of the damping differ by powers of ten from the damping of the measured modes; else None.
+
+    No state of the bolts and no other place does that. On right campaigns the median differed by at most 0.4 decades.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    own : Measurement
+        Of the tight state, on all its lines.
+    decades : float
+        Least median difference of the damping ratios [decades]. A choice: half of the usual slip of three digits.
+    seen : float
+        Damping ratio above which a mode has no resonance. Beside another field, from whose modes the measured peaks may come, the
+        damping must be as large as this.
+    """
+    damping, rule = inputs.campaign.model.damping, inputs.statistics.modal
+    modes = fitted_modes(own.frequency_hz, own.values, rule)
+    if not isinstance(damping, ProportionalDamping) or modes.decay.size < rule.least:
+        return None
+    omega = 2.0 * np.pi * modes.frequency_hz
+    measured = modes.decay / omega
+    units = {"alpha": 0.5 / omega, "beta": 0.5 * omega, "loss_factor": np.full(omega.size, 0.5)}
+    there = {"structure": not inputs.model.is_acoustic.all(), "acoustic": bool(inputs.model.is_acoustic.any())}
+    parts = {field: {key: getattr(getattr(damping, field), key) * unit for key, unit in units.items()} for field in there if there[field]}
+    ratio = {field: np.sum(list(own.values()), axis=0) for field, own in parts.items()}
+    off = {field: float(np.median(np.log10(own / measured))) for field, own in ratio.items() if own.all()}
+    for field in off:
+        # Peaks of one field may be those of another, which is damped less or more.
+        large = off[field] >= decades and (len(parts) == 1 or np.median(ratio[field]) >= seen)
+        if not large and (len(off) < len(parts) or max(off.values()) > -decades):
+            continue
+        key = max(units, key=lambda name: float(np.median(parts[field][name])))
+        # Other damping adds to the measured one, so the least of these ratios is nearest.
+        power = round(float(np.quantile(np.log10(parts[field][key] / measured), 0.9)))
+        stated = getattr(getattr(damping, field), key)
+        at = int(np.argsort(ratio[field])[omega.size // 2])
+        return (
+            f"model.damping.{field}: {key}: {stated:g} is probably wrong by a power of ten: at {modes.frequency_hz[at]:.4g} Hz the damping "
+            f"ratio is {100.0 * ratio[field][at]:.4g} %, that of the measured resonances {100.0 * measured.min():.2g} to "
+            f"{100.0 * measured.max():.2g} %. Write {key}: {stated * 10.0**-power:.6g}"
+        )
+    return None
