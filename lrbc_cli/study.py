@@ -326,10 +326,10 @@ class Study:
         ConfigError
             If a key is not part of the rule, or its value is not valid.
         """
-        update = self.inputs.campaign.update
-        changed, scatter = changed_rule(self.inputs.method.rule, update, rule), scatter_of_records(other.record for other in baselines)
+        changed, scatter = changed_rule(self.inputs.method.rule, rule), scatter_of_records(other.record for other in baselines)
         given.made_by("found", found, Identified, "what identify returned")
-        return judge(found.evidence, changed, role_of(update, found.name), scatter, found.identification.reference)
+        role = role_of(self.inputs.campaign.update, found.name)
+        return judge(found.evidence, changed, role, scatter, found.identification.reference)
 
     def plan(
         self,

@@ -13,8 +13,9 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Literal
 
 from lrbc_cli.config import Campaign
-from lrbc_cli.config.settings import EveryLine, ListedLines, NuisanceConfig, UpdateConfig
+from lrbc_cli.config.settings import Lines, NuisanceConfig, UpdateConfig
 from lrbc_cli.method.rule import rule_of
+from lrbc_cli.updating.checked import Checked, Count, Inside, NotNegative
 from lrbc_cli.updating.judging.rule import DecisionRule
 from lrbc_cli.updating.statistics.model import STATISTICS, StatisticalModel
 from lrbc_cli.updating.statistics.residuals import ResidualOptions
@@ -46,7 +47,7 @@ class Facts:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Method:
+class Method(Checked):
     """How jobs are identified: all settings resolved.
 
     Attributes
@@ -85,15 +86,15 @@ class Method:
     """
 
     approach: Approach
-    regularisation: float | Literal["noise", "l-curve"]
+    regularisation: NotNegative | Literal["noise", "l-curve"]
     optimiser: Literal["gauss-newton", "bfgs"]
-    tolerance: float
-    max_iterations: int
+    tolerance: Inside
+    max_iterations: Count
     relative: bool
     mixture: bool
     weighted: bool
     residual: ResidualOptions
-    lines: str | EveryLine | ListedLines
+    lines: Lines
     responses: tuple[str, ...] | None
     nuisances: NuisanceConfig
     full_order: bool
@@ -184,7 +185,7 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
         relative=relative,
         mixture=mixture,
         weighted=weighted,
-        residual=ResidualOptions(update.residual, update.loss_scale if update.loss == "soft" else None, update.floor),
+        residual=ResidualOptions(kind=update.residual, loss_scale=update.loss_scale if update.loss == "soft" else None, floor=update.floor),
         lines=update.lines,
         responses=update.responses,
         nuisances=update.nuisances,

@@ -116,7 +116,9 @@ def test_every_number_is_part_of_the_identity(part: str, name: str) -> None:
     found = method()
     own = getattr(found.statistics, part)
     value = getattr(own, name)
-    other = tuple(2 * x for x in value) if isinstance(value, tuple) else 2 * value
+    # Whole numbers stay whole, shares stay below one.
+    one, *rest = (2 * x if isinstance(x, int) else x / 2 for x in (value if isinstance(value, tuple) else (value,)))
+    other = (one, *rest) if isinstance(value, tuple) else one
     changed = replace(found.statistics, **{part: replace(own, **{name: other})})
     assert changed.digest() != found.statistics.digest()
     assert changed.digest(part) != found.statistics.digest(part)

@@ -197,8 +197,11 @@ def test_mistakes_are_told(study: Study) -> None:
         study.measurement(HZ, np.ones((HZ.size, 1)))
     with pytest.raises(ConfigError, match="decision rule"):
         study.judge(None, prior_std=1.0)  # type: ignore[arg-type]
-    with pytest.raises(ConfigError, match="no such decision rule"):
+    with pytest.raises(ConfigError, match=r"DecisionRule\.confidence"):
         study.judge(None, confidence=2.0)  # type: ignore[arg-type]
+    for name, value in {"lines": "resonance", "statistics": 7, "relative": "no", "responses": ["acc1"], "tolerance": 0.0}.items():
+        with pytest.raises(ConfigError, match=rf"Method\.{name}: a value that is not allowed"):
+            study.with_method(**{name: value})
 
 
 def test_bare_matrices_against_a_direct_solve() -> None:
@@ -354,7 +357,7 @@ def test_judging_starts_from_the_rule_of_the_study(study: Study) -> None:
     assert not kept.validity.passed
     assert own.validity.passed
     assert study.judge(found, validated_misfit=1e-3).validity == kept.validity
-    with pytest.raises(ConfigError, match="a number for joint_margin"):
+    with pytest.raises(ConfigError, match=r"DecisionRule\.joint_margin"):
         study.judge(found, joint_margin="wide")
 
 

@@ -204,7 +204,7 @@ class TestPlaces:
         model = LinearModel(np.ones((6, 2, VALUES)), parameters)
         measured = model.frf(parameters.initial) * np.ones((6, 2), dtype=complex)
         measured[2, 1] = np.nan
-        return Misfit(model, measured, parameters.initial, 0.0, options=ResidualOptions(kind))
+        return Misfit(model, measured, parameters.initial, 0.0, options=ResidualOptions(kind=kind))
 
     def test_lines_and_responses(self) -> None:
         selected = np.array([4, 5, 6, 20, 21, 40])

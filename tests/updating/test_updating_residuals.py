@@ -21,7 +21,9 @@ from lrbc_cli.updating.statistics.residuals import DataResidual, ResidualOptions
 
 ROWS = np.array([0, 2, 3])
 KINDS = ("db", "log-complex")
-CASES = [ResidualOptions(kind, loss, floor) for kind, loss, floor in itertools.product(KINDS, (None, 2.0), (None, 20.0))]
+CASES = [
+    ResidualOptions(kind=kind, loss_scale=loss, floor=floor) for kind, loss, floor in itertools.product(KINDS, (None, 2.0), (None, 20.0))
+]
 
 
 def case_name(options):
@@ -207,7 +209,7 @@ class TestSoft:
             measured[line] *= 10.0**1.5
         error = {}
         for loss in (None, 1.0):
-            misfit = misfit_of(ResidualOptions(kind, loss), eta=1e-4, measured=measured)
+            misfit = misfit_of(ResidualOptions(kind=kind, loss_scale=loss), eta=1e-4, measured=measured)
             found = gauss_newton(misfit, truth, parameters.bounds, max_iterations=60).theta
             error[loss] = np.linalg.norm((np.log10(parameters.scales(found)) - np.log10(parameters.scales(truth)))[:PADS])
         assert error[1.0] < 0.5 * error[None]
@@ -250,8 +252,8 @@ class TestWeights:
         sigma = np.zeros((S.size, ROWS.size))
         sigma[5] = np.inf
         theta = wavy(parameters)
-        a = misfit_of(ResidualOptions(kind), sigma=sigma)(theta)
-        b = misfit_of(ResidualOptions(kind), sigma=sigma, measured=measured)(theta)
+        a = misfit_of(ResidualOptions(kind=kind), sigma=sigma)(theta)
+        b = misfit_of(ResidualOptions(kind=kind), sigma=sigma, measured=measured)(theta)
         assert a.total == pytest.approx(b.total, rel=1e-12)
 
 
@@ -296,8 +298,8 @@ class TestSharedErrors:
         band = rng.integers(0, 5, shape[0])
         measured[rng.integers(0, shape[0], 6), rng.integers(0, shape[1], 6)] = np.nan
         sigma, level, change = np.abs(rng.normal(size=shape)), 0.3, 2.0 * rng.normal(size=shape)
-        plain = DataResidual(measured, ResidualOptions(kind))
-        data = DataResidual(measured, ResidualOptions(kind), sigma).with_level(level).with_change(y, change, 0.4, patterns, band)
+        plain = DataResidual(measured, ResidualOptions(kind=kind))
+        data = DataResidual(measured, ResidualOptions(kind=kind), sigma).with_level(level).with_change(y, change, 0.4, patterns, band)
         J = rng.normal(size=(*shape, 2)) + 1j * rng.normal(size=(*shape, 2))
         real = kind == "db"
         r, rows, _ = plain(y, J.real if real else J)
@@ -321,7 +323,7 @@ class TestSharedErrors:
         assert data.log_det == pytest.approx(-np.linalg.slogdet(inverse)[1], rel=1e-9)
         # Derivatives under other weights need not be formed again.
         other = (
-            DataResidual(measured, ResidualOptions(kind), sigma)
+            DataResidual(measured, ResidualOptions(kind=kind), sigma)
             .with_level(level)
             .with_change(1.3 * y, 0.5 * change, 0.4, 2.0 * patterns, band)
         )

@@ -9,6 +9,7 @@ import hashlib
 from dataclasses import asdict, dataclass, fields
 from types import CodeType, FunctionType
 
+from lrbc_cli.updating.checked import Checked, Count, NotNegative, Share
 from lrbc_cli.updating.statistics.chain.echo import ECHO, EchoRule
 from lrbc_cli.updating.statistics.chain.modal import MODAL, ModalRule
 from lrbc_cli.updating.statistics.error_model import ERRORS, ErrorModel
@@ -18,7 +19,7 @@ from lrbc_cli.updating.statistics.saturation import LIMITS, Limits
 
 
 @dataclass(frozen=True, kw_only=True)
-class ValidationChannels:
+class ValidationChannels(Checked):
     """Which responses count as validation channels, and which faults of a measurement prevent its validation.
 
     Attributes
@@ -41,19 +42,19 @@ class ValidationChannels:
         Least number of lines on which both have values for that comparison. A choice.
     """
 
-    least_lines: float = 0.8
-    copied: float = 1e-6
-    copied_db: float = 0.01
-    least_common: int = 10
-    same_line: float = 1e-5
-    least_span: float = 0.98
-    exchanged_db: float = 3.0
-    exchanged_share: float = 0.5
-    exchanged_lines: int = 5
+    least_lines: Share = 0.8
+    copied: NotNegative = 1e-6
+    copied_db: NotNegative = 0.01
+    least_common: Count = 10
+    same_line: NotNegative = 1e-5
+    least_span: Share = 0.98
+    exchanged_db: NotNegative = 3.0
+    exchanged_share: Share = 0.5
+    exchanged_lines: Count = 5
 
 
 @dataclass(frozen=True, kw_only=True)
-class StatisticalModel:
+class StatisticalModel(Checked):
     """All parts of the statistical model; passed from the campaign's ``Method`` to where each is used, and stored with a result.
 
     Attributes

@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.errors import DataError
+from lrbc_cli.updating.checked import Checked, Positive
 from lrbc_cli.updating.statistics.decibels import DB, decibel, noise_weights
 from lrbc_cli.updating.statistics.error_model import ERRORS, ErrorModel
 from lrbc_cli.updating.statistics.losses import on_sphere, soft
 from lrbc_cli.updating.statistics.shared import Bands, Shared, band_means
 
 
-@dataclass(frozen=True)
-class ResidualOptions:
+@dataclass(frozen=True, kw_only=True)
+class ResidualOptions(Checked):
     """How the difference of model and measurement at a line is formed.
 
     Attributes
@@ -38,8 +39,8 @@ class ResidualOptions:
     """
 
     kind: Literal["db", "log-complex", "sphere"] = "db"
-    loss_scale: float | None = None
-    floor: float | None = None
+    loss_scale: Positive | None = None
+    floor: Positive | None = None
 
     @property
     def phase(self) -> bool:
