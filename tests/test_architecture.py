@@ -38,7 +38,7 @@ ALLOWED = {
     "guide": {"config"},
     "given": {"errors"},
     "matrices": {"errors", "given", "model", "reduction", "updating"},
-    "identified": {"updating", "results", "campaign"},
+    "identified": {"given", "updating", "results", "campaign"},
     "study": {"errors", "given", "model", "io", "config", "reduction", "updating", "results", "method", "campaign", "identified"},
     "cli": {
         "errors",

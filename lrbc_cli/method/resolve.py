@@ -125,7 +125,7 @@ class Method(Checked):
     def digest(self) -> str:
         """Digest of all fields except statistics, rule, reasons and warnings; if it changes, identifications are out of date."""
         tree = {key: value for key, value in self.tree().items() if key not in ("statistics", "reasons", "warnings")}
-        return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()[:32]
+        return hashlib.sha256(json.dumps(tree, sort_keys=True, default=int).encode()).hexdigest()[:32]
 
     @property
     def choices(self) -> list[str]:

@@ -326,13 +326,30 @@ def test_arguments_of_a_study_are_refused(study: Study) -> None:
         lambda: study.judge("tight"),  # type: ignore[arg-type]
         lambda: study.update("tight"),
         lambda: study.update(workers=0),
-        lambda: study.plan(by="bolt"),
-        lambda: study.plan(draws=-1),
-        lambda: study.plan(seed=-1),
         lambda: study.plot_frf(None, "mic"),  # type: ignore[arg-type]
     ):
         with pytest.raises(ConfigError, match="the argument"):
             call()
+    for name, value in {"by": "bolt", "draws": -1, "seed": 0.5, "noise_db": np.nan}.items():
+        with pytest.raises(ConfigError, match=rf"Request\.{name}: a value that is not allowed"):
+            study.plan(**{name: value})  # type: ignore[arg-type]
+
+
+def test_an_experiment_does_not_replace_the_results_of_the_campaign(frame: Folder) -> None:
+    """The next `lrbc update` identified all jobs anew, and the results of the campaign were gone."""
+    study = lrbc_cli.load(frame.config, cache=frame.cache)
+    before = frame.results()
+    other = study.with_method(lines="all")
+    for write in (other.update, other.calibrate, study.with_method(output="mine").with_method(lines="all").update):
+        with pytest.raises(ConfigError, match="output"):
+            write()
+    with pytest.raises(ConfigError, match="another folder"):
+        study.with_method(output=frame.out, lines="all")
+    apart = study.with_method(output=frame.path / "mine", lines="all").update(["tight"])
+    assert apart.results["tight"].method["lines"] == "all"
+    assert (frame.path / "mine" / "tight" / "result.json").is_file()
+    assert frame.results() == before
+    assert study.update(["tight"]).kept == ["tight"]
 
 
 @pytest.mark.slow
