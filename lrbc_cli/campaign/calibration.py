@@ -68,7 +68,7 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
             [[response.name, response.quantity] for response in inputs.responses],
         ),
         "settings": digest(
-            {name: getattr(inputs.method, name) for name in METHOD},
+            {name: inputs.method.identity[name] for name in METHOD},
             resolved["update"]["weights"],
             inputs.method.nuisances.hammer,
             sorted(calibration.names),

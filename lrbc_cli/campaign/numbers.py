@@ -7,6 +7,6 @@ sources takes longer than judging a campaign anew; ``tests/test_constants.py`` c
 #: For reduced models; for identifications and calibrations (which also depend on reduced models); for judgements.
 NUMBERS = {
     "reduction": "959027b085577dff",
-    "identification": "e3894374df48494d",
+    "identification": "359e32ede791fd27",
     "judgement": "6f8ddba0f259cd1a",
 }

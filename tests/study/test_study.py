@@ -21,6 +21,8 @@ import lrbc_cli
 import lrbc_cli.matrices
 import lrbc_cli.study
 from lrbc_cli import Study
+from lrbc_cli.arrays import Floats
+from lrbc_cli.campaign.jobs.standing import Outcome
 from lrbc_cli.cli.main import _told
 from lrbc_cli.config.settings import NuisanceConfig, UpdateConfig
 from lrbc_cli.errors import ConfigError, DataError, NumericalError
@@ -333,6 +335,29 @@ def test_arguments_of_a_study_are_refused(study: Study) -> None:
     for name, value in {"by": "bolt", "draws": -1, "seed": 0.5, "noise_db": np.nan}.items():
         with pytest.raises(ConfigError, match=rf"Request\.{name}: a value that is not allowed"):
             study.plan(**{name: value})  # type: ignore[arg-type]
+
+
+def student(dof: float) -> lrbc_cli.Loss:
+    class Own(lrbc_cli.Loss):
+        def rho(self, square: Floats) -> tuple[Floats, Floats]:
+            return dof * np.log1p(square / dof), 1.0 / (1.0 + square / dof)
+
+    return Own()
+
+
+def test_a_loss_of_ones_own(frame: Folder) -> None:
+    """Without a file of the package; its numbers and its code are part of the identity."""
+    study = lrbc_cli.load(frame.config, cache=frame.cache)
+
+    def found(loss: lrbc_cli.Loss) -> Outcome:
+        residual = replace(study.inputs.method.residual, loss=loss, loss_scale=None)
+        return study.with_method(output=frame.path / "mine", residual=residual).update(["tight"])
+
+    first = found(student(4.0)).results["tight"]
+    assert first.method["residual"] == {"kind": "db", "loss_scale": None, "floor": None, "loss": {"class": "student.<locals>.Own"}}
+    assert first.misfit_db != study.identify("tight").record.misfit_db
+    assert found(student(4.0)).kept == ["tight"]
+    assert found(student(5.0)).kept == []
 
 
 def test_an_experiment_does_not_replace_the_results_of_the_campaign(frame: Folder) -> None:

@@ -140,7 +140,7 @@ class FactorProblem:
         """Cost at the selected lines with eta = ``variance``; ``soft`` applies the soft loss unless the options have one."""
         model = self.frf(2j * np.pi * self.frequency_hz[self.selected])
         options = ResidualOptions() if self.options is None else self.options
-        if soft and options.loss_scale is None:
+        if soft and options.transform is None:
             options = replace(options, loss_scale=self.statistics.calibration.soft_scale_db)
         return Misfit(
             model=model,

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import asdict, dataclass, fields
-from types import CodeType, FunctionType
 
 from lrbc_cli.updating.checked import Checked, Count, NotNegative, Share
+from lrbc_cli.updating.own_code import code_of
 from lrbc_cli.updating.statistics.chain.echo import ECHO, EchoRule
 from lrbc_cli.updating.statistics.chain.modal import MODAL, ModalRule
 from lrbc_cli.updating.statistics.error_model import ERRORS, ErrorModel
@@ -90,26 +90,8 @@ class StatisticalModel(Checked):
     def digest(self, *names: str) -> str:
         """SHA-256 digest of the named parts, or of all: their numbers and classes, since a subclass may compute differently."""
         parts = {name: getattr(self, name) for name in names or [entry.name for entry in fields(self)]}
-        found = sorted((name, _code(type(part)), sorted(asdict(part).items())) for name, part in parts.items())
+        found = sorted((name, code_of(type(part)), sorted(asdict(part).items())) for name, part in parts.items())
         return hashlib.sha256(repr(found).encode()).hexdigest()
-
-
-def _code(kind: type) -> str:
-    """Name of a class and, unless it belongs to this package, the code of its methods."""
-    if kind.__module__.split(".")[0] == __name__.split(".")[0]:
-        return kind.__qualname__
-    parts = [getattr(part, "fget", None) or getattr(part, "__func__", part) for _, part in sorted(vars(kind).items())]
-    methods = [part for part in parts if isinstance(part, FunctionType)]
-    code = [(one.__name__, one.__defaults__, one.__kwdefaults__, one.__code__.co_names, *_plain((one.__code__,))) for one in methods]
-    return repr((kind.__qualname__, code, [_code(base) for base in kind.__bases__ if base is not object]))
-
-
-def _plain(constants: tuple[object, ...]) -> list[object]:
-    """Constants of a function: the code of functions inside it instead of their addresses, sets in an order that each process finds."""
-    return [
-        (one.co_code, _plain(one.co_consts)) if isinstance(one, CodeType) else sorted(map(repr, one)) if isinstance(one, frozenset) else one
-        for one in constants
-    ]
 
 
 #: The defaults, for callers that use a part of the package by itself.
