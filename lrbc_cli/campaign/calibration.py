@@ -162,8 +162,7 @@ def with_stored_calibration(inputs: Inputs, *, calibration: bool = True) -> Inpu
     factors = {name: entry.value for name, entry in stored.factors.items()}
     model, recipe = with_factors(inputs.model, inputs.recipe, factors)
     limits = "" if stored.status == "converged" else f"; {stored.status}: {stored.reason}"
-    unsealed = "" if stored.sealed else "; not sealed (of an older version, or changed by hand): `lrbc calibrate --force` writes it again"
-    text = f"used ({stored.job}, {len(factors)} factor{'s' if len(factors) > 1 else ''}{limits}{unsealed})"
+    text = f"used ({stored.job}, {len(factors)} factor{'s' if len(factors) > 1 else ''}{limits})"
     return replace(
         inputs,
         model=model,

@@ -63,19 +63,6 @@ class Content:
         return [job for job in self.jobs if isinstance(job, JobRecord)]
 
     @property
-    def unsealed(self) -> list[str]:
-        """Names of the jobs and campaign files without a digest: old ones, or files changed by hand."""
-        files = {
-            "campaign.json": self.campaign,
-            "reduction.json": self.reduction,
-            "calibration.json": self.calibration,
-            "plan.json": self.plan,
-            "structure.json": self.structure,
-        }
-        names = [job.job for job in self.jobs if not job.sealed]
-        return names + [name for name, record in files.items() if record is not None and not record.sealed]
-
-    @property
     def tool(self) -> str:
         """Name and version of the program that wrote the results."""
         return f"{self.campaign.tool.name} {self.campaign.tool.version}"

@@ -28,7 +28,6 @@ from lrbc_cli.report.parts.plan import plan_chart
 from lrbc_cli.report.parts.strip import map_chart, strip_chart
 from lrbc_cli.report.parts.structure import structure_chart, structure_page
 from lrbc_cli.report.reading import read_results
-from lrbc_cli.report.sections.top import unsealed_text
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
@@ -124,8 +123,6 @@ def _publish(
         _draw_all(tasks, workers, halt, say)
     if halt():
         return
-    if content.unsealed:
-        log.warning("%s", unsealed_text(content.unsealed))
     with replace(page) as sink:
         sink.write(render(content, live=live).encode("utf-8", errors="replace"))
     say(f"{page} written")

@@ -352,11 +352,6 @@ class JobRecord(_JobBase):
     modes: ModesRecord | None = None
 
     @property
-    def sealed(self) -> bool:
-        """Whether the file has digests of itself and of its tables."""
-        return super().sealed and bool(self.provenance.files)
-
-    @property
     def explained(self) -> bool:
         """Whether the model reproduces the measurement, so that there are verdicts."""
         return self.status != "unexplained"

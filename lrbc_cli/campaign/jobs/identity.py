@@ -150,7 +150,5 @@ JUDGED = {
 
 def changed(before: Mapping[str, str] | None, now: Mapping[str, str], words: Mapping[str, str]) -> str | None:
     """Names of the parts that differ, in words; None if none does."""
-    if before is None:
-        return "the earlier result does not say what it rests on"
-    names = [name for name in words if before.get(name) != now.get(name)]
+    names = [name for name in words if (before or {}).get(name) != now.get(name)]
     return f"changed: {', '.join(words[name] for name in names)}" if names else None

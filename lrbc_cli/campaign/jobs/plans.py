@@ -150,9 +150,6 @@ def _alone(folder: Path, job: JobPlan) -> JobPlan:
     found = replace(job, run=False, reason=unchanged(stored), record=stored)
     rested = stored.provenance.judgement
     other = changed(None if rested is None else rested.parts, job.judgement.parts, JUDGED)
-    if not stored.sealed:
-        # Its verdicts may have been edited; the evidence for them is stored in a file of its own.
-        other = "the earlier result is not sealed: it is of an older version, or was changed by hand"
     return found if other is None else _judged(found, folder.parent, other)
 
 
@@ -165,8 +162,6 @@ def unchanged(stored: JobRecord | None) -> str:
 
 def _outdated(stored: JobRecord, job: JobPlan, folder: Path) -> str | None:
     """Reason why a stored identification is out of date, by its own files and settings; None if it is not."""
-    if not stored.provenance.files:
-        return "the earlier result is of an older version, without hashes of its files"
     if stored.provenance.identity != job.identity.digest:
         return changed(stored.provenance.parts, job.identity.parts, PARTS) or "it rests on something else"
     return altered(folder, stored)

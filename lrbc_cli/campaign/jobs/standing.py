@@ -60,9 +60,7 @@ def rests_on(tight: ComparedWith) -> RestsOn:
 
 def other_reference(stored: RestsOn | None, now: RestsOn, reference: str | None) -> str | None:
     """Reason why an identification does not belong to the present reference state; None if it does."""
-    if stored is None:
-        return "it is of an earlier version, which does not say what its verdicts rest on"
-    before = stored.reference
+    before = None if stored is None else stored.reference
     if before == now.reference:
         return None
     if before is None:

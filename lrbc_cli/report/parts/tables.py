@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lrbc_cli.report.drawing import format as fmt
-from lrbc_cli.report.html import Cell, Markup, details, join, table, tag
+from lrbc_cli.report.html import Cell, Markup, details, table, tag
 from lrbc_cli.results.job import Bolt, FailedJob, Job, JobRecord, ResponseMisfit
 from lrbc_cli.results.model import CampaignRecord, ReductionRecord
 
@@ -29,15 +29,11 @@ OF_LOOSE = "posterior probability of being loose (change below the threshold)"
 #: Explanation of two columns.
 COMPUTED = "how often the FRFs of the model were computed on all lines until the best fit was found"
 DAMPING = "exponent p_damp of eq. (33): the springs are damped 10^p_damp times as much as stated in the campaign file"
-#: Text for a record without a digest, which may have been changed after it was written.
-UNSEALED = "not sealed"
-_UNSEALED = "written by an earlier version, or changed by hand: no digest shows that it is as it was written"
 
 
 def status_badge(job: Job) -> Markup:
-    """Return the status as a small coloured word, and another one if the result has no digest."""
-    status = tag("span", job.status, class_=f"badge {job.status}", title=job.reason or None)
-    return status if job.sealed else join([status, tag("span", UNSEALED, class_="badge stopped", title=_UNSEALED)], " ")
+    """Return the status as a small coloured word."""
+    return tag("span", job.status, class_=f"badge {job.status}", title=job.reason or None)
 
 
 def loose_of(job: JobRecord) -> str:

@@ -8,14 +8,12 @@ from datetime import datetime
 
 import numpy as np
 
-from lrbc_cli.io.common import listing
 from lrbc_cli.report.content import Content
 from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.html import Markup, details, tag
 from lrbc_cli.report.old import room
 from lrbc_cli.report.parts import tables
 from lrbc_cli.report.parts.calibration import serves
-from lrbc_cli.report.parts.tables import UNSEALED
 from lrbc_cli.results.job import Job, JobRecord, Verdict
 from lrbc_cli.updating.judging.clearance import loose_bolts
 
@@ -54,13 +52,12 @@ def header(content: Content, written: datetime, live: Markup | None = None) -> M
         details(f"{len(rest)} further jobs", tag("ul", *rest, class_="findings")) if rest else None,
         _files(content),
         tag("p", _guessed(campaign.reference), class_="warning") if campaign.reference_guessed else None,
-        tag("p", unsealed_text(content.unsealed), class_="warning") if content.unsealed else None,
         tag("dl", *_tiles(content), class_="tiles"),
     )
 
 
 def _sentence(content: Content, job: Job) -> Markup:
-    text = job.sentence.removeprefix(job.job) + ("" if job.sealed else f" ({UNSEALED})")
+    text = job.sentence.removeprefix(job.job)
     text += f" ({EARLIER})" if job.job in content.unusable else ""
     return tag("li", tag("a", job.job, href=f"#{content.anchors[job.job]}"), text)
 
@@ -75,15 +72,6 @@ def _files(content: Content) -> Markup | None:
         tag("p", "Files that were not judged, or that no longer exist:"),
         tag("ul", *(tag("li", line) for line in lines)),
         class_="warning",
-    )
-
-
-def unsealed_text(names: Sequence[str]) -> str:
-    """Return the message on records without a digest."""
-    return (
-        f"Not sealed: {listing(list(names), 6)}. No digest shows that their content is as it was written: they were written by an older "
-        "version or changed by hand. Run `lrbc update` to write results again; `lrbc reduce`, `lrbc plan` and `lrbc calibrate --force` "
-        "write their own files."
     )
 
 
