@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from lrbc_cli.campaign.digests import CALIBRATION_FILE as FILE
-from lrbc_cli.campaign.digests import about_measurement, digest, key_of, surroundings
-from lrbc_cli.campaign.numbers import NUMBERS
+from lrbc_cli.campaign.digests import about_measurement, code, digest, key_of, surroundings
 from lrbc_cli.campaign.reading.factors import CalibrationUse
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.campaign.reduced import cache
@@ -16,9 +15,6 @@ from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.model.factors import with_factors
 from lrbc_cli.results.model import CalibrationRecord
 from lrbc_cli.results.store import read
-
-#: Increased whenever the same input would give other factors; ``NUMBERS`` detects changes of numbers and operators.
-CALIBRATION_VERSION = 6
 
 #: Fields of the ``Method`` that a calibration uses.
 METHOD = ("responses", "lines", "residual")
@@ -34,7 +30,7 @@ PARTS = {
     "measurement": "the measurement",
     "settings": "the settings of calibration or update",
     "statistics": "the statistical model",
-    "version": "the version of the calibration",
+    "version": "the code that calibrates",
 }
 
 
@@ -76,7 +72,7 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
             calibration.job,
         ),
         "statistics": inputs.statistics.digest(*STATISTICS),
-        "version": digest(CALIBRATION_VERSION, NUMBERS["reduction"], NUMBERS["identification"]),
+        "version": digest(code("reduction"), code("identification")),
     }
 
 

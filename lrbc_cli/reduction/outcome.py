@@ -7,9 +7,6 @@ from dataclasses import dataclass, field
 from lrbc_cli.arrays import Floats
 from lrbc_cli.reduction.reduced.model import ReducedModel
 
-#: Part of the cache key; increased whenever a change of the code would give another basis for the same input.
-ALGORITHM_VERSION = 13
-
 
 @dataclass(frozen=True)
 class ReductionOptions:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import fortran_number, listing, whole
+from lrbc_cli.errors import DataError, listing
+from lrbc_cli.io.common import fortran_number, whole
 from lrbc_cli.io.sparse import MatrixFile, from_coordinates, mirrored
 from lrbc_cli.model.dofs import COMPONENTS, DofLabels
 

@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import DataError, listing
 from lrbc_cli.io.atomic import atomic_write
-from lrbc_cli.io.common import listing
 from lrbc_cli.io.encoding import fold, read_lines, unfinished
 from lrbc_cli.io.frf_common import (
     HERTZ,
