@@ -14,7 +14,7 @@ from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE,
 from lrbc_cli.campaign.identification.matching import called, describe, matched, misplaced, reciprocal, require_signals, unmatched
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.config.settings import JobConfig, files_of
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import DataError, listing
 from lrbc_cli.io.atomic import file_hash, unchanged
 from lrbc_cli.io.frf import CoherenceKey, TextLayout, read_coherence, read_frf
 from lrbc_cli.io.frf_common import HERTZ
@@ -230,7 +230,7 @@ def _strange(coherences: Collection[CoherenceKey], inputs: Inputs, job: JobConfi
     if not coherences or taken & set(coherences):
         return []
     return [
-        f"{called(job)}: no coherence of the job belongs to a response ({', '.join([str(key) for key in coherences][:4])}), so all "
+        f"{called(job)}: no coherence of the job belongs to a response ({listing(list(coherences), 4)}), so all "
         "lines have equal weight. Name its columns like the responses or their records, or give the file of this measurement"
     ]
 

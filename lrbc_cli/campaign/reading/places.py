@@ -15,8 +15,7 @@ from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.campaign.reading.doubts.materials import material_cause
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import DofSource, ProportionalDamping
-from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import listing
+from lrbc_cli.errors import DataError, listing
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.selection import coincident, nearest, pitch, spacing
 from lrbc_cli.model.units import SI, USUAL_SYSTEMS, parse_system

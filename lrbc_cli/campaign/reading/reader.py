@@ -20,7 +20,7 @@ from lrbc_cli.campaign.reading.triangles import whole
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.fields import MatrixRef, OperatorRef
 from lrbc_cli.config.structure import GroupConfig, PointConfig, SelectConfig
-from lrbc_cli.errors import DataError, LrbcError
+from lrbc_cli.errors import DataError, LrbcError, listing
 from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.io.common import head
 from lrbc_cli.io.encoding import unfinished
@@ -372,7 +372,7 @@ class ModelReader:
         alone = [name for b, name in enumerate(self.bolts.name) if b not in owner]
         if alone:
             raise self.campaign.error(
-                f"no DOF {component} lies within this radius of {', '.join(alone[:8])}{' ...' if len(alone) > 8 else ''}",
+                f"no DOF {component} lies within this radius of {listing(alone, 8)}",
                 *keys,
                 "near_bolts",
                 expected=f"a node for each of {len(self.bolts.name)} bolts",

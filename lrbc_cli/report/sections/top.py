@@ -162,7 +162,7 @@ def _loose(content: Content, judged: list[JobRecord], count: int) -> Markup:
     if removed:
         found = sum(bolt.verdict == "loose" for bolt in removed)
         notes.append(f"{found} of {len(removed)} observable bolts known to be removed were found")
-    names = tables.ranges(_union(judged), content.campaign.bolt_names) or "none"
+    names = tables.listed(_union(judged), content.campaign.bolt_names) or "none"
     return _tile("Loose in any job", names if judged else fmt.MISSING, ", ".join(notes))
 
 
@@ -170,13 +170,13 @@ def _open(content: Content, judged: list[JobRecord], count: int) -> Markup:
     """Tile with the inconclusive bolts, and the jobs without verdicts."""
     bolts = [bolt for job in judged for bolt in job.observable]
     unsure = sum(bolt.verdict == "undecided" for bolt in bolts)
-    names = tables.ranges(_union(judged, "undecided"), content.campaign.bolt_names) or "none"
+    names = tables.listed(_union(judged, "undecided"), content.campaign.bolt_names) or "none"
     without, unvalidated = count - len(judged), sum(not job.validated for job in judged)
     notes = [f"{unsure} of {len(bolts)} verdicts"] if bolts else []
     notes += [f"{without} job{'' if without == 1 else 's'} without verdict"]
     notes += [f"{unvalidated} not validated"] if unvalidated else []
     outside = {bolt.name for job in content.done for bolt in job.bolts if bolt.outside}
-    notes += [f"outside, never observable: {tables.ranges(sorted(outside), content.campaign.bolt_names)}"] if outside else []
+    notes += [f"outside, never observable: {tables.listed(sorted(outside), content.campaign.bolt_names)}"] if outside else []
     return _tile("Inconclusive", names if bolts else fmt.MISSING, ", ".join(notes))
 
 

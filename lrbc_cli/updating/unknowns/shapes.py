@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.model.terms import ParameterGroup, Parameterisation
+from lrbc_cli.updating.knots import hats
 from lrbc_cli.updating.statistics.priors import BOLT_PRIOR, VALUE_PRIOR, BoltPrior, ValuePrior
 from lrbc_cli.updating.unknowns.places import Edge, places
 
@@ -240,10 +241,10 @@ def _hats(group: ParameterGroup, at: Floats) -> Floats:
         return np.ones((group.count, 1))
     order = np.argsort(at, kind="stable")
     places, which = np.unique(at[order], return_inverse=True)
-    hats = np.column_stack([np.interp(group.arc_length, places, row) for row in np.eye(places.size)])
+    shapes = hats(group.arc_length, places)
     out = np.zeros((group.count, at.size))
     for place in range(places.size):
         sharing = order[which == place]
         # Bolts with the same foot cannot be distinguished: they share the hat in equal parts.
-        out[:, sharing] = hats[:, [place]] / sharing.size
+        out[:, sharing] = shapes[:, [place]] / sharing.size
     return out

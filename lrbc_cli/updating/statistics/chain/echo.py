@@ -8,6 +8,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.updating.checked import Checked, Count, Positive, Share
+from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.statistics.chain.damping import beside_damping, damping_pattern
 from lrbc_cli.updating.statistics.decibels import decibel
 
@@ -68,7 +69,7 @@ def second_blow(frequency_hz: Floats, own: Complexes, tight: Complexes, referenc
     """
     steps = np.diff(frequency_hz)
     held = (np.isfinite(own) & np.isfinite(tight) & (own != 0) & (tight != 0)).all(axis=0)
-    if steps.size < 2 * rule.lines * rule.periods or not held.any() or not np.allclose(steps, steps.mean(), rtol=1e-3):
+    if steps.size < 2 * rule.lines * rule.periods or not held.any() or not evenly(frequency_hz):
         return None
     levels, spacing = decibel(own[:, held]) - decibel(tight[:, held]), float(steps.mean())
 

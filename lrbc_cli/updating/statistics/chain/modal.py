@@ -12,6 +12,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.updating.checked import Checked, Count, NotNegative, Positive, Share
+from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.peaks import peaks_of
 
 
@@ -199,7 +200,7 @@ def other_chain(
         Whether there are modes of air, whose frequencies depend on its temperature.
     """
     steps = np.diff(frequency_hz)
-    if not steps.size or not np.allclose(steps, steps.mean(), rtol=1e-3):
+    if not evenly(frequency_hz):
         return None
     held = np.isfinite(own).all(axis=0) & np.isfinite(tight).all(axis=0) & (own != 0).all(axis=0) & (tight != 0).all(axis=0)
     one, other = (fitted_modes(frequency_hz, values[:, held], rule) for values in (own, tight))
