@@ -62,7 +62,10 @@ def watch(
     given += [("watch.pattern", list(patterns))] if patterns else []
     overrides = (*overrides, *(f"{key}={json.dumps(value, ensure_ascii=False)}" for key, value in given))
     program = None if hook is None else Hook(hook)
-    session = Session(WatchSettings(config, overrides, cache_folder(cache), calibration, accept_tolerance), progress())
+    session = Session(
+        WatchSettings(config=config, overrides=overrides, cache=cache_folder(cache), calibration=calibration, accept=accept_tolerance),
+        progress(),
+    )
     page = session.output / "report.html"
     if session.campaign.calibration is None or not calibration:
         # Otherwise the calibration is computed or checked while watching.

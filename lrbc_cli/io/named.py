@@ -148,7 +148,12 @@ def frf_set(named: Named, path: Path, layout: TextLayout) -> FrfSet:
             else reader.cut()
             or "set 'format: {frequency: ...}' of the job to the variable of the frequencies, or export CSV or a universal file",
         )
-    return FrfSet(str(path), tuple(reader.records), (*reader.notes.lines(), *reader.left_out()), tuple(dict.fromkeys(reader.warnings)))
+    return FrfSet(
+        source=str(path),
+        records=tuple(reader.records),
+        notes=(*reader.notes.lines(), *reader.left_out()),
+        warnings=tuple(dict.fromkeys(reader.warnings)),
+    )
 
 
 def coherences(named: Named, path: Path, layout: TextLayout) -> dict[str, tuple[Floats, Floats]]:

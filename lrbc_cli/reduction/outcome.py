@@ -8,7 +8,7 @@ from lrbc_cli.arrays import Floats
 from lrbc_cli.reduction.reduced.model import ReducedModel
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ReductionOptions:
     """Settings that determine the reduced model.
 

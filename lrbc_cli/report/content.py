@@ -14,7 +14,7 @@ from lrbc_cli.results.structure import StructureRecord
 from lrbc_cli.results.tables import Frf
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FrfFigure:
     """An FRF chart with its job and response; ``used`` is false for a validation channel."""
 

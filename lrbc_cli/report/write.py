@@ -184,7 +184,7 @@ def _contents(output: Path, jobs: Sequence[str] | None, expected: Sequence[str],
         for name in frf.responses:
             response, misfit = campaign.response(name), job.misfit_db.responses.get(name)
             chart = frf_chart(job, response, frf, tight if job.job != campaign.reference else None)
-            frfs.append(FrfFigure(job.job, name, response.used if misfit is None else misfit.used, chart))
+            frfs.append(FrfFigure(job=job.job, response=name, used=response.used if misfit is None else misfit.used, chart=chart))
             tasks.append((chart, folder / frf_file(name)))
     return content, tasks
 

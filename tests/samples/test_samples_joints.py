@@ -151,11 +151,11 @@ def test_states_are_drawn_with_their_spread() -> None:
 
 def test_a_loose_joint_is_heard() -> None:
     rig = Rig(FRAME, FRAME.as_designed())
-    tight = State(dict.fromkeys(FRAME.bolts, 0.0), {}, {})
+    tight = State(kinds=dict.fromkeys(FRAME.bolts, 0.0), z={}, evidence={})
     lines = FRAME.frequencies
     before = rig.frfs(tight, Drift(), lines)
     for name in FRAME.bolts:
-        after = rig.frfs(State(tight.log10 | {name: -1.0}, {name: 1.0}, {}), Drift(), lines)
+        after = rig.frfs(State(kinds=tight.log10 | {name: -1.0}, z={name: 1.0}, evidence={}), Drift(), lines)
         assert np.abs(20 * np.log10(np.abs(after / before))).mean() > 3.0
 
 
@@ -164,7 +164,7 @@ def test_campaign_is_ready(tmp_path: Path) -> None:
     ensure_model(design, model)
     with pytest.raises(ValueError, match="not that of cover"):
         ensure_model(JOINT_DESIGNS["cover"], model)
-    scatter = Scatter(2.0)
+    scatter = Scatter(kelvin=2.0)
     for folder in (tmp_path / "seed-4", tmp_path / "again"):
         measure_campaign(design, 4, folder, retorque=0.3, scatter=scatter)
     for file in ("truth.json", "frf/tight.uff", "frf/state-2.uff"):

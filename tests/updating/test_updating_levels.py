@@ -343,7 +343,7 @@ class TestStarts:
         other[:PADS] += np.where(np.arange(PADS) % 4 < 2, 0.5, -0.5)
 
         def start(cost, theta, kept=False):
-            return Start("there", cost, 10.0**cost, kept, theta)
+            return Start(description="there", cost=cost, total=10.0**cost, kept=kept, theta=theta)
 
         best, second, apart = near_tie(parameters, (start(2.04, other), start(2.0, truth, True), start(2.5, truth)))
         assert (best.cost, second.cost) == (2.0, 2.04)
@@ -362,7 +362,7 @@ class TestStarts:
         moved[3][PADS] += 2.0
 
         def start(cost, theta):
-            return Start("there", cost, 10.0**cost, False, theta)
+            return Start(description="there", cost=cost, total=10.0**cost, kept=False, theta=theta)
 
         ends = [start(2.03, moved[1]), start(2.0, truth), start(2.001, truth + 0.01), start(2.02, moved[0]), start(2.06, moved[2])]
         ends += [start(2.01, moved[3])]
@@ -378,4 +378,13 @@ class TestStarts:
         _, parameters, truth = problem()
         other = truth.copy()
         other[PADS] += 2.0
-        assert near_tie(parameters, (Start("a", 2.0, 100.0, True, truth), Start("b", 2.0, 100.0, False, other))) is None
+        assert (
+            near_tie(
+                parameters,
+                (
+                    Start(description="a", cost=2.0, total=100.0, kept=True, theta=truth),
+                    Start(description="b", cost=2.0, total=100.0, kept=False, theta=other),
+                ),
+            )
+            is None
+        )

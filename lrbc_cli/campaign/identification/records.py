@@ -281,7 +281,7 @@ def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
     notes = [note if len(of) == len(files) else f"{', '.join(of)}: {note}" for note, of in told.items()]
     if named:
         notes.append(f"no name in the file, named after the file: {', '.join(named)}")
-    return FrfSet(str(job.first), tuple(records), tuple(notes), tuple(warnings), tuple(titles)), hashes
+    return FrfSet(source=str(job.first), records=tuple(records), notes=tuple(notes), warnings=tuple(warnings), titles=tuple(titles)), hashes
 
 
 def _coherences(job: JobConfig, hashes: dict[str, str]) -> dict[CoherenceKey, tuple[Floats, Floats]]:

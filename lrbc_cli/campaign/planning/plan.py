@@ -88,7 +88,7 @@ class PlanState:
         return known[self.kind] if self.job is None else f"the result of job {self.job}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class About:
     """State about which is planned: theta, noise of a line and its source, and the reason if nothing would be judged."""
 
@@ -350,17 +350,23 @@ def _about(inputs: Inputs, parameters: Parameterisation, request: Request) -> Ab
     if record is not None and reference is not None and source != reference:
         # The noise of a relative comparison is far less than the model discrepancy, so it is taken from the reference job.
         record, source = read_job(campaign.output, reference), reference
-    noise, origin = Noise(SIGMA_DB, FACTOR), "assumed"
+    noise, origin = Noise(sigma=SIGMA_DB, factor=FACTOR), "assumed"
     if isinstance(record, JobRecord) and record.noise.sigma_db and record.noise.correlation_factor:
         # A fit absorbs part of the model discrepancy; the validation channels show all of it.
         sigma = record.noise.sigma_db * record.noise.validation_ratio
-        noise, origin = Noise(sigma, record.noise.correlation_factor), f"job {source}"
+        noise, origin = Noise(sigma=sigma, factor=record.noise.correlation_factor), f"job {source}"
     if request.noise_db is not None and not (np.isfinite(request.noise_db) and request.noise_db > 0):
         raise ConfigError("no noise", place="--noise", expected="a standard deviation above 0, in dB", found=f"{request.noise_db:g}")
     if request.noise_db is not None:
-        noise, origin = Noise(request.noise_db, noise.factor), "--noise"
+        noise, origin = Noise(sigma=request.noise_db, factor=noise.factor), "--noise"
     unexplained = isinstance(record, JobRecord) and record.status == "unexplained"
-    return About(state, theta, noise, origin, f"the reference job {source} is unexplained: nothing is judged" if unexplained else "")
+    return About(
+        state=state,
+        theta=theta,
+        noise=noise,
+        origin=origin,
+        doubt=f"the reference job {source} is unexplained: nothing is judged" if unexplained else "",
+    )
 
 
 def _shapes(inputs: Inputs, parameters: Parameterisation, by: str) -> tuple[Shapes, str]:

@@ -150,7 +150,7 @@ def counted(names: Sequence[tuple[str, str]], some: Sequence[int]) -> str:
     return " and ".join(told)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class NearPoint:
     """A point given by coordinates [m], its component, and a warning if it is not at a node.
 

@@ -428,8 +428,8 @@ class ModelReader:
             f"{'.'.join(keys)}: the nearest node {table.node[dof]} is {1e3 * distance:.1f} mm away (mesh size {1e3 * size:.0f} mm); "
             "such an offset can add 1 to 2 dB of misfit. Give an interpolated row ({matrix:} or {vector:})"
         )
-        away = distance / size if size else 0.0
-        self.near[keys] = NearPoint(np.array(place), point.component, beside if distance > AT_NODE * size else "", away)
+        away, warning = distance / size if size else 0.0, beside if distance > AT_NODE * size else ""
+        self.near[keys] = NearPoint(place=np.array(place), component=point.component, warning=warning, away=away)
         return dof, text
 
     def point(self, dof: int) -> Point:

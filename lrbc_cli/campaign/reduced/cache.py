@@ -68,7 +68,7 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
     }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CacheDecision:
     """Whether the cache contains a reduced model, and why.
 
@@ -100,9 +100,13 @@ def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
         except DataError:
             fault = "the file in the cache is damaged"
         if fault:
-            return CacheDecision(key, path, False, fault)
+            return CacheDecision(key=key, path=path, hit=False, reason=fault)
         return CacheDecision(
-            key, path, True, "matrices, terms, excitation, responses, band and tolerance are those of a model in the cache", _missed(path)
+            key=key,
+            path=path,
+            hit=True,
+            reason="matrices, terms, excitation, responses, band and tolerance are those of a model in the cache",
+            missed=_missed(path),
         )
     nearest: list[str] | None = None
     for other in folder.glob("*/key.json"):
@@ -122,7 +126,7 @@ def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
         reason = "no model of these matrices is in the cache"
     else:
         reason = "changed since the nearest model in the cache: " + ", ".join(PARTS[name] for name in nearest)
-    return CacheDecision(key, path, False, reason)
+    return CacheDecision(key=key, path=path, hit=False, reason=reason)
 
 
 def _is_model(tree: dict[str, Any], key: str) -> bool:

@@ -107,7 +107,7 @@ def _read(path: Path, layout: TextLayout) -> FrfSet:
             )
     if not records:
         raise DataError("the file contains no FRF", file=path, place="frf", expected="at least one output and input", found=values.shape)
-    return FrfSet(str(path), tuple(records))
+    return FrfSet(source=str(path), records=tuple(records))
 
 
 def named_hdf5(path: Path) -> Named:

@@ -302,7 +302,7 @@ def starts_table(jobs: Sequence[JobRecord]) -> Markup | None:
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Account:
     """Time spent on some jobs including the reduction, and the time that the full model would have taken; None if unknown."""
 
@@ -326,7 +326,7 @@ def account(jobs: Sequence[Job], reduction: ReductionRecord | None) -> Account |
     seconds = reduction.seconds if reduction else {}
     line = seconds.get("full_line")
     spent = seconds.get("total", 0.0) + sum(job.seconds["total"] for job in done)
-    return Account(len(done), evaluations, spent, None if line is None else line * evaluations)
+    return Account(jobs=len(done), line_evaluations=evaluations, spent=spent, full=None if line is None else line * evaluations)
 
 
 def cost_table(jobs: Sequence[Job], reduction: ReductionRecord | None, *, paper: bool) -> Markup | None:

@@ -120,7 +120,7 @@ def few_resonances(frequency_hz: Floats, measured: Complexes, rule: Resonances =
     return count if count < least else None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Sharp:
     """Peaks of FRFs, the sharp ones among them (which fall far to both neighbouring lines), and whether responses share these.
 
@@ -212,7 +212,7 @@ def unresolved(frequency_hz: Floats, measured: Complexes, rule: Resolution = RES
         return float((one.sum(axis=1) * other.sum(axis=1) - (one * other).sum(axis=1)).sum())
 
     chance = float(np.mean([pairs(d) for d in rule.aside if d < len(sharp)] or [0.0]))
-    return Sharp(frequency_hz[np.nonzero(peaks)[0]], frequency_hz[np.nonzero(sharp)[0]], pairs(0), chance)
+    return Sharp(peaks=frequency_hz[np.nonzero(peaks)[0]], sharp=frequency_hz[np.nonzero(sharp)[0]], together=pairs(0), chance=chance)
 
 
 @dataclass(frozen=True, kw_only=True)
