@@ -337,6 +337,18 @@ def test_arguments_of_a_study_are_refused(study: Study) -> None:
             study.plan(**{name: value})  # type: ignore[arg-type]
 
 
+def test_every_doubt_about_a_measurement_is_told(study: Study) -> None:
+    """A file that is cut, written with another sensitivity of the hammer: the second was lost."""
+    tight, whole = study.identify("tight"), study.read("loose-2")
+    part = whole.frequency_hz < 0.8 * whole.frequency_hz[-1]
+    found = study.identify("cut", study.measurement(whole.frequency_hz[part], 1.3 * whole.values[part]), reference=tight)
+    assert [doubt.kind for doubt in found.evidence.doubts] == ["incomplete", "gain"]
+    validity = found.record.validity
+    assert validity is not None
+    assert validity.passed is None
+    assert validity.unvalidated == "; ".join(doubt.text for doubt in found.evidence.doubts)
+
+
 def student(dof: float) -> lrbc_cli.Loss:
     class Own(lrbc_cli.Loss):
         def rho(self, square: Floats) -> tuple[Floats, Floats]:

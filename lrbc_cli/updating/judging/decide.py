@@ -10,7 +10,7 @@ from typing import Final, Literal
 import numpy as np
 
 from lrbc_cli.updating import robust
-from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, Interval, PartialChange
+from lrbc_cli.updating.judging.evidence import USED, BoltEvidence, Change, Evidence, Interval, PartialChange
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, OUTSIDE, TIGHT, UNDECIDED, DecisionRule, TightScatter
 from lrbc_cli.updating.normal import normal_cdf
@@ -155,8 +155,8 @@ def validity(evidence: Evidence, rule: DecisionRule, reference: ReferenceState |
         f"the reference job has a misfit of {before:.2f} dB, so a change from it (the difference of two such states) may be wrong by "
         f"{both:.2f} dB, above {usual:g} dB: improve model or calibration"
     )
-    unvalidated = evidence.doubted or (evidence.unvalidated if evidence.compared != VALIDATION else "") or beyond
-    unvalidated = unvalidated or (coarse if both > usual else "")
+    own = beyond or (coarse if both > usual else "")
+    unvalidated = "; ".join([*evidence.reasons(), *([own] if own else [])])
     if not within or not unvalidated:
         return Validity(passed=within, compared=compared, misfit_db=misfit, limit_db=limit, reason=reason)
     reason = f"not validated: {unvalidated}; {reason}"
@@ -203,14 +203,19 @@ def judge(
     if role == REFERENCE and valid.explained:
         found = tuple(v if v.name not in fallen else replace(v, suspect=True, note=f"{v.note}, but {FALLEN}") for v in found)
     rises = tuple(v.name for v in found if _risen(v, rule))
-    if role == JOB and valid.explained and (rises or fallen or evidence.excused) and not any(v.verdict == LOOSE for v in found):
+    if (
+        role == JOB
+        and valid.explained
+        and (rises or fallen or evidence.reasons(explained=True))
+        and not any(v.verdict == LOOSE for v in found)
+    ):
         if rises or fallen:
             # Signs of a reference state with loose bolts: bolts tightened since appear tighter, bolts loose in both jobs appear unchanged.
             which = f"{', '.join(rises)} tighter than in" if rises else f"{', '.join(fallen)} {FALLEN} in"
             why = f"{which} the reference job: check whether all bolts were tight there"
         else:
             # Without a loose bolt no change is certain enough to explain the apparent fault of the measurement.
-            why = f"{evidence.excused}; the change identified would explain it, but no bolt is judged loose"
+            why = f"{'; '.join(evidence.reasons(explained=True))}; the change identified would explain it, but no bolt is judged loose"
         reasons = "; ".join([why, *([valid.unvalidated] if valid.unvalidated else [])])
         valid = replace(valid, passed=None, unvalidated=reasons, reason=f"not validated: {why}; {valid.reason}")
     several = _alternatives(evidence, found) if valid.explained and role == JOB else ()
