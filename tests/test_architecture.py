@@ -212,7 +212,7 @@ def test_records_of_many_fields_are_built_by_keyword():
         for node in (node for node in ast.walk(tree_of(path)) if isinstance(node, ast.ClassDef)):
             decorators = [text for text in map(ast.unparse, node.decorator_list) if text.split("(")[0].endswith("dataclass")]
             fields = [part for part in node.body if isinstance(part, ast.AnnAssign) and "ClassVar" not in ast.unparse(part.annotation)]
-            types = [ast.unparse(part.annotation) for part in fields]
+            types = [ast.unparse(part.annotation) for part in fields if part.value is None or "init=False" not in ast.unparse(part.value)]
             alike = node.name not in BY_POSITION and any(one == other for one, other in pairwise(types))
             if decorators and len(fields) > (MOST_ALIKE if alike else MOST_FIELDS) and "kw_only=True" not in decorators[0]:
                 found.append(f"{name_of(path)}.{node.name}")

@@ -50,7 +50,7 @@ from lrbc_cli.reduction.predict import predict
 def status(name):
     return 1024 * next(int(l.split()[1]) for l in Path("/proc/self/status").read_text().splitlines() if l.startswith(name))
 
-model, options = cube(), ReductionOptions(BAND)
+model, options = cube(), ReductionOptions(band_hz=BAND)
 before = status("VmRSS:")
 if {predicting!r}:
     cost = predict(model, options, backend={backend!r})
