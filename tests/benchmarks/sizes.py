@@ -45,7 +45,7 @@ SIZES = (10_000, 20_000, 50_000, 100_000, 250_000)
 LARGEST_SUPERLU = 100_000
 TERMS = (1, 10, 31, 60, 120, 500)
 #: Terms and edges of the models of all sizes.
-SIZE_TERMS = Terms(group=("left", "right"), left=60)
+SIZE_TERMS = Terms(("left", "right"), 60)
 LINES = (50, 100, 200, 400, 800, 1600)
 JOBS = (1, 2, 4, 7, 14, 28)
 
@@ -129,8 +129,8 @@ class Bench:
 
     def by_terms(self, counts: Sequence[int]) -> dict[str, Any]:
         """Reduction and cost by terms, on one model whose four edges are held at their nodes."""
-        support = Terms(group=EDGES, left=max(max(TERMS), *counts))
-        configs = self.campaigns(20_000, [Terms(group=EDGES, left=count) for count in counts], support)
+        support = Terms(EDGES, max(max(TERMS), *counts))
+        configs = self.campaigns(20_000, [Terms(EDGES, count) for count in counts], support)
         line = self.work("one_factorisation", config=str(configs[0]), backend=self.backend, lines=5)
         rows = []
         for count, config in zip(counts, configs, strict=True):
@@ -144,7 +144,7 @@ class Bench:
 
     def by_lines(self, counts: Sequence[int]) -> dict[str, Any]:
         """Port FRFs and one cost with gradient by lines, 31 terms on a model of the SoundBox's size."""
-        support = Terms(group=("left",), left=31)
+        support = Terms(("left",), 31)
         config = str(self.campaigns(20_000, [support], support)[0])
         folder = str(self.folder / "library")
         self.tell("lines")

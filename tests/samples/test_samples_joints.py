@@ -151,11 +151,11 @@ def test_states_are_drawn_with_their_spread() -> None:
 
 def test_a_loose_joint_is_heard() -> None:
     rig = Rig(FRAME, FRAME.as_designed())
-    tight = State(kinds=dict.fromkeys(FRAME.bolts, 0.0), z={}, evidence={})
+    tight = State(dict.fromkeys(FRAME.bolts, 0.0), {}, {})
     lines = FRAME.frequencies
     before = rig.frfs(tight, Drift(), lines)
     for name in FRAME.bolts:
-        after = rig.frfs(State(kinds=tight.log10 | {name: -1.0}, z={name: 1.0}, evidence={}), Drift(), lines)
+        after = rig.frfs(State(tight.log10 | {name: -1.0}, {name: 1.0}, {}), Drift(), lines)
         assert np.abs(20 * np.log10(np.abs(after / before))).mean() > 3.0
 
 

@@ -68,7 +68,7 @@ def small(terms: Terms) -> Design:
 
 
 def test_model_is_coupled_and_has_its_size() -> None:
-    design = small(Terms(group=("left", "right"), left=40))
+    design = small(Terms(("left", "right"), 40))
     model = build(design)
     n, acoustic = model.structure_size, model.component == "PRES"
     assert model.mass.shape[0] == size(design) == model.node.size
@@ -112,7 +112,7 @@ def test_load_between_nodes() -> None:
 
 
 def test_terms_are_spread_over_the_edges() -> None:
-    terms = Terms(group=("left", "right"), left=20)
+    terms = Terms(("left", "right"), 20)
     design = small(terms)
     model = build(design)
     found = terms.select(design, model)
@@ -122,22 +122,22 @@ def test_terms_are_spread_over_the_edges() -> None:
         assert set(model.component[found[edge]]) == {"ROTY"}
         assert np.all(np.diff(model.xyz[found[edge], 1]) > 0)
     with pytest.raises(ValueError, match="rotations, not 100000"):
-        Terms(group=("left",), left=100_000).select(design, model)
+        Terms(("left",), 100_000).select(design, model)
 
 
 def test_more_terms_than_an_edge_has_across() -> None:
-    terms = Terms(group=EDGES, left=500)
+    terms = Terms(EDGES, 500)
     design = small(terms)
     assert design.held_at_nodes
     model = build(design)
     dofs = np.concatenate(list(terms.select(design, model).values()))
     assert np.unique(dofs).size == 500
     assert set(model.component[dofs]) == {"ROTX", "ROTY"}
-    assert size(design) > size(small(Terms(group=EDGES, left=10)))
+    assert size(design) > size(small(Terms(EDGES, 10)))
 
 
 def test_campaign_is_read(tmp_path: Path) -> None:
-    terms = Terms(group=("left", "bottom"), left=12)
+    terms = Terms(("left", "bottom"), 12)
     design = small(terms)
     model = write_model(design, tmp_path)
     frf = ROOT / "data_samples" / "soundbox" / "frf"

@@ -64,7 +64,7 @@ def draw_state(design: JointDesign, specimen: Specimen, count: int, retorque: fl
     spread = {
         f"{s.joint}.{s.component}": round(0.05 * loss[s.joint] * float(rng.standard_normal()), 4) for s in design.springs if s.joint in loss
     }
-    return State(kinds=log10, z=loss, evidence=spread)
+    return State(log10, loss, spread)
 
 
 class Rig:

@@ -41,7 +41,7 @@ def main() -> None:
     arguments = parser.parse_args()
     logging.getLogger("skfem").setLevel(logging.ERROR)
     start = time.perf_counter()
-    terms = Terms(group=arguments.edges, left=arguments.terms)
+    terms = Terms(arguments.edges, arguments.terms)
     try:
         design = terms.support(refined(SOUNDBOX, arguments.dofs))
         model = write_model(design, arguments.out)
