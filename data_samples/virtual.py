@@ -46,7 +46,7 @@ def write_joints(parser: argparse.ArgumentParser, arguments: argparse.Namespace)
     design, out = JOINT_DESIGNS[arguments.design], arguments.out
     model: Path = arguments.model or out / "model"
     # Nothing but the structure warms up, little enough to be left on.
-    scatter = Scatter(2.0 if arguments.kelvin is None else arguments.kelvin, arguments.hammer, arguments.gain)
+    scatter = Scatter(kelvin=2.0 if arguments.kelvin is None else arguments.kelvin, hammer=arguments.hammer, gain=arguments.gain)
     try:
         ensure_joint_model(design, model)
     except ValueError as error:
@@ -93,7 +93,7 @@ def main() -> None:
         parser.error("--out is needed")
     out: Path = arguments.out
     model: Path = arguments.model or out / "model"
-    scatter = Scatter(arguments.kelvin or 0.0, arguments.hammer, arguments.gain)
+    scatter = Scatter(kelvin=arguments.kelvin or 0.0, hammer=arguments.hammer, gain=arguments.gain)
     try:
         jobs = parse_jobs(design, arguments.jobs)
         # Refuses a baseline that is none before anything is computed.

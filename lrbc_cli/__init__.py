@@ -24,6 +24,8 @@ _PUBLIC = {
     "Reduction": "lrbc_cli.reduction.build",
     "ReductionOptions": "lrbc_cli.reduction.build",
     "reduce_model": "lrbc_cli.reduction.build",
+    "BoltPrior": "lrbc_cli.updating.statistics.priors",
+    "Loss": "lrbc_cli.updating.statistics.losses",
     "Measurement": "lrbc_cli.campaign.identification.records",
     "read_frf": "lrbc_cli.io.frf",
     "write_frf": "lrbc_cli.io.frf",
@@ -31,8 +33,10 @@ _PUBLIC = {
 }
 
 __all__ = [
+    "BoltPrior",
     "FeModel",
     "Identified",
+    "Loss",
     "LowRankTerms",
     "LrbcError",
     "Measurement",
@@ -58,6 +62,8 @@ if TYPE_CHECKING:
     from lrbc_cli.model.terms import LowRankTerms
     from lrbc_cli.reduction.build import Reduction, ReductionOptions, reduce_model
     from lrbc_cli.study import Study, load
+    from lrbc_cli.updating.statistics.losses import Loss
+    from lrbc_cli.updating.statistics.priors import BoltPrior
 
 
 def __getattr__(name: str) -> Any:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 #: Most characters of one part of a message, and of its advice; what was found may be a whole file.
@@ -22,6 +23,12 @@ def _shortened(value: object, most: int = LONGEST) -> str:
     # Without blanks, as in a list of numbers or a path, it is cut anywhere.
     word = start if text[most - 4].isspace() else start.rpartition(" ")[0]
     return (word.rstrip() if len(word) > most // 2 else start) + " ..."
+
+
+def listing(names: Sequence[object], limit: int = 20, join: str = ", ") -> str:
+    """Names for a message, cut after `limit` of them."""
+    shown = join.join(map(str, names[:limit]))
+    return f"{shown}{join}... ({len(names)} in all)" if len(names) > limit else shown or "nothing"
 
 
 def on_one_line(error: Exception | str) -> str:

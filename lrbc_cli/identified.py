@@ -1,4 +1,4 @@
-"""What ``Study.identify`` returns: one identified and judged job, with figures for scripts and notebooks.
+"""What ``Study.identify`` takes and returns: one identified and judged job, with figures for scripts and notebooks.
 
 The page of `lrbc report` draws its own figures.
 """
@@ -10,12 +10,17 @@ from typing import Any
 
 import numpy as np
 
+from lrbc_cli import given
 from lrbc_cli.campaign.identification.found import Identification
+from lrbc_cli.campaign.identification.handed import with_job
+from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.updating.judging.evidence import Evidence
+from lrbc_cli.updating.judging.reference import ReferenceState
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Identified:
     """One identified and judged job.
 
@@ -88,3 +93,21 @@ def profile_figure(record: JobRecord) -> Any:
         axes.set(xlabel="along the edge [m]" if entry.bolts is None else "", ylabel=f"log10 of {name} [{entry.unit}]", title=record.job)
         axes.legend()
     return figure
+
+
+def task(
+    inputs: Inputs, job: str, measurement: Measurement | None, reference: Identified | None
+) -> tuple[Inputs, ReferenceState | None, dict[str, Measurement]]:
+    """Arguments of an identification: inputs that contain the job, the reference state, and measurements already in memory."""
+    given.made_by("job", job, str, "the name of a job (a measurement is the next argument)")
+    if measurement is not None:
+        given.made_by("measurement", measurement, Measurement, "the value returned by measurement or read")
+    if reference is not None:
+        given.made_by("reference", reference, Identified, "the value returned by identify for the reference job")
+    known = {} if measurement is None else {job: measurement}
+    if reference is not None:
+        known[reference.name] = reference.identification.measurement
+    if measurement is None:
+        inputs.campaign.require_job(job)
+    own = inputs if job in inputs.campaign.jobs else with_job(inputs, job)
+    return own, None if reference is None else reference.record.state, known

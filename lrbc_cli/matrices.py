@@ -196,7 +196,7 @@ def reduce(
         is_acoustic=mask,
         terms=low_rank,
     )
-    options = ReductionOptions(given.band(band_hz), given.between("tolerance", tolerance, 0.0, 1.0))
+    options = ReductionOptions(band_hz=given.band(band_hz), tolerance=given.between("tolerance", tolerance, 0.0, 1.0))
     found = reduce_model(model, of, options)
     if not found.reached and not accept:
         raise NumericalError(

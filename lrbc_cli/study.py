@@ -6,9 +6,9 @@ Only ``calibrate`` and ``update`` write result files.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +18,7 @@ from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.calibration import with_stored_calibration
 from lrbc_cli.campaign.documents import cache_folder
 from lrbc_cli.campaign.identification.found import Fit
-from lrbc_cli.campaign.identification.handed import measurement_of, with_job
+from lrbc_cli.campaign.identification.handed import measurement_of, with_choices
 from lrbc_cli.campaign.identification.identify import fit, identify
 from lrbc_cli.campaign.identification.nuisances import not_in_model
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
@@ -31,7 +31,7 @@ from lrbc_cli.campaign.planning.plan import Request, make_plan
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
 from lrbc_cli.config import load_campaign
-from lrbc_cli.identified import Identified, frf_figure, profile_figure
+from lrbc_cli.identified import Identified, frf_figure, profile_figure, task
 from lrbc_cli.method.resolve import Method
 from lrbc_cli.method.rule import changed_rule
 from lrbc_cli.model.fem import FeModel
@@ -41,7 +41,6 @@ from lrbc_cli.reduction.steps.grid import require_in_band
 from lrbc_cli.results.model import CalibrationRecord
 from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.updating.judging.decide import Judgement, judge
-from lrbc_cli.updating.judging.reference import ReferenceState
 
 Progress = Callable[[str], None]
 
@@ -69,6 +68,7 @@ class Study:
         self._stage: ReductionStage | None = None
         self._source: FrfSource | None = None
         self._start: Parameterisation | None = None
+        self._writes = True
 
     def __repr__(self) -> str:
         return f"Study({self.inputs.campaign.name!r}, {self.model.size} DOFs, {self.model.terms.size} terms, jobs {self.jobs})"
@@ -230,7 +230,7 @@ class Study:
         ConfigError, DataError, NumericalError
             If the job is unknown, its measurement is unusable, or the optimisation fails.
         """
-        inputs, before, known = self._task(job, measurement, reference)
+        inputs, before, known = task(self.inputs, job, measurement, reference)
         found = identify(inputs, self.source, job, before, known)
         evidence = evidence_of(inputs, found).beside(copied_baseline(inputs, job, found.measurement))
         others = {other.name: other.record for other in baselines}
@@ -239,7 +239,7 @@ class Study:
 
     def fit(self, job: str, measurement: Measurement | None = None, *, reference: Identified | None = None) -> Fit:
         """The cost that ``identify`` minimises, with its final weights, and its minimum: for studies of the search."""
-        inputs, before, known = self._task(job, measurement, reference)
+        inputs, before, known = task(self.inputs, job, measurement, reference)
         return fit(inputs, self.source, job, before, known)
 
     def calibrate(self, *, force: bool = False, accept: bool = False) -> tuple[CalibrationRecord, bool]:
@@ -260,24 +260,37 @@ class Study:
         """
         from lrbc_cli.campaign.calibrate import run_calibration
 
+        self._require_output()
         found = run_calibration(self._exported, self._folder, force=force, accept=accept, progress=self._progress)
         self.use_calibration()
         return found
 
-    def with_method(self, **choices: Any) -> Study:
+    def with_method(self, *, output: str | Path | None = None, **choices: Any) -> Study:
         """The study with other fields of its ``Method`` (statistics, lines, responses, ...), for experiments.
+
+        Parameters
+        ----------
+        output : path or None
+            Folder for what `update` and `calibrate` of this study write; None: they are refused, since they would replace the results of
+            the campaign.
+        **choices
+            New values of fields of ``Method``.
 
         Raises
         ------
         ConfigError
-            If the method has no such field, or the model as it was read does not represent a nuisance parameter.
+            If the method has no such field, the value is not valid, the model as it was read does not represent a nuisance parameter, or
+            the folder is that of the campaign.
         """
         for name in choices:
             given.known("with_method", name, (entry.name for entry in fields(Method)))
-        new = [replace(inputs, by_hand={**inputs.by_hand, **choices}) for inputs in (self.inputs, self._exported)]
-        if lacking := not_in_model(new[0]):
+        folder = None if output is None else Path(output)
+        inputs, exported = (with_choices(each, choices, folder) for each in (self.inputs, self._exported))
+        if lacking := not_in_model(inputs):
             raise given.refuse("nuisances", "what the campaign file sets, or gain", ", ".join(lacking))
-        return Study(new[0], self._folder, self._progress, new[1])
+        other = Study(inputs, self._folder, self._progress, exported)
+        other._writes = folder is not None
+        return other
 
     def use_calibration(self, wanted: bool = True) -> None:
         """Apply the factors of the stored calibration to the model if it still fits, or (``wanted=False``) return to the exported model."""
@@ -307,6 +320,7 @@ class Study:
             raise given.refuse("jobs", "a sequence of names", repr(jobs))
         if "workers" in options:
             given.count("workers", options["workers"], 1)
+        self._require_output()
         return run_jobs(self.inputs, self._folder, wanted=jobs, force=force, progress=self._progress, **options)[0]
 
     def judge(self, found: Identified, *, baselines: Sequence[Identified] = (), **rule: Any) -> Judgement:
@@ -326,17 +340,17 @@ class Study:
         ConfigError
             If a key is not part of the rule, or its value is not valid.
         """
-        update = self.inputs.campaign.update
-        changed, scatter = changed_rule(self.inputs.method.rule, update, rule), scatter_of_records(other.record for other in baselines)
+        changed, scatter = changed_rule(self.inputs.method.rule, rule), scatter_of_records(other.record for other in baselines)
         given.made_by("found", found, Identified, "what identify returned")
-        return judge(found.evidence, changed, role_of(update, found.name), scatter, found.identification.reference)
+        role = role_of(self.inputs.campaign.update, found.name)
+        return judge(found.evidence, changed, role, scatter, found.identification.reference)
 
     def plan(
         self,
         state: str | None = None,
         *,
         noise_db: float | None = None,
-        by: str = "auto",
+        by: Literal["auto", "bolts", "values"] = "auto",
         draws: int | None = None,
         seed: int = 0,
         accept: bool = False,
@@ -356,13 +370,8 @@ class Study:
         accept : bool
             Accept a reduced model that does not reach its tolerance.
         """
-        given.known("by", by, ("auto", "bolts", "values"))
-        given.count("seed", seed)
-        if draws is not None:
-            given.count("draws", draws)
-        if noise_db is not None:
-            given.between("noise_db", noise_db, 0.0, np.inf)
-        return make_plan(self.inputs, self._folder, Request(state, noise_db, by, draws, seed), accept=accept, progress=self._progress)
+        request = Request(state=state, noise_db=noise_db, by=by, draws=draws, seed=seed)
+        return make_plan(self.inputs, self._folder, request, accept=accept, progress=self._progress)
 
     def read(self, job: str) -> Measurement:
         """Read the measurement of a job: FRFs in SI units on the lines inside the band."""
@@ -378,27 +387,17 @@ class Study:
         """Plot the stiffness along each edge, or of each joint, with its 95 % interval, as a matplotlib figure (paper, Fig. 6)."""
         return profile_figure(found.record)
 
+    def _require_output(self) -> None:
+        """Refuse to write what an experiment found where the campaign has its results."""
+        if not self._writes:
+            raise given.refuse(
+                "output of with_method", "a folder for the results of this experiment", "none: they would replace the campaign's"
+            )
+
     def _lines(self, hz: ArrayLike) -> Complexes:
         lines = given.lines(hz)
         require_in_band(lines, self.inputs.campaign.reduction.band, hint="change reduction.band")
         return np.asarray(2j * np.pi * lines)
-
-    def _task(
-        self, job: str, measurement: Measurement | None, reference: Identified | None
-    ) -> tuple[Inputs, ReferenceState | None, dict[str, Measurement]]:
-        """Arguments of an identification: inputs that contain the job, the reference state, and measurements already in memory."""
-        given.made_by("job", job, str, "the name of a job (a measurement is the next argument)")
-        if measurement is not None:
-            given.made_by("measurement", measurement, Measurement, "the value returned by measurement or read")
-        if reference is not None:
-            given.made_by("reference", reference, Identified, "the value returned by identify for the reference job")
-        known = {} if measurement is None else {job: measurement}
-        if reference is not None:
-            known[reference.name] = reference.identification.measurement
-        if measurement is None:
-            self.inputs.campaign.require_job(job)
-        inputs = self.inputs if job in self.jobs else with_job(self.inputs, job)
-        return inputs, None if reference is None else reference.record.state, known
 
 
 def load(

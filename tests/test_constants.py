@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import ast
-import hashlib
-from collections.abc import Iterator
+import py_compile
+import shutil
+import zipfile
 from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
@@ -12,7 +13,8 @@ from pathlib import Path
 import pytest
 
 import lrbc_cli
-from lrbc_cli.campaign.numbers import NUMBERS
+from lrbc_cli.campaign import digests
+from lrbc_cli.campaign.digests import STAGES, code, of_stage
 from lrbc_cli.updating.statistics.model import STATISTICS
 
 ROOT = Path(lrbc_cli.__file__).parent
@@ -27,8 +29,7 @@ ALLOWED = {
     },
     "rounding only": {"_ROUNDING", "ROUND_OFF", "LEAST_ETA", "SLOPE_STEP", "ROUNDING", "LEAST_CHANGE", "HELD"},
     "versions and names": {
-        *("FORMAT_VERSION", "CALIBRATION_VERSION", "RESULT_FORMAT", "RESULT_VERSION", "EVIDENCE_FORMAT"),
-        *("IDENTIFICATION_VERSION", "JUDGEMENT_VERSION"),
+        *("FORMAT_VERSION", "RESULT_FORMAT", "RESULT_VERSION", "EVIDENCE_FORMAT"),
     },
     "text and figures for readers only: correlation of FRFs, names in a sentence": {
         *("MOST_NAMES", "PROMINENCE_DB", "TOLERANCE", "SIMILARITY"),
@@ -129,80 +130,73 @@ def test_no_number_that_decides_a_verdict_lies_in_a_module():
     assert not {name: str(path) for name, path in found.items() if name not in allowed}
 
 
-#: Rooms and modules whose numbers belong to a stage; what judges is no part of identifying.
-JUDGING = (
-    *(f"updating/judging/{name}.py" for name in ("decide", "rule", "clearance")),
-    "updating/normal.py",
-    "campaign/jobs/judging.py",
-)
-STAGES = {
-    "reduction": ("model", "reduction"),
-    "identification": ("updating", "campaign/reading", "campaign/identification", "campaign/calibrate.py", "campaign/jobs/evidence.py"),
-    "judgement": JUDGING,
-}
+#: Modules on which results rest, and where they are used; what reads, converts or judges must belong to a stage.
+NUMERIC = ("model", "reduction", "updating", "io", "method", "campaign/reading", "campaign/identification", "campaign/reduced")
 
 
-def modules_of(stage: str) -> list[Path]:
-    """Where the numbers of a stage stand."""
-    found = [path for name in STAGES[stage] for path in ([ROOT / name] if name.endswith(".py") else sorted((ROOT / name).rglob("*.py")))]
-    return found if stage == "judgement" else [path for path in found if path.relative_to(ROOT).as_posix() not in JUDGING]
+def test_all_code_that_computes_belongs_to_one_stage():
+    names = [path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*.py")]
+    found = {name: [stage for stage in STAGES if of_stage(stage, name)] for name in names}
+    assert not {name: own for name, own in found.items() if len(own) > 1 or (name.startswith(NUMERIC) and not own)}
+    parts = {part for own in STAGES.values() for part in own}
+    assert not {part for part in parts if not (ROOT / part).exists()}
+    assert found["updating/judging/decide.py"] == ["judgement"]
+    assert found["updating/posterior/fit.py"] == found["io/frf.py"] == ["identification"]
+    assert found["reduction/build.py"] == ["reduction"]
+    assert not found["report/page.py"]
 
 
-def numbers(node: ast.AST) -> Iterator[str]:
-    """Numbers and operators in their order, without annotations, decorators and formatted text."""
-    if isinstance(node, ast.Constant):
-        if isinstance(node.value, bool | int | float | complex):
-            yield repr(node.value)
-    elif isinstance(node, ast.operator | ast.unaryop | ast.cmpop | ast.boolop):
-        yield type(node).__name__
-    elif not isinstance(node, ast.JoinedStr):
-        for name, value in ast.iter_fields(node):
-            if name not in ("annotation", "returns", "decorator_list"):
-                for part in value if isinstance(value, list) else [value]:
-                    if isinstance(part, ast.AST):
-                        yield from numbers(part)
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """A copy of some modules, as it is installed there, and a function for the digests of its stages."""
+    for name in ("model/fem.py", "updating/judging/decide.py", "updating/posterior/fit.py", "report/page.py", "io/frf.py"):
+        (tmp_path / "lrbc_cli" / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, tmp_path / "lrbc_cli" / name)
 
+    def found(root=None):
+        monkeypatch.setattr(digests, "files", lambda _: root or tmp_path / "lrbc_cli")
+        digests.code.cache_clear()
+        digests._modules.cache_clear()
+        return {stage: code(stage) for stage in STAGES}
 
-def digest_of(sources: list[str]) -> str:
-    """Of the numbers in sources, wherever in them a function or a constant stands."""
-    found = sorted(" ".join(numbers(statement)) for source in sources for statement in ast.parse(source).body)
-    return hashlib.sha256("\n".join(line for line in found if line).encode()).hexdigest()[:16]
-
-
-SOURCE = "A, B = 0.5, 3\n\n\ndef f(x: float = 1 / 3) -> float:\n    return x if x < 2 else -x\n"
+    yield found
+    monkeypatch.undo()
+    digests.code.cache_clear()
+    digests._modules.cache_clear()
 
 
 @pytest.mark.parametrize(
-    "same",
+    ("name", "stages"),
     [
-        SOURCE.replace("return", "# A comment.\n    return"),
-        SOURCE.replace("    return", "    'Words about 7.'\n    return"),
-        SOURCE.replace("x: float", "x: float | None").replace("f(", "g("),
-        SOURCE.replace("    return", "    print(f'{2 * x:.3f}')\n    return"),
-        "\n".join(reversed(SOURCE.split("\n\n\n"))),
+        ("model/fem.py", {"reduction"}),
+        ("updating/posterior/fit.py", {"identification"}),
+        ("io/frf.py", {"identification"}),
+        ("updating/judging/decide.py", {"judgement"}),
+        ("report/page.py", set()),
     ],
 )
-def test_words_and_places_are_no_numbers(same):
-    assert digest_of([same]) == digest_of([SOURCE])
+def test_a_change_of_the_code_changes_its_stage(package, tmp_path, name, stages):
+    before, file = package(), tmp_path / "lrbc_cli" / name
+    # Line ends of a checkout are no change.
+    file.write_bytes(file.read_bytes().replace(b"\n", b"\r\n"))
+    assert package() == before
+    file.write_text(file.read_text(encoding="utf-8") + "\nX = 1.0\n", encoding="utf-8")
+    after = package()
+    assert {stage for stage in STAGES if after[stage] != before[stage]} == stages
 
 
-@pytest.mark.parametrize(
-    "other",
-    [
-        SOURCE.replace(*each)
-        for each in (("0.5", "0.6"), ("0.5, 3", "3, 0.5"), ("1 / 3", "1 * 3"), ("1 / 3", "1"), ("<", "<="), ("-x", "x"), ("< 2", "< 2.0"))
-    ],
-)
-def test_every_number_counts(other):
-    assert digest_of([other]) != digest_of([SOURCE])
-
-
-def test_results_rest_on_the_numbers_that_the_code_has():
-    found = {stage: digest_of([path.read_text(encoding="utf-8") for path in modules_of(stage)]) for stage in STAGES}
-    assert found == NUMBERS, (
-        "numbers or operators changed in the code, and what was found with the others would be kept as if nothing had; "
-        f"write into lrbc_cli/campaign/numbers.py, which makes that out of date: NUMBERS = {found}"
-    )
+def test_archives_and_packages_without_sources_have_digests_too(package, tmp_path):
+    before, root = package(), tmp_path / "lrbc_cli"
+    archive = shutil.make_archive(str(tmp_path / "packed"), "zip", tmp_path, "lrbc_cli")
+    assert package(zipfile.Path(archive, "lrbc_cli/")) == before
+    for path in root.rglob("*.py"):
+        py_compile.compile(str(path), str(path.with_suffix(".pyc")))
+        path.unlink()
+    without = package()
+    assert len({*without.values(), *before.values()}) == 6
+    (root / "model" / "fem.pyc").unlink()
+    assert package()["reduction"] != without["reduction"]
+    assert package()["judgement"] == without["judgement"]
 
 
 @cache

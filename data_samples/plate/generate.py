@@ -119,7 +119,7 @@ def main() -> None:
     for job, left in JOBS.items():
         torque = {bolt: built[bolt] * float(np.exp(rng.normal(0.0, RETORQUE))) * left.get(bolt, 1.0) for bolt in BOLTS}
         records = measured(torque, nodes, rng)
-        write_frf(out / "frf" / f"{job}.uff", FrfSet(job, tuple(records)))
+        write_frf(out / "frf" / f"{job}.uff", FrfSet(source=job, records=tuple(records)))
 
 
 def measured(springs: Mapping[str, float], nodes: Mapping[tuple[float, float, float], int], rng: np.random.Generator) -> list[FrfRecord]:

@@ -10,6 +10,7 @@ from lrbc_cli.campaign.protect import input_files
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.fields import shown
 from lrbc_cli.config.watch import HIDDEN
+from lrbc_cli.errors import listing
 from lrbc_cli.results.model import CampaignRecord
 from lrbc_cli.results.store import read
 
@@ -43,7 +44,7 @@ def unnamed(campaign: Campaign, *, most: int = 3) -> list[str]:
             there = sorted(path for path in entries if path.suffix.lower() in suffixes and path.is_file())
             beside = [shown(path) for path in there if os.path.realpath(path) not in known and not path.name.startswith(HIDDEN)]
             if beside:
-                named = ", ".join(beside[:most]) + (f" and {len(beside) - most} more" if len(beside) > most else "")
+                named = listing(beside, most)
                 found.append(f"no job uses {named} in {folder}: if that is a measurement, add a job for it")
     return found
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from lrbc_cli.campaign.digests import CALIBRATION_FILE as FILE
-from lrbc_cli.campaign.digests import about_measurement, digest, key_of, surroundings
-from lrbc_cli.campaign.numbers import NUMBERS
+from lrbc_cli.campaign.digests import about_measurement, code, digest, key_of, surroundings
 from lrbc_cli.campaign.reading.factors import CalibrationUse
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.campaign.reduced import cache
@@ -18,9 +17,6 @@ from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.model.factors import with_factors
 from lrbc_cli.results.model import CalibrationRecord
 from lrbc_cli.results.store import read
-
-#: Increased whenever the same input would give other factors; ``NUMBERS`` detects changes of numbers and operators.
-CALIBRATION_VERSION = 6
 
 #: Fields of the ``Method`` that a calibration uses.
 METHOD = ("responses", "lines", "residual")
@@ -36,7 +32,7 @@ PARTS = {
     "measurement": "the measurement",
     "settings": "the settings of calibration or update",
     "statistics": "the statistical model",
-    "version": "the version of the calibration",
+    "version": "the code that calibrates",
 }
 
 
@@ -64,7 +60,7 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
         "band": digest(reduced["band"], reduced["tolerance"]),
         "measurement": measured(inputs),
         "settings": digest(
-            {name: getattr(inputs.method, name) for name in METHOD},
+            {name: inputs.method.identity[name] for name in METHOD},
             resolved["update"]["weights"],
             inputs.method.nuisances.hammer,
             sorted(calibration.names),
@@ -72,7 +68,7 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
             calibration.job,
         ),
         "statistics": inputs.statistics.digest(*STATISTICS),
-        "version": digest(CALIBRATION_VERSION, NUMBERS["reduction"], NUMBERS["identification"]),
+        "version": digest(code("reduction"), code("identification")),
     }
 
 
@@ -171,8 +167,7 @@ def with_stored_calibration(inputs: Inputs, *, calibration: bool = True) -> Inpu
     factors = {name: entry.value for name, entry in stored.factors.items()}
     model, recipe = with_factors(inputs.model, inputs.recipe, factors)
     limits = "" if stored.status == "converged" else f"; {stored.status}: {stored.reason}"
-    unsealed = "" if stored.sealed else "; not sealed (of an older version, or changed by hand): `lrbc calibrate --force` writes it again"
-    text = f"used ({stored.job}, {len(factors)} factor{'s' if len(factors) > 1 else ''}{limits}{unsealed})"
+    text = f"used ({stored.job}, {len(factors)} factor{'s' if len(factors) > 1 else ''}{limits})"
     return replace(
         inputs,
         model=model,

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
+from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,7 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.method.rule import RULE
 from lrbc_cli.results.store import versions
+from lrbc_cli.version import __version__
 
 CALIBRATION_FILE = "calibration.json"
 
@@ -55,13 +58,60 @@ def about_measurement(resolved: Mapping[str, Any], job: JobConfig, name: str) ->
     return found
 
 
+#: What judges; it is no part of identifying.
+_JUDGING = (
+    *(f"updating/judging/{name}.py" for name in ("decide", "rule", "clearance")),
+    "updating/normal.py",
+    "campaign/jobs/judging.py",
+    "campaign/jobs/rejudge.py",
+)
+
+#: Rooms and modules of the package by stage: reduced models; identifications and calibrations, which also rest on these; judgements.
+STAGES = {
+    "reduction": ("model", "reduction", "campaign/reduced"),
+    "identification": (
+        *("updating", "io", "method", "campaign/reading", "campaign/identification"),
+        *("campaign/calibrate.py", "campaign/calibration.py", "campaign/jobs/evidence.py"),
+    ),
+    "judgement": _JUDGING,
+}
+
+
+@cache
+def code(stage: str) -> str:
+    """Digest of the modules of a stage, whose results are out of date if any of them changes."""
+    return digest([(name, content) for name, content in _modules() if of_stage(stage, name)])
+
+
+def of_stage(stage: str, name: str) -> bool:
+    """Whether a module, by its path inside the package, belongs to a stage."""
+    own = STAGES[stage]
+    return (name.startswith(tuple(f"{part}/" for part in own)) and name not in _JUDGING) or name in own
+
+
 @cache
 def program() -> str:
-    """Digest of the sources of this program and of the versions of its libraries."""
-    h, root = hashlib.sha256(repr(versions()).encode()), Path(__file__).parents[1]
-    for path in sorted(root.rglob("*.py")):
-        h.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
-    return h.hexdigest()
+    """Digest of all modules of this program and of the versions of its libraries."""
+    return digest(versions(), _modules())
+
+
+@cache
+def _modules() -> list[tuple[str, str]]:
+    """Name and SHA-256 of each module of the package, also of one that is installed as an archive or without sources."""
+
+    def below(folder: Traversable, path: str) -> Iterator[tuple[str, str]]:
+        for entry in folder.iterdir():
+            name = f"{path}{entry.name}"
+            if entry.is_dir():
+                yield from below(entry, f"{name}/") if entry.name != "__pycache__" else ()
+            elif name.endswith(".py"):
+                # A checkout on Windows may have other line ends.
+                yield name, hashlib.sha256(entry.read_bytes().replace(b"\r\n", b"\n")).hexdigest()
+            elif name.endswith(".pyc"):
+                # Without the time stamp in its head.
+                yield name.removesuffix("c"), hashlib.sha256(entry.read_bytes()[16:]).hexdigest()
+
+    return sorted(below(files(__name__.partition(".")[0]), "")) or [("", __version__)]
 
 
 def surroundings(campaign: Campaign, calibration: bool) -> str:

@@ -246,4 +246,4 @@ def _records(inputs: Inputs, out: Path, frequency: Floats, y: NDArray[np.complex
                 place=response.name,
             )
         )
-    return FrfSet(str(out), tuple(records))
+    return FrfSet(source=str(out), records=tuple(records))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import click
 
@@ -45,7 +46,7 @@ def plan(
     calibration: bool,
     noise: float | None,
     state: str | None,
-    by: str,
+    by: Literal["auto", "bolts", "values"],
     draws: int | None,
     accept_tolerance: bool,
 ) -> None:

@@ -17,7 +17,7 @@ from lrbc_cli.cli.common import cache_folder, progress, read, say_json, tell_cal
 from lrbc_cli.cli.options import accept_tolerance_option, calibration_option, campaign_options, verbosity
 from lrbc_cli.cli.terminal import complain, remark, say
 from lrbc_cli.config import Campaign, load_campaign
-from lrbc_cli.io.common import listing
+from lrbc_cli.errors import listing
 from lrbc_cli.report.old import outdating
 from lrbc_cli.report.summary import summary_of
 from lrbc_cli.updating.judging.clearance import once_more, sentence
@@ -149,8 +149,8 @@ def tell_troubles(outcome: Outcome) -> None:
             remark(f"job {name}: {problem}", kind="warning")
         for text in [*([outcome.unseen] if outcome.unseen else []), *outcome.beside]:
             remark(text, kind="warning")
-        if older := outcome.of_another_program:
-            remark(f"{listing(older)}: kept, but the program or its libraries changed since; --force identifies again", kind="note")
+        if older := outcome.of_other_libraries:
+            remark(f"{listing(older)}: kept, but Python or its libraries changed since; --force identifies again", kind="note")
 
 
 def finished(campaign: Campaign, outcome: Outcome) -> list[str]:

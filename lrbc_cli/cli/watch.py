@@ -62,7 +62,10 @@ def watch(
     given += [("watch.pattern", list(patterns))] if patterns else []
     overrides = (*overrides, *(f"{key}={json.dumps(value, ensure_ascii=False)}" for key, value in given))
     program = None if hook is None else Hook(hook)
-    session = Session(WatchSettings(config, overrides, cache_folder(cache), calibration, accept_tolerance), progress())
+    settings = WatchSettings(
+        config=config, overrides=overrides, cache=cache_folder(cache), calibration=calibration, accept=accept_tolerance
+    )
+    session = Session(settings, progress())
     page = session.output / "report.html"
     if session.campaign.calibration is None or not calibration:
         # Otherwise the calibration is computed or checked while watching.
@@ -82,9 +85,8 @@ def watch(
     _begin(session.campaign.watch, page, once)
     if given:
         remark("other commands do not know this folder; enter it in the campaign file: watch: {folder: ..., pattern: ...}")
-    run = Watch(
-        session=session, tell=tell, say=remark, pace=Pace(interval=interval, settle=min(Pace.settle, interval), retry=10 * interval)
-    )
+    pace = Pace(interval=interval, settle=min(Pace.settle, interval), retry=10 * interval)
+    run = Watch(session=session, tell=tell, say=remark, pace=pace)
     run.run(once)
     if run.failed:
         return 5

@@ -12,7 +12,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from lrbc_cli.config.document import Document
-from lrbc_cli.errors import ConfigError
+from lrbc_cli.errors import ConfigError, listing
 
 MAPPING = "keys with values, 'key: value'"
 EXPECTED = {
@@ -74,7 +74,7 @@ def explain(error: ValidationError, document: Document, model: type[BaseModel]) 
     found = [_explain_one(detail, document, model) for detail in details]
     first, others = found[0], list(dict.fromkeys(f"{other.place} ({other.problem})" for other in found[1:]))
     if others:
-        more = f"also wrong: {'; '.join(others[:4])}" + (f"; and {len(others) - 4} more" if len(others) > 4 else "")
+        more = f"also wrong: {listing(others, 4, '; ')}"
         first.hint = f"{first.hint}; {more}" if first.hint else more
     return first
 
@@ -138,7 +138,7 @@ def describe(value: object) -> str:
     if isinstance(value, str):
         return f"the text '{value}'" if len(value) <= 60 else f"the text '{value[:57]}...'"
     if isinstance(value, Mapping):
-        return "keys " + ", ".join(map(str, list(value)[:6])) + (", ..." if len(value) > 6 else "") if value else "no keys"
+        return f"keys {listing(list(value), 6)}" if value else "no keys"
     if isinstance(value, list | tuple):
         return f"a list of {len(value)}"
     text = str(value) if not isinstance(value, int) or abs(value) < 10**30 else f"{str(value)[:20]}..."
@@ -314,7 +314,7 @@ def refuse_unfilled(document: Document) -> None:
     for section, keys in PLACES.items():
         names = [place[1] for place in unfilled if place[0] == section]
         if names:
-            found.append(f"letters in `{keys[-1]}` of {section} {', '.join(names[:6])}{' ...' if len(names) > 6 else ''}")
+            found.append(f"letters in `{keys[-1]}` of {section} {listing(names, 6)}")
     if unfilled:
         raise document.error(
             "coordinates are not filled in yet", *unfilled[0], expected=UNFILLED_EXPECTED, found="; ".join(found), hint=UNFILLED_HINT

@@ -272,9 +272,3 @@ def fortran_number(cell: str) -> float:
     """Number in Fortran notation, with D for E or an exponent without a letter (1.5-3); zero for an empty cell."""
     text = cell.strip().upper().replace("D", "E")
     return float(text if "E" in text else _BARE.sub(r"E\1", text)) if text else 0.0
-
-
-def listing(names: list[str] | tuple[str, ...], limit: int = 20) -> str:
-    """Names for a message, cut after `limit` of them."""
-    shown = ", ".join(names[:limit])
-    return f"{shown}, ... ({len(names)} in all)" if len(names) > limit else shown or "nothing"

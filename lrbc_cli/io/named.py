@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import listing
+from lrbc_cli.errors import DataError, listing
 from lrbc_cli.io.encoding import fold
 from lrbc_cli.io.frf_common import (
     HERTZ,
@@ -149,7 +148,12 @@ def frf_set(named: Named, path: Path, layout: TextLayout) -> FrfSet:
             else reader.cut()
             or "set 'format: {frequency: ...}' of the job to the variable of the frequencies, or export CSV or a universal file",
         )
-    return FrfSet(str(path), tuple(reader.records), (*reader.notes.lines(), *reader.left_out()), tuple(dict.fromkeys(reader.warnings)))
+    return FrfSet(
+        source=str(path),
+        records=tuple(reader.records),
+        notes=(*reader.notes.lines(), *reader.left_out()),
+        warnings=tuple(dict.fromkeys(reader.warnings)),
+    )
 
 
 def coherences(named: Named, path: Path, layout: TextLayout) -> dict[str, tuple[Floats, Floats]]:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csc_array, csr_array, issparse
 
-from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import check_dimensions, listing
+from lrbc_cli.errors import DataError, listing
+from lrbc_cli.io.common import check_dimensions
 from lrbc_cli.model.dofs import DofLabels
 
 

@@ -13,9 +13,11 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Literal
 
 from lrbc_cli.config import Campaign
-from lrbc_cli.config.settings import EveryLine, ListedLines, NuisanceConfig, UpdateConfig
+from lrbc_cli.config.settings import Lines, NuisanceConfig, UpdateConfig
 from lrbc_cli.method.rule import rule_of
+from lrbc_cli.updating.checked import Checked, Count, Inside, NotNegative
 from lrbc_cli.updating.judging.rule import DecisionRule
+from lrbc_cli.updating.own_code import code_of
 from lrbc_cli.updating.statistics.model import STATISTICS, StatisticalModel
 from lrbc_cli.updating.statistics.residuals import ResidualOptions
 
@@ -46,7 +48,7 @@ class Facts:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Method:
+class Method(Checked):
     """How jobs are identified: all settings resolved.
 
     Attributes
@@ -85,15 +87,15 @@ class Method:
     """
 
     approach: Approach
-    regularisation: float | Literal["noise", "l-curve"]
+    regularisation: NotNegative | Literal["noise", "l-curve"]
     optimiser: Literal["gauss-newton", "bfgs"]
-    tolerance: float
-    max_iterations: int
+    tolerance: Inside
+    max_iterations: Count
     relative: bool
     mixture: bool
     weighted: bool
     residual: ResidualOptions
-    lines: str | EveryLine | ListedLines
+    lines: Lines
     responses: tuple[str, ...] | None
     nuisances: NuisanceConfig
     full_order: bool
@@ -117,14 +119,23 @@ class Method:
         """The entry ``method`` of ``result.json``: all fields except the rule, including reasons, as plain values."""
         found = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.name != "rule"}
         lines = self.lines if isinstance(self.lines, str) else self.lines.model_dump(mode="json", by_alias=True)
-        found |= {"lines": lines, "residual": asdict(self.residual), "statistics": asdict(self.statistics)}
+        own = self.residual.loss
+        loss = {} if own is None else {"loss": {"class": type(own).__qualname__, **asdict(own)}}
+        residual = {key: value for key, value in asdict(self.residual).items() if key != "loss"} | loss
+        found |= {"lines": lines, "residual": residual, "statistics": asdict(self.statistics)}
         return found | {"nuisances": self.nuisances.model_dump(exclude_none=True), "reasons": dict(self.reasons)}
 
     @property
-    def digest(self) -> str:
-        """Digest of all fields except statistics, rule, reasons and warnings; if it changes, identifications are out of date."""
+    def identity(self) -> dict[str, Any]:
+        """What identifications depend on: all fields except statistics, rule, reasons and warnings, with the code of an own loss."""
         tree = {key: value for key, value in self.tree().items() if key not in ("statistics", "reasons", "warnings")}
-        return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()[:32]
+        own = self.residual.loss
+        return tree if own is None else tree | {"residual": tree["residual"] | {"code": code_of(type(own))}}
+
+    @property
+    def digest(self) -> str:
+        """Digest of ``identity``; if it changes, identifications are out of date."""
+        return hashlib.sha256(json.dumps(self.identity, sort_keys=True, default=int).encode()).hexdigest()[:32]
 
     @property
     def choices(self) -> list[str]:
@@ -184,7 +195,7 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
         relative=relative,
         mixture=mixture,
         weighted=weighted,
-        residual=ResidualOptions(update.residual, update.loss_scale if update.loss == "soft" else None, update.floor),
+        residual=ResidualOptions(kind=update.residual, loss_scale=update.loss_scale if update.loss == "soft" else None, floor=update.floor),
         lines=update.lines,
         responses=update.responses,
         nuisances=update.nuisances,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any
 
@@ -16,22 +16,10 @@ RULE = ("confidence", "loose_change", "largest_misfit")
 
 def rule_of(update: UpdateConfig) -> DecisionRule:
     """The decision rule of the settings."""
-    return _with(DecisionRule(), update, update.model_fields_set)
+    return changed_rule(DecisionRule(), {key: getattr(update, key) for key in RULE if key in update.model_fields_set})
 
 
-def _with(rule: DecisionRule, update: UpdateConfig, keys: Collection[str]) -> DecisionRule:
-    """The rule with the values that settings have under these keys."""
-    if "confidence" in keys:
-        rule = replace(rule, confidence=update.confidence)
-    if "largest_misfit" in keys:
-        # A given limit is the only one: no margin over the reference job.
-        rule = replace(rule, largest_misfit=update.largest_misfit, misfit_margin=0.0)
-    given = update.loose_change
-    # It replaces the thresholds of both posteriors, sampled and Gaussian.
-    return rule if given is None or "loose_change" not in keys else replace(rule, loose_change=given, mixture_change=given)
-
-
-def changed_rule(rule: DecisionRule, update: UpdateConfig, changes: Mapping[str, Any]) -> DecisionRule:
+def changed_rule(rule: DecisionRule, changes: Mapping[str, Any]) -> DecisionRule:
     """A decision rule with other values: for keys of ``RULE`` as in the campaign file, for further fields of ``DecisionRule`` by number.
 
     Raises
@@ -39,16 +27,14 @@ def changed_rule(rule: DecisionRule, update: UpdateConfig, changes: Mapping[str,
     ConfigError
         If a key is not part of the rule, or its value is not valid.
     """
-    further = {key: value for key, value in changes.items() if key not in RULE}
-    known = {entry.name for entry in fields(DecisionRule)}
-    expected = "confidence, loose_change, largest_misfit or another field of DecisionRule"
-    if unknown := set(further) - known:
+    new = dict(changes)
+    if unknown := set(new) - {entry.name for entry in fields(DecisionRule)}:
+        expected = "confidence, loose_change, largest_misfit or another field of DecisionRule"
         raise ConfigError("not part of the decision rule", expected=expected, found=", ".join(sorted(unknown)))
-    settings = {key: value for key, value in changes.items() if key in RULE}
-    try:
-        checked = type(update).model_validate(update.model_dump(by_alias=True, exclude_unset=True) | settings)
-    except ValueError as error:
-        raise ConfigError("no such decision rule", expected=f"values of {expected} as in the campaign file", found=changes) from error
-    if wrong := [key for key, value in further.items() if isinstance(value, bool) or not isinstance(value, int | float)]:
-        raise ConfigError("no such decision rule", expected=f"a number for {', '.join(wrong)}", found=changes)
-    return replace(_with(rule, checked, settings), **further)
+    if "largest_misfit" in new:
+        # A given limit is the only one: no margin over the reference job.
+        new.setdefault("misfit_margin", 0.0)
+    if (limit := new.pop("loose_change", None)) is not None:
+        # It replaces the thresholds of both posteriors, sampled and Gaussian.
+        new = {"loose_change": limit, "mixture_change": limit} | new
+    return replace(rule, **new)

@@ -41,7 +41,7 @@ class Monomial:
         return float(self.coefficient * np.prod([factors.get(name, 1.0) ** power for name, power in self.exponents.items()]))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Piece:
     """One constant matrix and the weights with which it enters K, C and M.
 
@@ -260,10 +260,10 @@ def make_recipe(
 
 def _pieces(operator: str, field: str, shares: Sequence[Monomial], groups: Mapping[str, Collection[str]] | None) -> list[Piece]:
     """The piece for one block of the model, and one for the contribution of each further group to it."""
-    out = [Piece(operator, field, None, tuple(shares))]
+    out = [Piece(operator=operator, field=field, group=None, shares=tuple(shares))]
     for group, there in (groups or {}).items():
         if operator in there:
             own = [replace(share, exponents={**share.exponents, group: 1.0}) for share in shares]
             rest = [replace(share, coefficient=-share.coefficient) for share in shares]
-            out.append(Piece(operator, field, group, (*own, *rest)))
+            out.append(Piece(operator=operator, field=field, group=group, shares=(*own, *rest)))
     return out

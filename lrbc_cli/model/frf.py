@@ -52,7 +52,7 @@ class FrfRecord:
     file: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FrfSet:
     """All FRFs of one measurement file.
 

@@ -19,7 +19,7 @@ _TIME = {"stiffness": 0, "damping": 1, "mass": 2}
 _EQUAL = 1e-6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Scaling:
     """SI values of the unit of each DOF and of the unit of its equation.
 

@@ -17,7 +17,7 @@ LN10 = float(np.log(10.0))
 KIND_POWER = {"stiffness": 0, "damping": 1, "mass": 2}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LowRankTerms:
     """Vectors of the rank-one terms ``D_j(s) left_j right_jᵀ`` of the dynamic stiffness, eqs. (3)-(5).
 
@@ -47,7 +47,7 @@ class LowRankTerms:
         return bool(self.left.shape == self.right.shape and (self.left != self.right).nnz == 0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class EdgeDamping:
     """Damping tied to an identified stiffness, eq. (33), with one exponent p_damp for the whole group.
 

@@ -197,7 +197,7 @@ class Reducer:
         return replace(whole, sweep=sweep)
 
     def _uncompressed(self, rich: Sweep) -> Candidate:
-        return Candidate(rich, rich, self.reduced(), self.basis.projected())
+        return Candidate(rich=rich, sweep=rich, full=self.reduced(), basis=self.basis.projected())
 
     def _changed(self) -> None:
         """Discard errors of the previous basis; a line stays held out only if its exact port FRFs are known for a new measurement."""

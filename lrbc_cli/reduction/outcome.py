@@ -7,11 +7,8 @@ from dataclasses import dataclass, field
 from lrbc_cli.arrays import Floats
 from lrbc_cli.reduction.reduced.model import ReducedModel
 
-#: Part of the cache key; increased whenever a change of the code would give another basis for the same input.
-ALGORITHM_VERSION = 13
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ReductionOptions:
     """Settings that determine the reduced model.
 

@@ -14,7 +14,7 @@ from lrbc_cli.results.structure import StructureRecord
 from lrbc_cli.results.tables import Frf
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FrfFigure:
     """An FRF chart with its job and response; ``used`` is false for a validation channel."""
 
@@ -64,19 +64,6 @@ class Content:
     def done(self) -> list[JobRecord]:
         """Jobs with a result."""
         return [job for job in self.jobs if isinstance(job, JobRecord)]
-
-    @property
-    def unsealed(self) -> list[str]:
-        """Names of the jobs and campaign files without a digest: old ones, or files changed by hand."""
-        files = {
-            "campaign.json": self.campaign,
-            "reduction.json": self.reduction,
-            "calibration.json": self.calibration,
-            "plan.json": self.plan,
-            "structure.json": self.structure,
-        }
-        names = [job.job for job in self.jobs if not job.sealed]
-        return names + [name for name, record in files.items() if record is not None and not record.sealed]
 
     @property
     def tool(self) -> str:

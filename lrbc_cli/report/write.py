@@ -28,7 +28,6 @@ from lrbc_cli.report.parts.plan import plan_chart
 from lrbc_cli.report.parts.strip import map_chart, strip_chart
 from lrbc_cli.report.parts.structure import structure_chart, structure_page
 from lrbc_cli.report.reading import read_results
-from lrbc_cli.report.sections.top import unsealed_text
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
@@ -124,8 +123,6 @@ def _publish(
         _draw_all(tasks, workers, halt, say)
     if halt():
         return
-    if content.unsealed:
-        log.warning("%s", unsealed_text(content.unsealed))
     with replace(page) as sink:
         sink.write(render(content, live=live).encode("utf-8", errors="replace"))
     say(f"{page} written")
@@ -188,7 +185,7 @@ def _contents(output: Path, jobs: Sequence[str] | None, expected: Sequence[str],
         for name in frf.responses:
             response, misfit = campaign.response(name), job.misfit_db.responses.get(name)
             chart = frf_chart(job, response, frf, tight if job.job != campaign.reference else None)
-            frfs.append(FrfFigure(job.job, name, response.used if misfit is None else misfit.used, chart))
+            frfs.append(FrfFigure(job=job.job, response=name, used=response.used if misfit is None else misfit.used, chart=chart))
             tasks.append((chart, folder / frf_file(name)))
     return content, tasks
 

@@ -100,15 +100,10 @@ class StoredRecord(Record):
 
 
 class SealedRecord(StoredRecord):
-    """Base of the records with a digest of their own content, which shows whether the file was changed; earlier versions have none."""
+    """Base of the records with a digest of their own content, which shows whether the file was changed."""
 
-    #: SHA-256 of all other keys, see ``store.digest_of``.
+    #: SHA-256 of all other keys, see ``store.digest_of``; None before it is written.
     digest: str | None = None
-
-    @property
-    def sealed(self) -> bool:
-        """Whether the file has a digest, which the reader has checked; one without is of an earlier version or was changed by hand."""
-        return self.digest is not None
 
 
 _AS_THEY_ARE = {str, int, bool, type(None)}

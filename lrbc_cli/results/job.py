@@ -280,8 +280,6 @@ class Provenance(Record):
     identity: str | None = None
     #: Digest of everything except the bytes of ``inputs``: while both are unchanged, jobs can be judged again without reading the model.
     origin: str | None = None
-    #: Digest of the code of the program and of the libraries that it computes with.
-    program: str | None = None
     parts: dict[str, str] | None = None
     versions: dict[str, str] = Field(default_factory=dict)
     inputs: dict[str, str] = Field(default_factory=dict)
@@ -350,11 +348,6 @@ class JobRecord(_JobBase):
     provenance: Provenance
     correlation: Stated[CorrelationRecord] = None
     modes: ModesRecord | None = None
-
-    @property
-    def sealed(self) -> bool:
-        """Whether the file has digests of itself and of its tables."""
-        return super().sealed and bool(self.provenance.files)
 
     @property
     def explained(self) -> bool:

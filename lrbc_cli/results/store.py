@@ -186,7 +186,7 @@ def read_before(output: Path, jobs: Iterable[str]) -> list[str]:
         with suppress(LrbcError):
             job = read_job(output, name)
             if isinstance(job, JobRecord):
-                same = job.sealed and job.provenance.versions.get("h5py") == versions()["h5py"]
+                same = job.provenance.versions.get("h5py") == versions()["h5py"]
                 return list(job.provenance.inputs.values()) if same else []
     return []
 
@@ -198,9 +198,9 @@ def _record(path: Path, kind: type[R], tree: dict[str, Any]) -> R:
         place, expected, found = first_wrong(error)
         found = found if len(found) < 80 else found[:77] + "..."
         raise DataError("this result file is damaged", file=path, place=place, expected=expected, found=found, hint=kind.HINT) from error
-    if isinstance(record, SealedRecord) and record.digest not in (None, digest_of(tree)):
+    if isinstance(record, SealedRecord) and record.digest != (own := digest_of(tree)):
         problem = "this result file was changed after it was written"
-        raise DataError(problem, file=path, place="digest", expected=record.digest, found=digest_of(tree), hint=kind.HINT)
+        raise DataError(problem, file=path, place="digest", expected=own, found=record.digest or "no such key", hint=kind.HINT)
     return record
 
 

@@ -38,7 +38,9 @@ def declared_scatter(inputs: Inputs) -> Scatter:
     """Drift between jobs as the campaign states it (``update.nuisances``)."""
     nuisances = inputs.campaign.update.nuisances
     factors = {nuisance.name: nuisance.std for nuisance in nuisances_of(inputs) if isinstance(nuisance, ModelFactor)}
-    return Scatter(2.0 * ROOM * factors.pop(SOUND_SPEED, 0.0), nuisances.hammer or 0.0, nuisances.gain or 0.0, factors)
+    return Scatter(
+        kelvin=2.0 * ROOM * factors.pop(SOUND_SPEED, 0.0), hammer=nuisances.hammer or 0.0, gain=nuisances.gain or 0.0, factors=factors
+    )
 
 
 def job_list(inputs: Inputs, loose: Sequence[str], tight: int | None = None, seed: int = 1) -> dict[str, list[str]]:

@@ -13,7 +13,7 @@ from lrbc_cli.arrays import Floats
 ROOM = 293.15
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Drift:
     """Drift of one job against the model.
 
@@ -48,7 +48,7 @@ class Drift:
         return {key: value for key, value in asdict(self).items() if value and value != (0.0, 0.0)}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Scatter:
     """Standard deviations of the drift, which is drawn from normal distributions for each job.
 
@@ -75,4 +75,4 @@ class Scatter:
         gains = {name: round(self.gain * float(value), 4) for name, value in zip(names, gain, strict=True)} if self.gain else {}
         factors = {name: float(np.exp(std * rng.standard_normal())) for name, std in self.factors.items()}
         hammer = round(self.hammer * float(x), 6), round(self.hammer * float(y), 6)
-        return Drift(round(self.kelvin * float(kelvin), 4), hammer, gains, factors)
+        return Drift(kelvin=round(self.kelvin * float(kelvin), 4), hammer=hammer, gain=gains, factors=factors)

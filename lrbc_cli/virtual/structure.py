@@ -196,7 +196,12 @@ class VirtualStructure:
             measured[:, rows], coherence[:, rows] = chain.measure(frfs[:, rows], self.frequency_hz, self._noise)
         records = tuple(self._record(row, measured[:, row], coherence[:, row]) for row in range(len(names)))
         decades = {name: round(value, 4) for name, value in change.items()}
-        return FrfSet("rehearsal", records), {"removed": list(removed), "decades": decades, "log10": values, "drift": drift.as_dict()}
+        return FrfSet(source="rehearsal", records=records), {
+            "removed": list(removed),
+            "decades": decades,
+            "log10": values,
+            "drift": drift.as_dict(),
+        }
 
     def _record(self, row: int, values: Complexes, coherence: Floats) -> FrfRecord:
         response = self.inputs.responses[row]

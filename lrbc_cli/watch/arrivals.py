@@ -10,7 +10,7 @@ from pathlib import Path
 Signature = tuple[tuple[str, int, int], ...]
 
 
-@dataclass
+@dataclass(kw_only=True)
 class _Arrival:
     """State of a job's files: signature, since when [s], when to check again [s], whether processed, whether a delay was reported."""
 
@@ -50,7 +50,7 @@ class Arrivals:
                 # A renamed file belongs to another job; a file that comes back counts as new.
                 self._jobs.pop(name, None)
             elif known is None or known.signature != found:
-                self._jobs[name] = _Arrival(found, now, now + self.settle)
+                self._jobs[name] = _Arrival(signature=found, since=now, again=now + self.settle)
         for name in set(self._jobs) - set(files):
             del self._jobs[name]
         ready = [name for name, job in self._jobs.items() if not job.done and now >= job.again]

@@ -25,7 +25,7 @@ from lrbc_cli.watch.verdict import Verdict, unusable, verdict_of
 log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Pace:
     """Times [s]: between checks without an event, for files to settle, to wait for an incomplete file, between retries of writing."""
 
@@ -250,7 +250,7 @@ class Watch:
         except (LrbcError, OSError) as error:
             trouble = error
             if unwritten(error) is None:
-                self._without(name, error, Verdict(name, "failed", 5, f"{name}: failed: {error}"))
+                self._without(name, error, Verdict(job=name, verdict="failed", exit_code=5, sentence=f"{name}: failed: {error}"))
                 return
         if trouble is not None:
             self._postponed(name, trouble, once)

@@ -31,7 +31,7 @@ from lrbc_cli.updating.statistics.lines import covers
 TAIL = 64
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class WatchSettings:
     """Options of the command line for a session."""
 

@@ -18,7 +18,7 @@ from lrbc_cli.updating.judging.clearance import FINISHED, JobFinding, not_clear,
 PATIENCE = 30.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Verdict:
     """Verdict on one job.
 
@@ -52,12 +52,12 @@ def verdict_of(record: Job, known: Mapping[str, JobFinding]) -> Verdict:
     else:
         clear = not not_clear({record.job: found}) and record.job not in once_more({**known, record.job: found})
         word, code = found.assumed or ("tight" if clear else "inconclusive"), 0 if clear else 7
-    return Verdict(record.job, word, code, record.sentence)
+    return Verdict(job=record.job, verdict=word, exit_code=code, sentence=record.sentence)
 
 
 def unusable(job: str, error: Exception) -> Verdict:
     """Verdict on a job whose files cannot be read."""
-    return Verdict(job, "unusable", 3, f"{job}: no verdict; measure again or fix the file: {error}")
+    return Verdict(job=job, verdict="unusable", exit_code=3, sentence=f"{job}: no verdict; measure again or fix the file: {error}")
 
 
 class Hook:

@@ -150,7 +150,7 @@ def full_line(inputs: Inputs, backend: str) -> tuple[float, list[Figure]]:
 def cold_reduction(inputs: Inputs, backend: str, repeats: int) -> tuple[Reduction, float]:
     """A whole reduction with its certificate; seconds of the fastest, which other processes disturbed least."""
     settings = inputs.campaign.reduction
-    options = ReductionOptions(settings.band, settings.tolerance, settings.held_out, max_size=settings.max_size)
+    options = ReductionOptions(band_hz=settings.band, tolerance=settings.tolerance, held_out=settings.held_out, max_size=settings.max_size)
     runs = []
     for _ in range(repeats):
         start = time.perf_counter()

@@ -87,7 +87,7 @@ def one_reduction(config: str, backend: str, folder: str, cost_lines: int = 0) -
     inputs = _inputs(config, backend)
     read = time.perf_counter() - start
     settings = inputs.campaign.reduction
-    options = ReductionOptions(settings.band, settings.tolerance, settings.held_out, max_size=settings.max_size)
+    options = ReductionOptions(band_hz=settings.band, tolerance=settings.tolerance, held_out=settings.held_out, max_size=settings.max_size)
     start = time.perf_counter()
     reduction = reduce_model(inputs.model, inputs.input_of, options, backend=backend)
     seconds, high = time.perf_counter() - start, peak()

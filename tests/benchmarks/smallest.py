@@ -28,7 +28,7 @@ def smallest_basis(inputs: Inputs, reduction: Reduction, backend: str, *, quick:
     """
     model, options = inputs.model, reduction.options
     low, high = options.band_hz
-    exact = reduce_model(model, inputs.input_of, ReductionOptions(options.band_hz, EXACT), backend=backend)
+    exact = reduce_model(model, inputs.input_of, ReductionOptions(band_hz=options.band_hz, tolerance=EXACT), backend=backend)
     rich, sizes = exact.model, exact.sizes
     s = 2j * np.pi * np.linspace(low, high, 60 if quick else round(high - low) + 1)
     D = rich.reference_dynamic(s)

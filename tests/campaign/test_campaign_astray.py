@@ -108,7 +108,9 @@ def test_exchanged_axes_of_a_table_or_of_the_points(axes: str) -> None:
         for place in BOX[[3, 10, 14, 23]] + offset:
             dof, distance = nearest(table, place, "UX") or (0, np.inf)
             size = spacing(table, dof)
-            found.append(NearPoint(place, "UX", "beside" if distance > AT_NODE * size else "", distance / size))
+            found.append(
+                NearPoint(place=place, component="UX", warning="beside" if distance > AT_NODE * size else "", away=distance / size)
+            )
         return found
 
     assert exchanged_axes(dofs, points(dofs, 0.0)) == axes

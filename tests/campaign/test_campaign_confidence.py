@@ -238,7 +238,7 @@ def noisy(folder: Folder, source: str, name: str, seed: int, level: float = 0.01
     records = tuple(
         replace(r, values=r.values * (1 + level * rng.normal(size=r.values.size))) for r in read_frf(folder.data / source).records
     )
-    write_frf(folder.data / f"{name}.uff", FrfSet(name, records))
+    write_frf(folder.data / f"{name}.uff", FrfSet(source=name, records=records))
 
 
 def make_baselines(path: Path) -> Folder:
@@ -368,7 +368,7 @@ def test_the_gate(box: Folder) -> None:
     path = box.data / "loose.uff"
     records = list(read_frf(path).records)
     records[2] = replace(records[2], values=3.0 * np.roll(records[2].values, 9))
-    write_frf(path, FrfSet("loose", tuple(records)))
+    write_frf(path, FrfSet(source="loose", records=tuple(records)))
     words = ("--override", "update.responses=[mic1, mic2, acc1]")
     result = box.run("update", "--fail-on-loose", "--json", *words)
     assert result.code == 7

@@ -35,7 +35,7 @@ def test_results_as_written_are_read(frame_once: Folder, tmp_path: Path) -> None
         tree = json.loads((frame_once.out / name).read_text(encoding="utf-8"))
         assert tree["digest"] == digest_of(tree), name
     assert read_job(tmp_path, "a") is None
-    store(tmp_path, {"format": "lrbc-result", "version": 1, "job": "a", "status": "failed", "reason": "r", "provenance": {}})
+    store(tmp_path, {"format": "lrbc-result", "version": 1, "job": "a", "status": "failed", "reason": "r", "provenance": {}, "digest": ""})
     failed = read_job(tmp_path, "a")
     assert isinstance(failed, FailedJob)
     assert failed.finding.status == "failed"

@@ -34,7 +34,7 @@ def records_of(folder: Folder, job: str = "loose") -> list[FrfRecord]:
 
 def put(folder: Folder, name: str, *records: FrfRecord) -> str:
     """Write a file into the data; its path as a campaign file says it."""
-    write_frf(folder.data / name, FrfSet(name, records))
+    write_frf(folder.data / name, FrfSet(source=name, records=records))
     return f"data/{name}"
 
 

@@ -42,7 +42,7 @@ def measure(folder: Folder, D: np.ndarray, job: str = "loose") -> None:
     inputs = folder.inputs()
     y = direct_frf(inputs.model, S, np.broadcast_to(D, (S.size, inputs.model.terms.size)).astype(complex), inputs.input_of)
     records = [FrfRecord(name=r.name, frequency_hz=FREQUENCY, values=y[:, i], quantity=r.quantity) for i, r in enumerate(inputs.responses)]
-    write_frf(folder.data / f"{job}.uff", FrfSet(job, tuple(records)))
+    write_frf(folder.data / f"{job}.uff", FrfSet(source=job, records=tuple(records)))
 
 
 def identify(folder: Folder, *overrides: str, job: str = "loose", status: str = "converged", says: str = "does not reach the data") -> Any:
@@ -187,7 +187,7 @@ def test_unused_responses_do_not_enter(box: Folder) -> None:
     path = box.data / "loose.uff"
     records = list(read_frf(path).records)
     records[2] = FrfRecord(name="mic3", frequency_hz=FREQUENCY, values=3.0 * np.roll(records[2].values, 7), quantity="pressure")
-    write_frf(path, FrfSet("loose", tuple(records)))
+    write_frf(path, FrfSet(source="loose", records=tuple(records)))
     few = "update.responses=[mic1, mic2, acc1]"
     tree = identify(box, few, "update.largest_misfit=100", says="mic3: measured over computed +8.77 dB")
     np.testing.assert_allclose(values(tree), MILD, atol=1e-6)

@@ -10,8 +10,9 @@ import pytest
 from campaigns import Folder
 
 from lrbc_cli import load
+from lrbc_cli.campaign.digests import code
+from lrbc_cli.campaign.jobs import identity
 from lrbc_cli.campaign.jobs.plans import plan
-from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.config.settings import UpdateConfig
@@ -116,7 +117,9 @@ def test_every_number_is_part_of_the_identity(part: str, name: str) -> None:
     found = method()
     own = getattr(found.statistics, part)
     value = getattr(own, name)
-    other = tuple(2 * x for x in value) if isinstance(value, tuple) else 2 * value
+    # Whole numbers stay whole, shares stay below one.
+    one, *rest = (2 * x if isinstance(x, int) else x / 2 for x in (value if isinstance(value, tuple) else (value,)))
+    other = (one, *rest) if isinstance(value, tuple) else one
     changed = replace(found.statistics, **{part: replace(own, **{name: other})})
     assert changed.digest() != found.statistics.digest()
     assert changed.digest(part) != found.statistics.digest(part)
@@ -162,9 +165,10 @@ def test_what_the_method_says_is_what_is_computed(frame: Folder) -> None:
 
 
 @pytest.mark.parametrize(("stage", "verb"), [("reduction", "runs"), ("identification", "runs"), ("judgement", "judged anew")])
-def test_a_number_in_the_code_makes_results_outdated(frame: Folder, monkeypatch: pytest.MonkeyPatch, stage: str, verb: str) -> None:
+def test_a_change_of_the_code_makes_results_outdated(frame: Folder, monkeypatch: pytest.MonkeyPatch, stage: str, verb: str) -> None:
     inputs = frame.inputs()
-    monkeypatch.setitem(NUMBERS, stage, "others")
+    for module in (identity, cache):
+        monkeypatch.setattr(module, "code", lambda name: "another" if name == stage else code(name))
     assert {job.verb for job in plan(inputs, cache.key_parts(inputs), JOBS)} == {verb}
 
 

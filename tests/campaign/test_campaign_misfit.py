@@ -27,7 +27,7 @@ def repeated(folder: Folder, count: int, error: float, *, lines: slice = slice(N
             noise = error * np.abs(record.values) * (rng.normal(size=(2, record.values.size)).T @ [1.0, 1j])
             records.append(replace(record, values=(record.values + noise)[lines], frequency_hz=record.frequency_hz[lines], coherence=None))
         names.append(f"again-{k}.uff")
-        write_frf(folder.data / names[-1], FrfSet(names[-1], tuple(records)))
+        write_frf(folder.data / names[-1], FrfSet(source=names[-1], records=tuple(records)))
     return names
 
 
@@ -96,7 +96,7 @@ def test_repeats_change_the_result(box: Folder) -> None:
     assert 0 < np.abs(after - before).max() < 0.3
     # Another content under the same name is another measurement.
     records = read_frf(box.data / "loose.uff").records
-    write_frf(box.data / "again-0.uff", FrfSet("again", records))
+    write_frf(box.data / "again-0.uff", FrfSet(source="again", records=records))
     np.testing.assert_allclose(values(identify(box)), before, atol=1e-6)
 
 
@@ -112,7 +112,7 @@ def test_repeats_on_other_lines(box: Folder) -> None:
 def test_coherence_is_a_weight(box: Folder) -> None:
     records = list(read_frf(box.data / "loose.uff").records)
     g2 = np.linspace(0.2, 1.0, records[0].frequency_hz.size)
-    write_frf(box.data / "loose.uff", FrfSet("loose", (*(replace(r, coherence=g2) for r in records[:-1]), records[-1])))
+    write_frf(box.data / "loose.uff", FrfSet(source="loose", records=(*(replace(r, coherence=g2) for r in records[:-1]), records[-1])))
     inputs = box.inputs("update.regularisation=auto", "jobs.loose.averages=3")
     job = inputs.campaign.jobs["loose"]
     measurement = read_measurement(inputs, job, "loose")
@@ -136,7 +136,7 @@ def test_no_coherence_is_not_a_bad_one(box: Folder, written: float) -> None:
     """Some programs write a column of zeros where they have none."""
     records = read_frf(box.data / "loose.uff").records
     g2 = np.full(records[0].frequency_hz.size, written)
-    write_frf(box.data / "loose.h5", FrfSet("loose", tuple(replace(r, coherence=g2) for r in records)))
+    write_frf(box.data / "loose.h5", FrfSet(source="loose", records=tuple(replace(r, coherence=g2) for r in records)))
     inputs = box.inputs("update.regularisation=auto", "jobs.loose.frf=data/loose.h5")
     job = inputs.campaign.jobs["loose"]
     measurement = read_measurement(inputs, job, "loose")
@@ -146,7 +146,7 @@ def test_no_coherence_is_not_a_bad_one(box: Folder, written: float) -> None:
 def test_noise_is_weighed_where_it_is_known(box: Folder) -> None:
     records = read_frf(box.data / "loose.uff").records
     g2 = np.full(records[0].frequency_hz.size, 0.9)
-    write_frf(box.data / "loose.uff", FrfSet("loose", tuple(replace(r, coherence=g2) for r in records)))
+    write_frf(box.data / "loose.uff", FrfSet(source="loose", records=tuple(replace(r, coherence=g2) for r in records)))
     inputs = box.inputs("update.regularisation=auto")
     job = inputs.campaign.jobs["loose"]
     measurement = read_measurement(inputs, job, "loose")
@@ -226,7 +226,7 @@ def drown(box: Folder, job: str, response: int = 0) -> np.ndarray:
     noise = rng.normal(size=hz.size) + 1j * rng.normal(size=hz.size)
     drowned = np.where(hz < 60.0, np.abs(records[response].values).mean() * noise, records[response].values)
     records[response] = replace(records[response], values=drowned)
-    write_frf(box.data / f"{job}.uff", FrfSet(job, tuple(records)))
+    write_frf(box.data / f"{job}.uff", FrfSet(source=job, records=tuple(records)))
     return np.asarray(hz < 60.0)
 
 

@@ -26,7 +26,7 @@ def rewrite(folder: Folder, change: Any, name: str = "loose.uff") -> list[FrfRec
     """Write the FRFs anew after a change of each record; the records before."""
     path = folder.data / name
     before = list(read_frf(path).records)
-    write_frf(path, FrfSet(name, tuple(change(record) for record in before)))
+    write_frf(path, FrfSet(source=name, records=tuple(change(record) for record in before)))
     return before
 
 
@@ -68,7 +68,7 @@ def test_by_a_name_that_is_alike(box: Folder, written: str) -> None:
 def test_names_that_are_alike_must_not_be_ambiguous(box: Folder, other: str) -> None:
     path = box.data / "loose.uff"
     first, *rest = (replace(record, response_node=None) for record in read_frf(path).records)
-    write_frf(path, FrfSet("", (replace(first, name="H1(mic1/hammer)"), replace(first, name=other), *rest)))
+    write_frf(path, FrfSet(source="", records=(replace(first, name="H1(mic1/hammer)"), replace(first, name=other), *rest)))
     error = refused(box, "jobs.tight.frf=data/loose.uff", "jobs.loose.frf=data/tight.uff", job="tight")
     assert "no record of response mic1" in str(error)
 
@@ -124,7 +124,7 @@ def test_records_that_are_left_are_offered(box: Folder) -> None:
     offered = "if they are ch 2, ch 3, in this order, write responses.mic2.record: ch 2, responses.mic3.record: ch 3; otherwise give"
     assert offered in str(refused(box, job="tight").hint)
     left = tuple(record for record in read_frf(box.data / "tight.uff").records if record.name != "ch 3")
-    write_frf(box.data / "tight.uff", FrfSet("tight.uff", left))
+    write_frf(box.data / "tight.uff", FrfSet(source="tight.uff", records=left))
     assert str(refused(box, job="tight").hint).startswith("give the record in responses.mic2.record or in the job's records")
 
 
@@ -141,20 +141,20 @@ def test_triaxial_sensors(box: Folder) -> None:
     path = box.data / "loose.uff"
     records = [anonymous(r) for r in read_frf(path).records]
     others = [replace(records[3], response_direction=d, values=d * records[3].values) for d in (1, 2, 3, 6)]
-    write_frf(path, FrfSet("", (*records[:3], *others)))
+    write_frf(path, FrfSet(source="", records=(*records[:3], *others)))
     np.testing.assert_allclose(measured(box).values[:, 3], 3 * records[3].values, rtol=1e-11)
 
 
 def test_ambiguous_records(box: Folder) -> None:
     path = box.data / "loose.uff"
     records = list(read_frf(path).records)
-    write_frf(path, FrfSet("", (records[0], *records)))
+    write_frf(path, FrfSet(source="", records=(records[0], *records)))
     error = refused(box)
     assert "several records fit response mic1 (name mic1)" in str(error)
     assert "record 1: mic1" in str(error.found)
     assert "record 2: mic1" in str(error.found)
     assert "responses.mic1.record" in str(error.hint)
-    write_frf(path, FrfSet("", tuple(anonymous(r) for r in (records[0], *records))))
+    write_frf(path, FrfSet(source="", records=tuple(anonymous(r) for r in (records[0], *records))))
     assert "several records fit response mic1 (node 103 direction 0)" in str(refused(box))
 
 
@@ -163,7 +163,7 @@ def test_the_record_over_the_own_hammer_point(box: Folder) -> None:
     path = box.data / "loose.uff"
     records = list(read_frf(path).records)
     others = [replace(r, reference_node=4, values=2 * r.values) for r in records]
-    write_frf(path, FrfSet("", (*others, *records)))
+    write_frf(path, FrfSet(source="", records=(*others, *records)))
     np.testing.assert_allclose(measured(box).values, np.stack([r.values for r in records], axis=1), rtol=1e-11)
 
 
@@ -220,7 +220,7 @@ def test_a_layout_for_one_of_several_files(box: Folder) -> None:
     """Microphones in SI from a table that says nothing, an accelerometer in g, dB and degrees from another, its coherence in a third."""
     records = read_frf(box.data / "loose.uff").records
     expected = np.stack([record.values for record in records], axis=1)
-    write_frf(box.data / "mics.csv", FrfSet("", records[:3]))
+    write_frf(box.data / "mics.csv", FrfSet(source="", records=records[:3]))
     acc, hz = records[3].values / 9.80665, records[3].frequency_hz
     np.savetxt(box.data / "acc1.txt", np.column_stack([hz, 20 * np.log10(np.abs(acc)), np.angle(acc, deg=True)]), delimiter=";")
     np.savetxt(box.data / "c.txt", np.column_stack([np.full(hz.size, 0.75), hz]), delimiter=";", header="gamma2;axis", comments="")
@@ -301,7 +301,7 @@ def test_lines_that_differ_by_rounding_are_the_same(box: Folder, monkeypatch: py
     records = list(read_frf(box.data / "loose.uff").records)
     records[1] = replace(records[1], frequency_hz=records[1].frequency_hz * (1 + 2e-8))
     records[2] = replace(records[2], frequency_hz=records[2].frequency_hz * (1 - 5e-7))
-    monkeypatch.setattr("lrbc_cli.campaign.identification.records.read_frf", lambda *_: FrfSet("", tuple(records)))
+    monkeypatch.setattr("lrbc_cli.campaign.identification.records.read_frf", lambda *_: FrfSet(source="", records=tuple(records)))
     found = measured(box, "reduction.band=[19.0, 401.0]")
     assert found.frequency_hz.size == 191
     assert np.isfinite(found.values).all()

@@ -140,10 +140,10 @@ class TestRefused:
             pass
 
     def test_another_version(self, address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(remote, "IDENTIFICATION_VERSION", 0)
+        monkeypatch.setattr(remote, "code", lambda stage: "another")
         with pytest.raises(ConfigError, match="does not have the version of this machine") as told, cluster(address):
             pass
-        assert "identification 0-" in told.value.message
+        assert "identification another" in told.value.message
 
     def test_a_worker_that_is_frozen(self) -> None:
         with started(1) as found:

@@ -13,7 +13,7 @@ from grillage import grillage
 
 from lrbc_cli.campaign.structure import neighbours, structure_of, thinned, without_chords
 from lrbc_cli.errors import DataError
-from lrbc_cli.results.store import read, write
+from lrbc_cli.results.store import read, write_sealed
 from lrbc_cli.results.structure import StructureRecord
 
 
@@ -37,7 +37,7 @@ def test_the_frame(tmp_path: Path) -> None:
     (edge,) = record.terms
     assert (edge.name, edge.kind, edge.along_edge, len(edge.positions), len(edge.springs)) == ("left_edge", "stiffness", True, 10, 0)
     # What is read is what was written.
-    write(tmp_path / "structure.json", record)
+    record = write_sealed(tmp_path / "structure.json", record)
     assert (again := read(tmp_path / "structure.json", StructureRecord)) is not None
     assert again.tree() == record.tree()
 
@@ -96,7 +96,7 @@ def test_neighbours_are_those_without_a_nearer_third_one() -> None:
 
 def test_a_record_with_lines_to_nowhere_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "structure.json"
-    write(file, structure_of(new_frame(tmp_path / "frame").inputs()))
+    write_sealed(file, structure_of(new_frame(tmp_path / "frame").inputs()))
     tree = json.loads(file.read_text())
     tree["fields"][0]["lines"][5] = 108
     file.write_text(json.dumps(tree))

@@ -91,7 +91,7 @@ def records(name: str, change: Callable[[list[FrfRecord]], list[FrfRecord]]) -> 
 
     def damage(folder: Folder) -> None:
         path = folder.data / name
-        write_frf(path, FrfSet(name, tuple(change(list(read_frf(path).records)))))
+        write_frf(path, FrfSet(source=name, records=tuple(change(list(read_frf(path).records)))))
 
     return damage
 

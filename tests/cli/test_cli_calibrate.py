@@ -279,7 +279,7 @@ def test_one_of_an_earlier_version_is_told(copy: Folder, words: list[str], tmp_p
     (copy.out / "calibration.json").write_text(json.dumps(tree | {"digest": digest_of(tree)}))
     done = copy.run(*(str(tmp_path / word) if word == "out.csv" else word for word in words))
     assert done.code == 0, done.stderr
-    assert "calibration: ignored: changed since: the version of the calibration; run `lrbc calibrate`" in done.stdout + done.stderr
+    assert "calibration: ignored: changed since: the code that calibrates; run `lrbc calibrate`" in done.stdout + done.stderr
 
 
 @pytest.mark.slow

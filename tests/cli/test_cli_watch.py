@@ -193,7 +193,10 @@ def test_what_cannot_be_used_is_on_the_page_until_it_is_fixed(begun: Folder, tmp
     folder = begun.copy(tmp_path / "frame")
     frf, waiting, said = folder.data / "frf", folder.path / "waiting", list[str]()
     watch = Watch(
-        session=Session(WatchSettings(folder.config, (), folder.cache)), tell=lambda verdict: None, say=said.append, pace=Pace(settle=0.05)
+        session=Session(WatchSettings(config=folder.config, overrides=(), cache=folder.cache)),
+        tell=lambda verdict: None,
+        say=said.append,
+        pace=Pace(settle=0.05),
     )
 
     def page() -> str:

@@ -270,7 +270,7 @@ def box(path: Path) -> Folder:
             )
             for i, (name, node, direction) in enumerate(points)
         )
-        write_frf(path / "data" / f"{job}.uff", FrfSet(job, records))
+        write_frf(path / "data" / f"{job}.uff", FrfSet(source=job, records=records))
     return folder
 
 

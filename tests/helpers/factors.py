@@ -59,7 +59,7 @@ def springs(damped: bool = False) -> Parameterisation:
     """One parameter a spring; damped, with p_damp."""
     at = np.arange(SPRINGS)
     limits = np.tile([1.0, 7.0], (SPRINGS, 1))
-    damping = EdgeDamping(2e-5, 0.0, (-2.0, 2.0)) if damped else None
+    damping = EdgeDamping(beta=2e-5, initial=0.0, bounds=(-2.0, 2.0)) if damped else None
     group = ParameterGroup(
         name="springs",
         kind="stiffness",

@@ -130,7 +130,7 @@ def grillage(path: Path, jobs: tuple[str, ...] = tuple(JOBS)) -> Folder:
             )
             for k, (name, at) in enumerate(SENSORS.items())
         )
-        write_frf(data / f"{job}.uff", FrfSet(job, records))
+        write_frf(data / f"{job}.uff", FrfSet(source=job, records=records))
     folder = Folder(path)
     groups = {"axial": "UZ", "rocking_x": "ROTX", "rocking_y": "ROTY"}
     folder.write(

@@ -18,7 +18,7 @@ def line_group(count: int, *, damping: bool = False) -> ParameterGroup:
         initial=np.full(count, 4.0),
         bounds=np.tile([0.0, 8.0], (count, 1)),
         smoothing=np.eye(count),
-        damping=EdgeDamping(1e-6) if damping else None,
+        damping=EdgeDamping(beta=1e-6) if damping else None,
         xyz=np.column_stack([0 * at, at, 0 * at]),
         arc_length=at,
     )

@@ -29,7 +29,7 @@ def pads_model(smoothing=THIRDS, *, beta: float | None = 2e-5, extras: bool = Fa
         initial=np.full(PADS, initial),
         bounds=np.tile(bounds, (PADS, 1)),
         smoothing=smoothing_matrix(smoothing, PADS),
-        damping=None if beta is None else EdgeDamping(beta, 0.0, (-2.0, 3.0)),
+        damping=None if beta is None else EdgeDamping(beta=beta, initial=0.0, bounds=(-2.0, 3.0)),
         xyz=np.column_stack([at, 0 * at, 0 * at]),
         arc_length=at - at[0],
     )

@@ -126,10 +126,10 @@ def fe_model(
     if C is None:
         C = proportional_damping(K, M, is_acoustic, damping, acoustic_damping or damping)
     terms = LowRankTerms(
-        csc(left),
-        csc(left if right is None else right),
-        np.broadcast_to(np.asarray(power, dtype=np.int64), (left.shape[1],)).copy(),
-        np.broadcast_to(np.asarray(baseline, dtype=float), (left.shape[1],)).copy(),
+        left=csc(left),
+        right=csc(left if right is None else right),
+        power=np.broadcast_to(np.asarray(power, dtype=np.int64), (left.shape[1],)).copy(),
+        baseline=np.broadcast_to(np.asarray(baseline, dtype=float), (left.shape[1],)).copy(),
     )
     q = np.broadcast_to(np.asarray(output_power, dtype=np.int64), (outputs.shape[1],)).copy()
     return FeModel(K=csc(K), C=csc(C), M=csc(M), B=csc(loads), L=csc(outputs.T), output_power=q, is_acoustic=is_acoustic, terms=terms)

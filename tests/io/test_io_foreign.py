@@ -384,16 +384,18 @@ def test_compressed_arrays_of_other_names(tmp_path: Path, base: int) -> None:
     with h5py.File(path, "w") as file:
         group = file.create_group("SystemMatrices/stiffness")
         group["vecCsrIa"], group["vecCsrJa"], group["cmpCsrVal"] = K.indptr + base, K.indices + base, pairs
-    found = read_matrix(path, "SystemMatrices/stiffness", None, ArrayNames("cmpCsrVal", "vecCsrJa", "vecCsrIa", "csr"))
+    found = read_matrix(
+        path, "SystemMatrices/stiffness", None, ArrayNames(data="cmpCsrVal", indices="vecCsrJa", indptr="vecCsrIa", layout="csr")
+    )
     np.testing.assert_array_equal(found.matrix.toarray(), K.toarray())
     assert found.notes == (("indices count from 1",) if base else ())
     with pytest.raises(DataError, match=r"arrays: \{data: cmpCsrVal, indices: vecCsrJa, indptr: vecCsrIa\}"):
         read_matrix(path, "SystemMatrices/stiffness")
     with pytest.raises(DataError, match="no such array"):
-        read_matrix(path, "SystemMatrices/stiffness", None, ArrayNames("cmpCsrVal", "ja", "vecCsrIa", "csr"))
+        read_matrix(path, "SystemMatrices/stiffness", None, ArrayNames(data="cmpCsrVal", indices="ja", indptr="vecCsrIa", layout="csr"))
     (tmp_path / "k.mtx").write_text("1 1 2.0\n")
     with pytest.raises(ConfigError, match="HDF5"):
-        read_matrix(tmp_path / "k.mtx", None, None, ArrayNames("cmpCsrVal", "ja", "vecCsrIa", "csr"))
+        read_matrix(tmp_path / "k.mtx", None, None, ArrayNames(data="cmpCsrVal", indices="ja", indptr="vecCsrIa", layout="csr"))
 
 
 @pytest.mark.parametrize(

@@ -62,7 +62,7 @@ def test_hdf5_round_trip(tmp_path, data):
             )
         )
     path = tmp_path / "written.h5"
-    write_frf(path, FrfSet("x", tuple(expected)))
+    write_frf(path, FrfSet(source="x", records=tuple(expected)))
     found = read_frf(path).records
     assert len(found) == len(expected)
     for a, b in zip(found, expected, strict=True):
@@ -74,7 +74,7 @@ def test_hdf5_round_trip(tmp_path, data):
 
 def test_several_inputs(tmp_path):
     path = tmp_path / "frf.h5"
-    write_frf(path, FrfSet("x", records()))
+    write_frf(path, FrfSet(source="x", records=records()))
     with h5py.File(path, "r+") as file:
         values = file["frf"][()]
         for name in ("frf", "reference_node", "reference_direction", "coherence"):
@@ -115,7 +115,7 @@ def change(name, value):
 )
 def test_bad_hdf5(tmp_path, damage, message):
     path = tmp_path / "frf.h5"
-    write_frf(path, FrfSet("x", records()))
+    write_frf(path, FrfSet(source="x", records=records()))
     with h5py.File(path, "r+") as file:
         damage(file)
     with pytest.raises(DataError, match=message) as caught:
@@ -125,7 +125,7 @@ def test_bad_hdf5(tmp_path, damage, message):
 
 def test_coherence_of_hdf5(tmp_path):
     path = tmp_path / "frf.h5"
-    write_frf(path, FrfSet("x", records()))
+    write_frf(path, FrfSet(source="x", records=records()))
     found = read_coherence(path)
     assert set(found) == {"mic01", (5, 0)}
     np.testing.assert_array_equal(found["mic01"][1], [0.1, 0.5, 1])
@@ -169,7 +169,7 @@ def test_bad_matlab(tmp_path):
 
 
 def test_format_is_found_by_content(tmp_path):
-    frf = FrfSet("x", (FrfRecord(name="a", frequency_hz=FREQUENCY, values=H, quantity="pressure"),))
+    frf = FrfSet(source="x", records=(FrfRecord(name="a", frequency_hz=FREQUENCY, values=H, quantity="pressure"),))
     for ending, kind in ((".csv", "text"), (".uff", "uff"), (".unv", "uff"), (".h5", "hdf5"), (".hdf5", "hdf5")):
         write_frf(tmp_path / f"a{ending}", frf)
         (tmp_path / f"a{ending}").rename(tmp_path / "unnamed")
@@ -194,7 +194,7 @@ def test_file_level_errors(tmp_path):
 @pytest.fixture(scope="module")
 def small_files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("small")
-    write_frf(folder / "a.h5", FrfSet("x", records()))
+    write_frf(folder / "a.h5", FrfSet(source="x", records=records()))
     scipy.io.savemat(folder / "a.mat", {"f": FREQUENCY, "H": H[:, None]})
     scipy.io.savemat(folder / "b.mat", {"a": np.stack([FREQUENCY, H], axis=1)}, do_compression=True)
     # Without our checksum: as a file of somebody else's.

@@ -248,7 +248,7 @@ def frf_sets(draw):
                 name=name, frequency_hz=frequency, values=values, coherence=draw(st.none() | st.just(np.linspace(0, 1, frequency.size)))
             )
         )
-    return FrfSet("drawn", tuple(records))
+    return FrfSet(source="drawn", records=tuple(records))
 
 
 @settings(max_examples=80, deadline=None, suppress_health_check=REUSE_FOLDER)
@@ -274,7 +274,7 @@ def test_what_csv_cannot_hold(tmp_path):
         (),
     ):
         with pytest.raises(DataError):
-            write_frf(tmp_path / "x.csv", FrfSet("x", records))
+            write_frf(tmp_path / "x.csv", FrfSet(source="x", records=records))
         assert not (tmp_path / "x.csv").exists()
 
 

@@ -26,7 +26,8 @@ def write(size):
     if what == "store":
         write_store(path, {"a": x, "b": {"c": [x, "text"], "d": sp.csc_array(sp.diags_array(x))}})
     else:
-        write_frf_hdf5(path, FrfSet("s", (FrfRecord(name="a", frequency_hz=frequency[:size], values=x + 0j, quantity="pressure"),)))
+        record = FrfRecord(name="a", frequency_hz=frequency[:size], values=x + 0j, quantity="pressure")
+        write_frf_hdf5(path, FrfSet(source="s", records=(record,)))
 write(10)
 before = path.read_bytes()
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))

@@ -139,7 +139,11 @@ def test_without_a_second_process_files_are_still_read(tmp_path, monkeypatch, ca
 def test_own_files_are_checked_before_they_are_opened(tmp_path, monkeypatch):
     path = tmp_path / "own.h5"
     write_frf(
-        path, FrfSet("x", (FrfRecord(name="mic", frequency_hz=np.array([1.0, 2.0]), values=np.array([1 + 1j, 2j]), quantity="pressure"),))
+        path,
+        FrfSet(
+            source="x",
+            records=(FrfRecord(name="mic", frequency_hz=np.array([1.0, 2.0]), values=np.array([1 + 1j, 2j]), quantity="pressure"),),
+        ),
     )
 
     def read():

@@ -476,7 +476,7 @@ def frf_sets(draw):
                 coherence=coherence,
             )
         )
-    return FrfSet("drawn", tuple(records))
+    return FrfSet(source="drawn", records=tuple(records))
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=REUSE_FOLDER)
@@ -493,7 +493,10 @@ careless = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest
 
 @careless
 def test_written_files_are_read_by_others(tmp_path):
-    frf = FrfSet("x", (record(response_node=3, response_direction=2, reference_node=5, reference_direction=3, coherence=np.full(40, 0.5)),))
+    frf = FrfSet(
+        source="x",
+        records=(record(response_node=3, response_direction=2, reference_node=5, reference_direction=3, coherence=np.full(40, 0.5)),),
+    )
     path = tmp_path / "written.unv"
     write_frf(path, frf)
     sets = pyuff.UFF(str(path)).read_sets()
@@ -553,11 +556,11 @@ def test_units_and_coherence_written_by_pyuff(tmp_path):
 def test_frequencies_beyond_six_digits(tmp_path, caplog):
     # A command that was run before may have made the log quiet.
     caplog.set_level("WARNING", logger="lrbc_cli")
-    write_frf(tmp_path / "a.uff", FrfSet("x", (record(frequency=[123.4567891, 150.0, 200.0]),)))
+    write_frf(tmp_path / "a.uff", FrfSet(source="x", records=(record(frequency=[123.4567891, 150.0, 200.0]),)))
     assert "rounded to the six digits" in caplog.text
     np.testing.assert_allclose(read_frf(tmp_path / "a.uff").records[0].frequency_hz, [123.457, 150, 200], rtol=1e-12)
     with pytest.raises(DataError, match="more digits"):
-        write_frf(tmp_path / "b.uff", FrfSet("x", (record(frequency=[100.0001, 100.0002, 100.01]),)))
+        write_frf(tmp_path / "b.uff", FrfSet(source="x", records=(record(frequency=[100.0001, 100.0002, 100.01]),)))
     assert not (tmp_path / "b.uff").exists()
 
 
@@ -592,7 +595,10 @@ def test_a_coherence_on_other_lines_is_told_by_the_number_of_its_record() -> Non
     two, three = np.array([1.0, 2.0]), np.array([1.0, 2.0, 3.0])
     record = FrfRecord(name="mic01", frequency_hz=two, values=two + 0j, response_node=7, response_direction=3, place="somewhere", number=4)
     notes = Notes()
-    assert _attach([record], [Coherence("mic01", (7, 3, 0, 0), three, three / 3, 5)], notes)[0].coherence is None
+    assert (
+        _attach([record], [Coherence(name="mic01", dof=(7, 3, 0, 0), frequency_hz=three, values=three / 3, record=5)], notes)[0].coherence
+        is None
+    )
     assert "record 4: the coherence has different lines; left out" in notes.lines()
 
 

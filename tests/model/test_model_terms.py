@@ -36,8 +36,8 @@ def mixed():
     """Interleaved terms of three kinds, two of them tied to one parameter, smoothing and two p_damp."""
     return Parameterisation(
         (
-            group("edge", "stiffness", [0, 2, 4, 6], weights=THIRDS, damping=EdgeDamping(2e-6, 0.4)),
-            group("bushing", "stiffness", [1, 3, 5], [0, 1, 0], damping=EdgeDamping(1e-5, -0.3, (-1.0, 2.0))),
+            group("edge", "stiffness", [0, 2, 4, 6], weights=THIRDS, damping=EdgeDamping(beta=2e-6, initial=0.4)),
+            group("bushing", "stiffness", [1, 3, 5], [0, 1, 0], damping=EdgeDamping(beta=1e-5, initial=-0.3, bounds=(-1.0, 2.0))),
             group("pot", "damping", [8]),
             group("mass", "mass", [7], initial=np.array([-2.0])),
         )
@@ -83,7 +83,7 @@ class TestLayout:
         np.testing.assert_allclose(mixed.initial, [2.0, 2.1, 2.2, 2.3, 0.4, 2.0, 2.1, -0.3, 2.0, -2.0])
         np.testing.assert_array_equal(np.flatnonzero(mixed.is_damping), [4, 7])
         np.testing.assert_array_equal(mixed.bounds[7], (-1.0, 2.0))
-        np.testing.assert_array_equal(mixed.bounds[4], EdgeDamping(1.0).bounds)
+        np.testing.assert_array_equal(mixed.bounds[4], EdgeDamping(beta=1.0).bounds)
         np.testing.assert_array_equal(mixed.bounds[[0, 5, 9]], [(-1.0, 7.0)] * 3)
 
     def test_scales_go_to_the_terms_of_each_group(self, mixed):
@@ -117,7 +117,7 @@ class TestSpectra:
         np.testing.assert_allclose(D[:, 7], kappa[7] * s**2, rtol=1e-13)
 
     def test_a_loss_factor_beside_beta(self):
-        P = Parameterisation((group("edge", "stiffness", [0, 1], damping=EdgeDamping(2e-6, 0.4, loss_factor=0.02)),))
+        P = Parameterisation((group("edge", "stiffness", [0, 1], damping=EdgeDamping(beta=2e-6, initial=0.4, loss_factor=0.02)),))
         theta = np.array([2.0, 3.0, 0.7])
         expected = 10.0 ** theta[:2] * (1 + (self.S[:, None] * 2e-6 + 0.02j) * 10**0.7)
         np.testing.assert_allclose(P.dynamic(theta, self.S), expected, rtol=1e-13)
@@ -185,7 +185,7 @@ class TestDerivatives:
 
 class TestLowRankTerms:
     def make(self, left, right):
-        return LowRankTerms(left, right, np.zeros(left.shape[1], dtype=np.int64), np.zeros(left.shape[1]))
+        return LowRankTerms(left=left, right=right, power=np.zeros(left.shape[1], dtype=np.int64), baseline=np.zeros(left.shape[1]))
 
     def test_symmetric_means_equal_vectors(self):
         b = unit(5, 1, 3)

@@ -228,7 +228,7 @@ def reductions():
     def get(name) -> tuple:
         if name not in found:
             model = MODELS[name]()
-            found[name] = model, reduce_model(model, inputs_of(name, model), ReductionOptions(BAND))
+            found[name] = model, reduce_model(model, inputs_of(name, model), ReductionOptions(band_hz=BAND))
         return found[name]
 
     return get
@@ -267,7 +267,7 @@ def test_moments_match_where_it_was_expanded(reductions, name):
 
 
 def reducer(model, **options):
-    return Reducer(model, one_input(model), ReductionOptions(BAND, **options), backend="superlu")
+    return Reducer(model, one_input(model), ReductionOptions(band_hz=BAND, **options), backend="superlu")
 
 
 class TestKrylov:
@@ -373,7 +373,7 @@ class TestCertificate:
     def test_the_estimate_is_of_the_size_of_the_error(self, name):
         """At lines that were never factorised: no line of the grid is out of tolerance, and the estimate knows how far it is."""
         model, input_of = MODELS[name](), inputs_of(name, MODELS[name]())
-        R = Reducer(model, input_of, ReductionOptions(BAND))
+        R = Reducer(model, input_of, ReductionOptions(band_hz=BAND))
         assert R.run().reached
         grid = R.estimator.grid.lines_hz
         lines = np.flatnonzero(np.abs(grid[:, None] - np.array(R.enriched)).min(axis=1) > 0.01 * (BAND[1] - BAND[0]))[::2]
@@ -393,27 +393,27 @@ class TestCertificate:
         assert np.median(estimate / error) > 1 / 10
 
     def test_an_unreachable_tolerance_is_confessed(self):
-        reduction = reduce_model(damped(), np.zeros(3, dtype=np.int64), ReductionOptions(BAND, tolerance=1e-3, max_size=12))
+        reduction = reduce_model(damped(), np.zeros(3, dtype=np.int64), ReductionOptions(band_hz=BAND, tolerance=1e-3, max_size=12))
         assert not reduction.reached
         assert reduction.worst > 1e-3
         assert len(reduction.held_out) >= 5
-        tiny = reduce_model(damped(), np.zeros(3, dtype=np.int64), ReductionOptions(BAND, tolerance=1e-16, max_points=6))
+        tiny = reduce_model(damped(), np.zeros(3, dtype=np.int64), ReductionOptions(band_hz=BAND, tolerance=1e-16, max_points=6))
         assert not tiny.reached
 
     def test_a_finer_tolerance_is_reached_too(self):
         model = damped()
-        reduction = reduce_model(model, one_input(model), ReductionOptions(BAND, tolerance=1e-6))
+        reduction = reduce_model(model, one_input(model), ReductionOptions(band_hz=BAND, tolerance=1e-6))
         assert reduction.reached
         assert max(true_error(model, reduction, one_input(model)).values()) < 1e-6
 
     def test_more_lines_on_request(self):
         model = damped()
-        assert len(reduce_model(model, one_input(model), ReductionOptions(BAND, held_out=9)).held_out) == 9
+        assert len(reduce_model(model, one_input(model), ReductionOptions(band_hz=BAND, held_out=9)).held_out) == 9
 
 
 def test_the_same_input_gives_the_same_basis():
     model = vibro_acoustic()
-    first, second = (reduce_model(model, one_input(model), ReductionOptions(BAND)) for _ in range(2))
+    first, second = (reduce_model(model, one_input(model), ReductionOptions(band_hz=BAND)) for _ in range(2))
     np.testing.assert_array_equal(first.model.K, second.model.K)
     np.testing.assert_array_equal(*([step.frequency_hz for step in reduction.trace] for reduction in (first, second)))
 
@@ -421,7 +421,7 @@ def test_the_same_input_gives_the_same_basis():
 @pytest.mark.skipif(pardiso.library() is None, reason="MKL is not installed")
 def test_back_ends_give_the_same_model():
     model, s = vibro_acoustic(), 2j * np.pi * np.linspace(*BAND, 33)
-    found = [reduce_model(model, one_input(model), ReductionOptions(BAND), backend=backend) for backend in ("superlu", "pardiso")]
+    found = [reduce_model(model, one_input(model), ReductionOptions(band_hz=BAND), backend=backend) for backend in ("superlu", "pardiso")]
     assert found[0].sizes == found[1].sizes
     D = np.zeros((33, 4), dtype=complex)
     assert relative(found[0].model.evaluate(s, D), found[1].model.evaluate(s, D)) < 1e-5
@@ -429,7 +429,7 @@ def test_back_ends_give_the_same_model():
 
 def test_progress_tells_every_factorisation():
     model, told = damped(), []
-    reduction = reduce_model(model, one_input(model), ReductionOptions(BAND), progress=told.append)
+    reduction = reduce_model(model, one_input(model), ReductionOptions(band_hz=BAND), progress=told.append)
     assert len(told) == len(reduction.trace)
     assert sum("compressed" in text for text in told) == 1
     assert "expansion point" in told[0]
@@ -472,7 +472,7 @@ def test_the_low_decades_of_a_wide_band_are_certified_too(monkeypatch):
     scale = local_scale(model.K, model.M, model.terms, 2 * np.pi * band[1])
 
     def errors() -> tuple[Reduction, np.ndarray]:
-        found = reduce_model(model, one_input(model), ReductionOptions(band))
+        found = reduce_model(model, one_input(model), ReductionOptions(band_hz=band))
         near, rows = found.model.ports(s, workers=1), np.arange(model.L.shape[0])
         at = [np.array([i]) for i in range(lines.size)]
         return found, np.array([max(port_errors(model, scale, exact.select(i, rows), near.select(i, rows)).values()) for i in at])
@@ -494,7 +494,7 @@ def test_a_frequency_that_stands_for_a_band_is_one_of_the_mesh():
 
 
 def test_points_after_the_first_check_the_basis_before_them():
-    found = reduce_model(damped(), one_input(damped()), ReductionOptions(BAND))
+    found = reduce_model(damped(), one_input(damped()), ReductionOptions(band_hz=BAND))
     points = [step for step in found.trace if step.order]
     errors = [step.measured_error for step in points]
     assert errors[0] is None

@@ -53,7 +53,7 @@ def one_input(model):
 
 
 def rich(model, tolerance=1e-3, points=(45.0, 200.0, 360.0)):
-    R = Reducer(model, one_input(model), ReductionOptions(BAND, tolerance))
+    R = Reducer(model, one_input(model), ReductionOptions(band_hz=BAND, tolerance=tolerance))
     for frequency in points:
         R.enrich(*R.lines.solve([frequency]))
     return R
@@ -123,9 +123,9 @@ class TestCompression:
     def test_the_basis_is_nearly_the_smallest(self):
         """Against the singular vectors of all solutions of the full model at all lines, field by field, tried size by size."""
         model = box()
-        reduction = reduce_model(model, one_input(model), ReductionOptions(BAND))
+        reduction = reduce_model(model, one_input(model), ReductionOptions(band_hz=BAND))
         s = 2j * np.pi * np.linspace(*BAND, 60)
-        R = Reducer(model, one_input(model), ReductionOptions(BAND))
+        R = Reducer(model, one_input(model), ReductionOptions(band_hz=BAND))
         K, C, M = (A.toarray() for A in (R.problem.Z.K, R.problem.Z.C, R.problem.Z.M))
         rhs = np.hstack([model.inputs.toarray(), model.L.T.toarray()])
         X = np.hstack([np.linalg.solve(z**2 * M + z * C + K, rhs) for z in s])
@@ -195,7 +195,7 @@ def test_many_inputs_are_compressed_before_solving(monkeypatch, name):
     monkeypatch.setattr(problem, "MANY_INPUTS", 3)
     monkeypatch.setattr(full_lines, "COMBINATIONS", 4)
     model = MODELS[name]()
-    R = Reducer(model, one_input(model), ReductionOptions(BAND))
+    R = Reducer(model, one_input(model), ReductionOptions(band_hz=BAND))
     assert R.problem.many
     assert R.lines.combinations.shape[1] == 5
     reduction = R.run()
@@ -216,7 +216,7 @@ def test_two_lines_at_a_time_give_the_same_model(monkeypatch):
     found = []
     for cores in (1, 2):
         monkeypatch.setattr(full_lines, "cores", lambda cores=cores: cores)
-        found.append(reduce_model(model, one_input(model), ReductionOptions(BAND), backend="superlu"))
+        found.append(reduce_model(model, one_input(model), ReductionOptions(band_hz=BAND), backend="superlu"))
     assert found[0].sizes == found[1].sizes
     np.testing.assert_allclose(found[0].model.ports(s).H00, found[1].model.ports(s).H00, rtol=1e-6)
 
@@ -236,7 +236,7 @@ def test_a_roving_hammer_is_solved_from_the_other_side(skew):
         damping=(4.0, 1e-6), output_power=[2, 0] * hammer.size,
     )  # fmt: skip
     input_of = np.repeat(np.arange(hammer.size), 2)
-    R = Reducer(model, input_of, ReductionOptions(BAND))
+    R = Reducer(model, input_of, ReductionOptions(band_hz=BAND))
     assert R.problem.dual.shape[1] == (2 if R.problem.Z.symmetric else 4)
     whole = model.L.T if R.problem.Z.symmetric else model.outputs.T
     np.testing.assert_array_equal(R.problem.dual[:, R.problem.dual_of].toarray(), whole.toarray())
@@ -300,11 +300,11 @@ class TestBound:
     @pytest.mark.parametrize("name", MODELS)
     def test_true_errors_are_below_it(self, name):
         model = MODELS[name]()
-        reduction = reduce_model(model, one_input(model), ReductionOptions(BAND))
+        reduction = reduce_model(model, one_input(model), ReductionOptions(band_hz=BAND))
         s = 2j * np.pi * np.random.default_rng(3).uniform(*BAND, size=60)
         exact, found = dense_ports(model, s, reduction.model.reference), reduction.model.ports(s)
         scale = local_scale(model.K, model.M, model.terms, 2 * np.pi * BAND[1])
         vectors = [D for Ds in certificate_vectors(model.terms, scale, s).values() for D in Ds]
-        groups = Reducer(model, one_input(model), ReductionOptions(BAND)).problem.quantities
+        groups = Reducer(model, one_input(model), ReductionOptions(band_hz=BAND)).problem.quantities
         assert reduction.worst < reduction.unseen
         assert np.mean(distance(exact, found, vectors, groups) <= reduction.unseen) >= 0.95

@@ -39,7 +39,7 @@ def speaker_box():
 
 def test_speaker_box(speaker_box):
     model = speaker_box
-    reduction = reduce_model(model, np.zeros(3, dtype=np.int64), ReductionOptions((20.0, 700.0)))
+    reduction = reduce_model(model, np.zeros(3, dtype=np.int64), ReductionOptions(band_hz=(20.0, 700.0)))
     assert reduction.reached
     assert reduction.model.size < 70
 
@@ -76,7 +76,7 @@ def foundation():
 
 def test_foundation(foundation):
     model = foundation
-    reduction = reduce_model(model, np.zeros(4, dtype=np.int64), ReductionOptions((5.0, 60.0)))
+    reduction = reduce_model(model, np.zeros(4, dtype=np.int64), ReductionOptions(band_hz=(5.0, 60.0)))
     assert reduction.reached
     assert np.iscomplexobj(reduction.model.K)
     assert reduction.model.size < 250

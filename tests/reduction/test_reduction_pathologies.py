@@ -71,7 +71,7 @@ def true_error(model, reduction: Reduction, input_of, *, direct=direct_frf, line
 def judged(model, *, band=BAND, tolerance=1e-3, backend="auto", input_of=None, **checks) -> Reduction:
     """Reduce; where the certificate claims the tolerance, full solves confirm it, up to its own bound for lines that were not solved."""
     input_of = np.zeros(model.L.shape[0], dtype=np.int64) if input_of is None else np.asarray(input_of)
-    reduction = reduce_model(model, input_of, ReductionOptions(band, tolerance=tolerance), backend=backend)
+    reduction = reduce_model(model, input_of, ReductionOptions(band_hz=band, tolerance=tolerance), backend=backend)
     assert reduction.reached == (reduction.worst <= tolerance)
     if reduction.reached:
         assert true_error(model, reduction, input_of, **checks) <= np.fmax(tolerance, reduction.unseen)
@@ -396,7 +396,7 @@ def proportionally_damped():
 def test_no_state_and_no_line_is_missed(make, tolerance):
     """Where a few lines and vectors certify the model, all others hold too: every 1.5 Hz, random values about the local stiffness."""
     model, rng = make(), np.random.default_rng(1)
-    reduction = reduce_model(model, np.zeros(model.L.shape[0], dtype=np.int64), ReductionOptions(BAND, tolerance=tolerance))
+    reduction = reduce_model(model, np.zeros(model.L.shape[0], dtype=np.int64), ReductionOptions(band_hz=BAND, tolerance=tolerance))
     assert reduction.reached
     s = 2j * np.pi * np.linspace(*BAND, 261)
     scale = local_scale(model.K, model.M, model.terms, 2 * np.pi * BAND[1])

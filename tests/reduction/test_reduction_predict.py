@@ -50,7 +50,7 @@ from lrbc_cli.reduction.predict import predict
 def status(name):
     return 1024 * next(int(l.split()[1]) for l in Path("/proc/self/status").read_text().splitlines() if l.startswith(name))
 
-model, options = cube(), ReductionOptions(BAND)
+model, options = cube(), ReductionOptions(band_hz=BAND)
 before = status("VmRSS:")
 if {predicting!r}:
     cost = predict(model, options, backend={backend!r})
@@ -87,7 +87,7 @@ class TestPrediction:
     @pytest.mark.parametrize("backend", BACKENDS)
     def test_what_it_depends_on(self, backend):
         small, large = cube(12), cube(18)
-        options = ReductionOptions(BAND)
+        options = ReductionOptions(band_hz=BAND)
         first, second = (predict(model, options, backend=backend) for model in (small, large))
         for part in ("operators", "snapshots", "basis"):
             # 3.4 times the DOFs; factors grow faster.
@@ -115,19 +115,21 @@ class TestPrediction:
 
     def test_a_largest_size_bounds_the_basis(self):
         model = cube(12)
-        free, bounded = (predict(model, ReductionOptions(BAND, max_size=size), backend="superlu") for size in (None, 10))
+        free, bounded = (predict(model, ReductionOptions(band_hz=BAND, max_size=size), backend="superlu") for size in (None, 10))
         assert bounded.memory["basis"] == pytest.approx(free.memory["basis"] * 10 / 64)
         assert bounded.additional < free.additional
 
     def test_a_model_that_is_kept_whole_is_not_expanded(self):
         """Three times the work was predicted for lines that no reduction of it solves."""
         model = cube(6, terms=36)
-        whole, expanded = (predict(model, ReductionOptions(BAND, max_size=size), backend="superlu") for size in (None, model.size - 1))
+        whole, expanded = (
+            predict(model, ReductionOptions(band_hz=BAND, max_size=size), backend="superlu") for size in (None, model.size - 1)
+        )
         assert whole.memory["basis"] == 2 * 8 * model.size**2
         assert whole.work < 0.5 * expanded.work
 
     @pytest.mark.parametrize("side", [9, 14, 22])
     def test_the_quick_bound_is_above_the_prediction(self, side):
         model = cube(side)
-        assert memory_bound(model) > predict(model, ReductionOptions(BAND), backend="superlu").additional
+        assert memory_bound(model) > predict(model, ReductionOptions(band_hz=BAND), backend="superlu").additional
         assert np.isfinite(memory_bound(model))

@@ -82,7 +82,7 @@ class TestResonance:
 def test_true_errors_of_soft_states_are_below_the_bound(tolerance):
     """Random states between free and clamped on a dense scan, each with its resonances: full solves against what was stated."""
     model = floating()
-    reduction = reduce_model(model, one_input(model), ReductionOptions(BAND, tolerance=tolerance))
+    reduction = reduce_model(model, one_input(model), ReductionOptions(band_hz=BAND, tolerance=tolerance))
     assert reduction.reached
     s = 2j * np.pi * np.linspace(10.0, 60.0, 401)
     exact, found = dense_ports(model, s, reduction.model.reference), reduction.model.ports(s)
@@ -105,7 +105,7 @@ def test_rounding_is_foreseen(name):
         model = fe_model(
             K, M, loads=unit(70, 4), outputs=unit(70, 45, 60), left=unit(70, 2, 11, 25), damping=(0.5, 2e-6), is_acoustic=is_acoustic
         )
-    R = Reducer(model, one_input(model), ReductionOptions(BAND))
+    R = Reducer(model, one_input(model), ReductionOptions(band_hz=BAND))
     R._whole(lambda _: None)
     lines = np.array([12.0, 55.0, 210.0, 390.0])
     sweep = R.estimator.sweep(R.basis.projected(), lines)
@@ -125,7 +125,7 @@ def test_rounding_is_foreseen(name):
 def test_the_estimate_knows_each_state():
     """Not only the worst of all: measured over estimated is about the same from vector to vector, so that a few lines tell for all."""
     model = floating()
-    R = Reducer(model, one_input(model), ReductionOptions(BAND, tolerance=1e-4))
+    R = Reducer(model, one_input(model), ReductionOptions(band_hz=BAND, tolerance=1e-4))
     R.run()
     lines = np.array([25.0, 141.0, 333.0])
     exact, found = ports_of(model, 2j * np.pi * lines), R.reduced().ports(2j * np.pi * lines)

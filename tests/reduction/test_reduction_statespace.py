@@ -123,7 +123,7 @@ def test_no_pole_in_the_right_half_plane(state, p_damp, split):
     if split == "full":
         small = dense(model)
     else:
-        small = reduce_model(model, np.zeros(5, dtype=np.int64), ReductionOptions(BAND, 1e-4, max_size=24)).model
+        small = reduce_model(model, np.zeros(5, dtype=np.int64), ReductionOptions(band_hz=BAND, tolerance=1e-4, max_size=24)).model
         assert small.size <= 24
         assert 0 < small.structure < small.size
     system = state_space(small, values(STATES[state], p_damp), BAND)

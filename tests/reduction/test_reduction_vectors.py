@@ -15,7 +15,9 @@ OMEGA = 2 * np.pi * 400.0
 def terms(left, right=None, power=0, baseline=0.0):
     right = left if right is None else right
     nt = left.shape[1]
-    return LowRankTerms(left, right, np.broadcast_to(power, nt).astype(np.int64), np.broadcast_to(baseline, nt).astype(float))
+    return LowRankTerms(
+        left=left, right=right, power=np.broadcast_to(power, nt).astype(np.int64), baseline=np.broadcast_to(baseline, nt).astype(float)
+    )
 
 
 def test_local_scale_of_a_unit_vector_is_the_diagonal():

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from lrbc_cli.results.fields import Record, StoredRecord
+from lrbc_cli.results.fields import Record, SealedRecord, StoredRecord
 from lrbc_cli.results.job import FailedJob, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
-from lrbc_cli.results.store import read, write
+from lrbc_cli.results.store import digest_of, read, sealed, write
 
 NODES, Y = 31, np.linspace(0.2, 0.7, 31)
 BOLTS = 17
@@ -21,7 +22,14 @@ MODES = np.array([47.0, 62.0, 88.0, 121.0, 139.0, 163.0, 171.0, 204.0, 228.0, 25
 
 
 def _write(file: Path, kind: type[StoredRecord], document: dict) -> None:
-    write(file, kind.checked(document))
+    record = kind.checked(document)
+    write(file, sealed(record) if isinstance(record, SealedRecord) else record)
+
+
+def reseal(file: Path, document: dict) -> None:
+    """Write a changed document, with the digest that it has now."""
+    digest = {"digest": digest_of(document)} if "digest" in document else {}
+    file.write_text(json.dumps(document | digest), encoding="utf-8")
 
 
 def changed(record: Record, **values) -> Record:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fake_campaign import campaign_of, write_campaign, write_fdac
+from fake_campaign import campaign_of, reseal, write_campaign, write_fdac
 from fake_campaign import changed as replace
 from test_report_page import parsed
 from test_report_reading import spoil
@@ -582,7 +582,7 @@ def test_names_in_new_places_cannot_become_markup(tmp_path):
     spoil(file, "bolts", 4, "name", value=evil)
     document = json.loads((tmp_path / "calibration.json").read_text())
     document["factors"][evil] = {"value": 1.0}
-    (tmp_path / "calibration.json").write_text(json.dumps(document))
+    reseal(tmp_path / "calibration.json", document)
     write_report(tmp_path, workers=1)
     assert not parsed(tmp_path).all("img")
 

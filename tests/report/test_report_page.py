@@ -9,7 +9,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
-from fake_campaign import reduction_of, write_campaign, write_frf
+from fake_campaign import reduction_of, reseal, write_campaign, write_frf
 
 from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import ConfigError, DataError
@@ -116,7 +116,7 @@ def test_names_cannot_become_markup(tmp_path):
     evil = "<img src=x onerror=alert(1)>\"'&$x_1$"
     write_campaign(tmp_path, (0, 4), responses=(evil, "</script><b>"), used=(evil,), name=evil, groups=(evil,), failed=("x'&y",), lines=40)
     result = tmp_path / "x'&y" / "result.json"
-    result.write_text(json.dumps({**json.loads(result.read_text()), "reason": f"{evil}</td>"}), encoding="utf-8")
+    reseal(result, {**json.loads(result.read_text()), "reason": f"{evil}</td>"})
     write_report(tmp_path)
     found = parsed(tmp_path)
     assert not found.all("img")
@@ -201,7 +201,7 @@ def test_jobs_of_another_reduced_model_are_named(output, key):
     file = output / "bolts-04" / "result.json"
     result = json.loads(file.read_text(encoding="utf-8"))
     result["provenance"]["certificate"] = None if key is None else {"key": key, "size": 31, "worst": None}
-    file.write_text(json.dumps(result), encoding="utf-8")
+    reseal(file, result)
     write_report(output, workers=1)
     text = " ".join(parsed(output).texts)
     assert ("The results of bolts-04 rest on another reduced model" in text) == (key == "another")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fake_campaign import campaign_of
+from fake_campaign import campaign_of, reseal
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.report.drawing.structure import Camera, scene_of
@@ -21,7 +21,7 @@ from lrbc_cli.report.parts.structure import structure_chart, structure_page, str
 from lrbc_cli.report.write import write_report, write_structure
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.shapes import ShapesRecord
-from lrbc_cli.results.store import read_job, write
+from lrbc_cli.results.store import read_job, write, write_sealed
 from lrbc_cli.results.structure import StructureRecord
 
 
@@ -78,7 +78,7 @@ class Elements(HTMLParser):
 
 def test_every_job_has_its_picture_and_the_page_a_chooser(output: Path) -> None:
     record = plate(output)
-    write(output / "structure.json", record)
+    write_sealed(output / "structure.json", record)
     write_report(output, workers=1)
     for name in ("bolts-00", "bolts-04"):
         assert (output / name / "structure.png").read_bytes().startswith(b"\x89PNG")
@@ -113,12 +113,12 @@ def with_shapes(output: Path, name: str, nodes: int = 30) -> ShapesRecord:
     digest = write(output / name / "shapes.json", record)
     job = job_of(output, name).tree()
     job["provenance"]["files"] = {**(job["provenance"].get("files") or {}), "shapes.json": digest}
-    (output / name / "result.json").write_text(json.dumps(job))
+    reseal(output / name / "result.json", job)
     return record
 
 
 def test_shapes_are_on_the_page_and_a_figure(output: Path) -> None:
-    write(output / "structure.json", plate(output))
+    write_sealed(output / "structure.json", plate(output))
     record = with_shapes(output, "bolts-04")
     with_shapes(output, "bolts-00", nodes=29)
     write_report(output, workers=1)
@@ -193,7 +193,7 @@ def test_no_picture_without_coordinates(output: Path) -> None:
 def test_a_damaged_structure_is_told(output: Path) -> None:
     tree = plate(output).tree()
     del tree["bolts"][0]["position"]
-    (output / "structure.json").write_text(json.dumps(tree))
+    reseal(output / "structure.json", tree)
     with pytest.raises(DataError, match=r"structure.json(.|\n)*bolts\[0\].position"):
         write_report(output, workers=1)
 

@@ -164,7 +164,7 @@ def test_campaign_is_ready(tmp_path: Path) -> None:
     ensure_model(design, model)
     with pytest.raises(ValueError, match="not that of cover"):
         ensure_model(JOINT_DESIGNS["cover"], model)
-    scatter = Scatter(2.0)
+    scatter = Scatter(kelvin=2.0)
     for folder in (tmp_path / "seed-4", tmp_path / "again"):
         measure_campaign(design, 4, folder, retorque=0.3, scatter=scatter)
     for file in ("truth.json", "frf/tight.uff", "frf/state-2.uff"):

@@ -107,7 +107,7 @@ def test_shared_basis_gives_the_rig(shell: tuple[Plate, Air]) -> None:
     rng = np.random.default_rng(3)
     perturbations = replace(Perturbations.draw(COARSE, rng), settling=0.3)
     basis = Basis(plate, air)
-    drift = Drift(2.0, (0.003, -0.002), {"mic01": 0.5})
+    drift = Drift(kelvin=2.0, hammer=(0.003, -0.002), gain={"mic01": 0.5})
     exact, fast = Rig(plate, air, perturbations), Rig(basis.plate, basis.air, perturbations)
     for removed in ([], ["B09"], ["B07", "B08", "B09", "B10"], list(COARSE.bolts)):
         factors = exact.factors(removed, rng)
@@ -135,13 +135,14 @@ def test_temperature_is_speed_and_density(shell: tuple[Plate, Air]) -> None:
 def test_drift_is_drawn_with_its_spread() -> None:
     assert Scatter().draw(["a"], np.random.default_rng(0)) == Drift()
     rng = np.random.default_rng(0)
-    drawn = [Scatter(2.0, 0.003, 0.5).draw(["a", "b"], rng) for _ in range(2000)]
+    drawn = [Scatter(kelvin=2.0, hammer=0.003, gain=0.5).draw(["a", "b"], rng) for _ in range(2000)]
     assert np.std([d.kelvin for d in drawn]) == pytest.approx(2.0, rel=0.1)
     np.testing.assert_allclose(np.std([d.hammer for d in drawn], axis=0), 0.003, rtol=0.1)
     assert np.std([d.gain["b"] for d in drawn]) == pytest.approx(0.5, rel=0.1)
     # One kind of drift does not change what is drawn for another.
     assert (
-        Scatter(kelvin=2.0).draw(["a"], np.random.default_rng(5)).kelvin == Scatter(2.0, 0.1).draw(["a"], np.random.default_rng(5)).kelvin
+        Scatter(kelvin=2.0).draw(["a"], np.random.default_rng(5)).kelvin
+        == Scatter(kelvin=2.0, hammer=0.1).draw(["a"], np.random.default_rng(5)).kelvin
     )
 
 
@@ -172,9 +173,9 @@ def test_campaign_is_ready(tmp_path: Path) -> None:
     folder = tmp_path / "seed-4"
     laboratory = Laboratory(COARSE)
     for at in (folder, tmp_path / "again"):
-        laboratory.campaign(4, jobs, at / "frf", at / "truth.json", retorque=0.3, scatter=Scatter(2.0, 0.003))
+        laboratory.campaign(4, jobs, at / "frf", at / "truth.json", retorque=0.3, scatter=Scatter(kelvin=2.0, hammer=0.003))
     assert (folder / "frf" / "tight.uff").read_bytes() == (tmp_path / "again" / "frf" / "tight.uff").read_bytes()
-    write_campaign(COARSE, folder, model, jobs, Scatter(2.0, 0.003))
+    write_campaign(COARSE, folder, model, jobs, Scatter(kelvin=2.0, hammer=0.003))
     inputs = read_as_exported(load_campaign(folder / "campaign.yaml"))
     assert inputs.warnings == ()
     assert inputs.campaign.update.reference == "tight"

@@ -21,6 +21,8 @@ import lrbc_cli
 import lrbc_cli.matrices
 import lrbc_cli.study
 from lrbc_cli import Study
+from lrbc_cli.arrays import Floats
+from lrbc_cli.campaign.jobs.standing import Outcome
 from lrbc_cli.cli.main import _told
 from lrbc_cli.config.settings import NuisanceConfig, UpdateConfig
 from lrbc_cli.errors import ConfigError, DataError, NumericalError
@@ -197,8 +199,11 @@ def test_mistakes_are_told(study: Study) -> None:
         study.measurement(HZ, np.ones((HZ.size, 1)))
     with pytest.raises(ConfigError, match="decision rule"):
         study.judge(None, prior_std=1.0)  # type: ignore[arg-type]
-    with pytest.raises(ConfigError, match="no such decision rule"):
+    with pytest.raises(ConfigError, match=r"DecisionRule\.confidence"):
         study.judge(None, confidence=2.0)  # type: ignore[arg-type]
+    for name, value in {"lines": "resonance", "statistics": 7, "relative": "no", "responses": ["acc1"], "tolerance": 0.0}.items():
+        with pytest.raises(ConfigError, match=rf"Method\.{name}: a value that is not allowed"):
+            study.with_method(**{name: value})
 
 
 def test_bare_matrices_against_a_direct_solve() -> None:
@@ -323,13 +328,65 @@ def test_arguments_of_a_study_are_refused(study: Study) -> None:
         lambda: study.judge("tight"),  # type: ignore[arg-type]
         lambda: study.update("tight"),
         lambda: study.update(workers=0),
-        lambda: study.plan(by="bolt"),
-        lambda: study.plan(draws=-1),
-        lambda: study.plan(seed=-1),
         lambda: study.plot_frf(None, "mic"),  # type: ignore[arg-type]
     ):
         with pytest.raises(ConfigError, match="the argument"):
             call()
+    for name, value in {"by": "bolt", "draws": -1, "seed": 0.5, "noise_db": np.nan}.items():
+        with pytest.raises(ConfigError, match=rf"Request\.{name}: a value that is not allowed"):
+            study.plan(**{name: value})  # type: ignore[arg-type]
+
+
+def test_every_doubt_about_a_measurement_is_told(study: Study) -> None:
+    """A file that is cut, written with another sensitivity of the hammer: the second was lost."""
+    tight, whole = study.identify("tight"), study.read("loose-2")
+    part = whole.frequency_hz < 0.8 * whole.frequency_hz[-1]
+    found = study.identify("cut", study.measurement(whole.frequency_hz[part], 1.3 * whole.values[part]), reference=tight)
+    assert [doubt.kind for doubt in found.evidence.doubts] == ["incomplete", "gain"]
+    validity = found.record.validity
+    assert validity is not None
+    assert validity.passed is None
+    assert validity.unvalidated == "; ".join(doubt.text for doubt in found.evidence.doubts)
+
+
+def student(dof: float) -> lrbc_cli.Loss:
+    class Own(lrbc_cli.Loss):
+        def rho(self, square: Floats) -> tuple[Floats, Floats]:
+            return dof * np.log1p(square / dof), 1.0 / (1.0 + square / dof)
+
+    return Own()
+
+
+def test_a_loss_of_ones_own(frame: Folder) -> None:
+    """Without a file of the package; its numbers and its code are part of the identity."""
+    study = lrbc_cli.load(frame.config, cache=frame.cache)
+
+    def found(loss: lrbc_cli.Loss) -> Outcome:
+        residual = replace(study.inputs.method.residual, loss=loss, loss_scale=None)
+        return study.with_method(output=frame.path / "mine", residual=residual).update(["tight"])
+
+    first = found(student(4.0)).results["tight"]
+    assert first.method["residual"] == {"kind": "db", "loss_scale": None, "floor": None, "loss": {"class": "student.<locals>.Own"}}
+    assert first.misfit_db != study.identify("tight").record.misfit_db
+    assert found(student(4.0)).kept == ["tight"]
+    assert found(student(5.0)).kept == []
+
+
+def test_an_experiment_does_not_replace_the_results_of_the_campaign(frame: Folder) -> None:
+    """The next `lrbc update` identified all jobs anew, and the results of the campaign were gone."""
+    study = lrbc_cli.load(frame.config, cache=frame.cache)
+    before = frame.results()
+    other = study.with_method(lines="all")
+    for write in (other.update, other.calibrate, study.with_method(output="mine").with_method(lines="all").update):
+        with pytest.raises(ConfigError, match="output"):
+            write()
+    with pytest.raises(ConfigError, match="another folder"):
+        study.with_method(output=frame.out, lines="all")
+    apart = study.with_method(output=frame.path / "mine", lines="all").update(["tight"])
+    assert apart.results["tight"].method["lines"] == "all"
+    assert (frame.path / "mine" / "tight" / "result.json").is_file()
+    assert frame.results() == before
+    assert study.update(["tight"]).kept == ["tight"]
 
 
 @pytest.mark.slow
@@ -354,7 +411,7 @@ def test_judging_starts_from_the_rule_of_the_study(study: Study) -> None:
     assert not kept.validity.passed
     assert own.validity.passed
     assert study.judge(found, validated_misfit=1e-3).validity == kept.validity
-    with pytest.raises(ConfigError, match="a number for joint_margin"):
+    with pytest.raises(ConfigError, match=r"DecisionRule\.joint_margin"):
         study.judge(found, joint_margin="wide")
 
 

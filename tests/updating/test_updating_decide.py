@@ -12,7 +12,17 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from lrbc_cli.updating.judging.decide import BASELINE, JOB, REFERENCE, BoltVerdict, Judgement, judge, scatter_of
-from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, PartialChange, SampledChange, carried
+from lrbc_cli.updating.judging.evidence import (
+    USED,
+    VALIDATION,
+    BoltEvidence,
+    Change,
+    Doubt,
+    Evidence,
+    PartialChange,
+    SampledChange,
+    carried,
+)
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import NO_SCATTER, DecisionRule, TightScatter
 from lrbc_cli.updating.normal import normal_cdf
@@ -20,6 +30,7 @@ from lrbc_cli.updating.posterior.mixture import ChangeSamples
 from lrbc_cli.updating.statistics.priors import BoltPrior
 
 RULE = DecisionRule()
+AS_IF = (Doubt(kind="chain", text="as if hit twice", explained=True),)
 PLACE = BoltEvidence(name="B1", position=(0.0, 0.0, 0.0), log10_stiffness=4.0, felt=4.0)
 
 
@@ -33,8 +44,6 @@ def evidence(*bolts: BoltEvidence, **kwargs: Any) -> Evidence:
         "missing_reference": None,
         "compared": VALIDATION,
         "misfit_db": 0.5,
-        "unvalidated": "",
-        "doubted": None,
         "setting": "",
     }
     return Evidence(**(known | kwargs))
@@ -294,9 +303,9 @@ class TestValidity:
         ("known", "passed"),
         [
             ({}, True),
-            ({"compared": USED, "unvalidated": "there are no validation channels"}, None),
-            ({"doubted": "tight.csv contains the measurement of tight again"}, None),
-            ({"doubted": "tight.csv contains the measurement of tight again", "misfit_db": 5.0}, False),
+            ({"compared": USED, "doubts": (Doubt(kind="channels", text="there are no validation channels"),)}, None),
+            ({"doubts": (Doubt(kind="copy", text="tight.csv contains the measurement of tight again"),)}, None),
+            ({"doubts": (Doubt(kind="copy", text="tight.csv contains the measurement of tight again"),), "misfit_db": 5.0}, False),
             ({"compared": None, "misfit_db": None}, False),
         ],
     )
@@ -304,6 +313,19 @@ class TestValidity:
         found = judge(evidence(**known), RULE).validity
         assert found.passed is passed
         assert found.explained is (passed is not False)
+
+
+def test_every_reason_is_told() -> None:
+    """The second was lost, so that a job whose first fault was mended was measured once more in vain."""
+    doubts = (Doubt(kind="incomplete", text="half of the lines"), Doubt(kind="exchanged", text="acc1 and acc2"), *AS_IF)
+    found = judge(
+        evidence(changed(-2.0, 0.1), doubts=doubts, misfit_db=3.2).beside("a copy").beside(None), replace(RULE, largest_misfit=5.0)
+    )
+    said = "half of the lines; acc1 and acc2; a copy; a misfit of 3.20 dB is above 3 dB and validates nothing"
+    assert found.validity.unvalidated == said
+    assert found.validity.reason.startswith(f"not validated: {said}; mean misfit")
+    # What the change explains counts if no bolt is loose.
+    assert judge(evidence(changed(0.0, 0.1), doubts=doubts), RULE).validity.unvalidated.endswith("half of the lines; acc1 and acc2")
 
 
 def test_tighter_than_tight_is_implausible() -> None:
@@ -325,14 +347,14 @@ def test_tighter_than_tight_is_implausible() -> None:
 
 def test_a_change_that_clears_no_bolt_of_suspicion_excuses_no_measurement() -> None:
     """As a clock that is off by a little, which the springs of tight bolts make up for."""
-    found = judge(evidence(changed(0.0, 0.1), excused="as if hit twice"), RULE)
+    found = judge(evidence(changed(0.0, 0.1), doubts=AS_IF), RULE)
     assert found.bolts[0].verdict == "tight"
     assert found.validity.passed is None
     assert found.validity.unvalidated == "as if hit twice; the change identified would explain it, but no bolt is judged loose"
-    assert judge(evidence(changed(-2.0, 0.1), excused="as if hit twice"), RULE).validity.passed
-    assert judge(evidence(changed(0.0, 0.1), excused="as if hit twice"), RULE, BASELINE).validity.passed
+    assert judge(evidence(changed(-2.0, 0.1), doubts=AS_IF), RULE).validity.passed
+    assert judge(evidence(changed(0.0, 0.1), doubts=AS_IF), RULE, BASELINE).validity.passed
     # What is said of a bolt that is tighter is said instead.
-    assert "as if" not in judge(evidence(changed(2.0, 0.1), excused="as if hit twice"), RULE).validity.reason
+    assert "as if" not in judge(evidence(changed(2.0, 0.1), doubts=AS_IF), RULE).validity.reason
 
 
 def partial(*means: float, std: float = 0.02, mean: float | None = None) -> BoltEvidence:

@@ -53,7 +53,7 @@ class System:
             initial=np.full(3, 4.0),
             bounds=np.tile([0.0, 8.0], (3, 1)),
             smoothing=smoothing_matrix((0.2, 0.6, 0.2), 3),
-            damping=EdgeDamping(2e-5, loss_factor=0.0 if loss is None else 0.03),
+            damping=EdgeDamping(beta=2e-5, loss_factor=0.0 if loss is None else 0.03),
         )
         mass = ParameterGroup(
             name="mass",

@@ -103,7 +103,7 @@ class TestPosterior:
     @pytest.mark.parametrize("ratio", [1.0, 2.5])
     def test_it_covers_errors_that_are_larger_than_the_residuals(self, ratio: float) -> None:
         """Standardised errors have unit variance where the data err so many times as much; where they say nothing the prior stays."""
-        z, noise, found = [], Noise(SIGMA, 1.0), None
+        z, noise, found = [], Noise(sigma=SIGMA, factor=1.0), None
         for seed in range(80):
             case = Case(300 + seed, strength=0.03)
             true = STD * case.rng.normal(size=5)
@@ -192,7 +192,7 @@ def test_further_unknowns_have_their_priors(eta: float) -> None:
     mean = np.linalg.solve(precision, J.T @ data / variance)
     np.testing.assert_allclose(found.theta, mean, rtol=1e-5, atol=1e-7)
     end = replace(found, theta=level.theta(found.theta))
-    known = posterior(extended, end, case.shapes, nuisances, Noise(SIGMA, 1.0), case.prior)
+    known = posterior(extended, end, case.shapes, nuisances, Noise(sigma=SIGMA, factor=1.0), case.prior)
     np.testing.assert_allclose(known.covariance, np.linalg.inv(precision), rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(known.values, mean[m:] + np.array([0.0, 0.2]), rtol=1e-5, atol=1e-7)
     np.testing.assert_allclose(known.z, mean[:m], rtol=1e-5, atol=1e-6)
@@ -204,7 +204,7 @@ class TestPlaces:
         model = LinearModel(np.ones((6, 2, VALUES)), parameters)
         measured = model.frf(parameters.initial) * np.ones((6, 2), dtype=complex)
         measured[2, 1] = np.nan
-        return Misfit(model, measured, parameters.initial, 0.0, options=ResidualOptions(kind))
+        return Misfit(model, measured, parameters.initial, 0.0, options=ResidualOptions(kind=kind))
 
     def test_lines_and_responses(self) -> None:
         selected = np.array([4, 5, 6, 20, 21, 40])
@@ -304,7 +304,7 @@ class TestNoWorse:
                 reason="there",
                 iterations=1,
                 evaluations=1,
-                history=(HistoryEntry(0, 0.0, 0.0, True),),
+                history=(HistoryEntry(evaluation=0, cost=0.0, misfit_db=0.0, accepted=True),),
             )
 
         return no_worse(objective, ended(np.array([end])), [np.array([place]) for place in places], ended)

@@ -9,7 +9,7 @@ from lrbc_cli.updating.statistics.chain.echo import second_blow
 from lrbc_cli.updating.statistics.residuals import DataResidual, ResidualOptions
 
 LINES, RESPONSES = 200, 3
-CASES = [ResidualOptions(kind, loss) for kind in ("db", "log-complex") for loss in (None, 3.0)]
+CASES = [ResidualOptions(kind=kind, loss_scale=loss) for kind in ("db", "log-complex") for loss in (None, 3.0)]
 
 
 def values(seed: int = 1) -> np.ndarray:

@@ -14,7 +14,7 @@ from systems import direct_frf
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.misfit.frf import port_model
-from lrbc_cli.updating.search.descent import Level, hats, level_matrix
+from lrbc_cli.updating.search.descent import Level, even_hats, level_matrix
 from lrbc_cli.updating.search.ends import near_tie, other_ends
 from lrbc_cli.updating.search.levels import gauss_newton_by_levels
 from lrbc_cli.updating.search.optimise import Start, bfgs, gauss_newton
@@ -33,15 +33,15 @@ def problem(*, eta=1e-3, at=(4, 5, 6), noise_db=0.0, **more):
 class TestHats:
     def test_they_interpolate(self):
         positions = np.linspace(0.2, 1.0, 17)
-        T = hats(positions, 5)
+        T = even_hats(positions, 5)
         assert T.shape == (17, 5)
         np.testing.assert_allclose(T.sum(axis=1), 1.0)
         np.testing.assert_allclose(T @ np.linspace(0.2, 1.0, 5), positions)
         np.testing.assert_allclose(T[::4], np.eye(5), atol=1e-12)
 
     def test_one_knot_and_one_position(self):
-        np.testing.assert_array_equal(hats(np.linspace(0, 1, 4), 1), np.ones((4, 1)))
-        np.testing.assert_array_equal(hats(np.array([0.3]), 5), np.ones((1, 1)))
+        np.testing.assert_array_equal(even_hats(np.linspace(0, 1, 4), 1), np.ones((4, 1)))
+        np.testing.assert_array_equal(even_hats(np.array([0.3]), 5), np.ones((1, 1)))
 
 
 class TestLevelMatrix:
@@ -343,7 +343,7 @@ class TestStarts:
         other[:PADS] += np.where(np.arange(PADS) % 4 < 2, 0.5, -0.5)
 
         def start(cost, theta, kept=False):
-            return Start("there", cost, 10.0**cost, kept, theta)
+            return Start(description="there", cost=cost, total=10.0**cost, kept=kept, theta=theta)
 
         best, second, apart = near_tie(parameters, (start(2.04, other), start(2.0, truth, True), start(2.5, truth)))
         assert (best.cost, second.cost) == (2.0, 2.04)
@@ -362,7 +362,7 @@ class TestStarts:
         moved[3][PADS] += 2.0
 
         def start(cost, theta):
-            return Start("there", cost, 10.0**cost, False, theta)
+            return Start(description="there", cost=cost, total=10.0**cost, kept=False, theta=theta)
 
         ends = [start(2.03, moved[1]), start(2.0, truth), start(2.001, truth + 0.01), start(2.02, moved[0]), start(2.06, moved[2])]
         ends += [start(2.01, moved[3])]
@@ -378,4 +378,13 @@ class TestStarts:
         _, parameters, truth = problem()
         other = truth.copy()
         other[PADS] += 2.0
-        assert near_tie(parameters, (Start("a", 2.0, 100.0, True, truth), Start("b", 2.0, 100.0, False, other))) is None
+        assert (
+            near_tie(
+                parameters,
+                (
+                    Start(description="a", cost=2.0, total=100.0, kept=True, theta=truth),
+                    Start(description="b", cost=2.0, total=100.0, kept=False, theta=other),
+                ),
+            )
+            is None
+        )

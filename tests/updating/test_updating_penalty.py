@@ -24,7 +24,7 @@ def edge(count: int, first: int = 0, damping: EdgeDamping | None = None) -> Para
 
 
 def test_departures_alone_are_the_paper():
-    parameters = Parameterisation((edge(4, damping=EdgeDamping(1e-6)),))
+    parameters = Parameterisation((edge(4, damping=EdgeDamping(beta=1e-6)),))
     rows = penalty_rows(parameters)
     assert rows.shape == (4, 5)
     np.testing.assert_array_equal(rows[:, :4], np.eye(4))

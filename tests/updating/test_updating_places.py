@@ -45,8 +45,6 @@ def judge(edges, bolts, loose_change, is_reference):
         missing_reference=None,
         compared="validation channels",
         misfit_db=0.1,
-        unvalidated="",
-        doubted=None,
         setting="",
     )
     return list(decide(evidence, DecisionRule(loose_change=loose_change), REFERENCE if is_reference else JOB).bolts)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -12,16 +13,20 @@ from hypothesis import strategies as st
 from pads import PADS, THIRDS, S, loosened, pads_dynamic, pads_model, pads_ports
 from systems import direct_frf
 
+from lrbc_cli.errors import ConfigError
 from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.misfit.frf import port_model, reduced_model
 from lrbc_cli.updating.search.optimise import gauss_newton
 from lrbc_cli.updating.statistics.decibels import DB, coherence_sigma, decibel, noise_weights
 from lrbc_cli.updating.statistics.error_model import ERRORS
-from lrbc_cli.updating.statistics.residuals import DataResidual, ResidualOptions, soft
+from lrbc_cli.updating.statistics.losses import Loss, Soft
+from lrbc_cli.updating.statistics.residuals import DataResidual, ResidualOptions
 
 ROWS = np.array([0, 2, 3])
 KINDS = ("db", "log-complex")
-CASES = [ResidualOptions(kind, loss, floor) for kind, loss, floor in itertools.product(KINDS, (None, 2.0), (None, 20.0))]
+CASES = [
+    ResidualOptions(kind=kind, loss_scale=loss, floor=floor) for kind, loss, floor in itertools.product(KINDS, (None, 2.0), (None, 20.0))
+]
 
 
 def case_name(options):
@@ -180,7 +185,7 @@ class TestDefinitions:
 class TestSoft:
     @given(st.floats(-1e4, 1e4), st.floats(0.1, 30.0))
     def test_it_is_the_root_of_pseudo_huber(self, r, scale):
-        q, slope = soft(np.array([r]), np.ones((1, 1)), scale)
+        q, slope = Soft(scale=scale)(np.array([r]), np.ones((1, 1)))
         # 2 a² (sqrt(1 + x²) - 1) without its cancellation.
         loss = 2 * r**2 / (np.sqrt(1 + (r / scale) ** 2) + 1)
         assert q[0] ** 2 == pytest.approx(loss, rel=1e-10, abs=1e-300)
@@ -188,14 +193,14 @@ class TestSoft:
         assert 0 < slope[0, 0] <= 1 + 1e-12
 
     def test_small_differences_stay_and_large_ones_grow_as_a_root(self):
-        q, _ = soft(np.array([1e-3, 1e6, 4e6]), np.ones((3, 1)), 2.0)
+        q, _ = Soft(scale=2.0)(np.array([1e-3, 1e6, 4e6]), np.ones((3, 1)))
         assert q[0] == pytest.approx(1e-3, rel=1e-6)
         assert q[2] / q[1] == pytest.approx(2.0, rel=1e-3)
 
     @given(st.complex_numbers(max_magnitude=1e3), st.floats(0.1, 30.0))
     def test_a_complex_difference_keeps_its_direction(self, r, scale):
-        q = soft(np.array([r]), np.zeros((1, 1), dtype=complex), scale)[0][0]
-        assert abs(q) == pytest.approx(abs(soft(np.array([abs(r)]), np.zeros((1, 1)), scale)[0][0]), rel=1e-9, abs=1e-12)
+        q = Soft(scale=scale)(np.array([r]), np.zeros((1, 1), dtype=complex))[0][0]
+        assert abs(q) == pytest.approx(abs(Soft(scale=scale)(np.array([abs(r)]), np.zeros((1, 1)))[0][0]), rel=1e-9, abs=1e-12)
         assert abs((q * np.conj(r)).imag) <= 1e-9 * abs(q) * abs(r) + 1e-12
 
     @pytest.mark.parametrize("kind", KINDS)
@@ -207,10 +212,49 @@ class TestSoft:
             measured[line] *= 10.0**1.5
         error = {}
         for loss in (None, 1.0):
-            misfit = misfit_of(ResidualOptions(kind, loss), eta=1e-4, measured=measured)
+            misfit = misfit_of(ResidualOptions(kind=kind, loss_scale=loss), eta=1e-4, measured=measured)
             found = gauss_newton(misfit, truth, parameters.bounds, max_iterations=60).theta
             error[loss] = np.linalg.norm((np.log10(parameters.scales(found)) - np.log10(parameters.scales(truth)))[:PADS])
         assert error[1.0] < 0.5 * error[None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudentT(Loss):
+    dof: float = 4.0
+
+    def rho(self, square):
+        u = 1.0 + square / self.dof
+        return self.dof * np.log(u), 1.0 / u
+
+
+class TestOwnLoss:
+    @pytest.mark.parametrize("kind", [*KINDS, "sphere"])
+    def test_its_jacobian(self, kind):
+        misfit = misfit_of(ResidualOptions(kind=kind, loss=StudentT()))
+        theta = state()[1].initial + 0.1
+        check_derivative(lambda x: misfit(x).residual, misfit(theta).jacobian, theta, np.linspace(-1.0, 1.0, theta.size))
+
+    @given(st.complex_numbers(max_magnitude=1e3), st.floats(0.1, 30.0))
+    def test_the_general_form_is_that_of_the_soft_one(self, r, scale):
+        own, J = Soft(scale=scale), np.array([[1.0 + 0.3j, -0.2j]])
+        for found, expected in zip(Loss.__call__(own, np.array([r]), J), own(np.array([r]), J), strict=True):
+            np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
+
+    def test_a_residual_of_zero(self):
+        q, slope = StudentT()(np.zeros(1), np.ones((1, 1)))
+        assert (q[0], slope[0, 0]) == (0.0, 1.0)
+
+    def test_a_wrong_derivative_is_refused(self):
+        class Wrong(Loss):
+            def rho(self, square):
+                return np.log1p(square), 1.0 / np.sqrt(1.0 + square)
+
+        with pytest.raises(ConfigError, match=r"Wrong\.rho"):
+            Wrong()
+
+    def test_there_is_one_loss_only(self):
+        with pytest.raises(ConfigError, match="two losses"):
+            ResidualOptions(loss=StudentT(), loss_scale=1.0)
 
 
 class TestWeights:
@@ -250,8 +294,8 @@ class TestWeights:
         sigma = np.zeros((S.size, ROWS.size))
         sigma[5] = np.inf
         theta = wavy(parameters)
-        a = misfit_of(ResidualOptions(kind), sigma=sigma)(theta)
-        b = misfit_of(ResidualOptions(kind), sigma=sigma, measured=measured)(theta)
+        a = misfit_of(ResidualOptions(kind=kind), sigma=sigma)(theta)
+        b = misfit_of(ResidualOptions(kind=kind), sigma=sigma, measured=measured)(theta)
         assert a.total == pytest.approx(b.total, rel=1e-12)
 
 
@@ -296,8 +340,8 @@ class TestSharedErrors:
         band = rng.integers(0, 5, shape[0])
         measured[rng.integers(0, shape[0], 6), rng.integers(0, shape[1], 6)] = np.nan
         sigma, level, change = np.abs(rng.normal(size=shape)), 0.3, 2.0 * rng.normal(size=shape)
-        plain = DataResidual(measured, ResidualOptions(kind))
-        data = DataResidual(measured, ResidualOptions(kind), sigma).with_level(level).with_change(y, change, 0.4, patterns, band)
+        plain = DataResidual(measured, ResidualOptions(kind=kind))
+        data = DataResidual(measured, ResidualOptions(kind=kind), sigma).with_level(level).with_change(y, change, 0.4, patterns, band)
         J = rng.normal(size=(*shape, 2)) + 1j * rng.normal(size=(*shape, 2))
         real = kind == "db"
         r, rows, _ = plain(y, J.real if real else J)
@@ -321,7 +365,7 @@ class TestSharedErrors:
         assert data.log_det == pytest.approx(-np.linalg.slogdet(inverse)[1], rel=1e-9)
         # Derivatives under other weights need not be formed again.
         other = (
-            DataResidual(measured, ResidualOptions(kind), sigma)
+            DataResidual(measured, ResidualOptions(kind=kind), sigma)
             .with_level(level)
             .with_change(1.3 * y, 0.5 * change, 0.4, 2.0 * patterns, band)
         )

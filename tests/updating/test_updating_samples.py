@@ -32,7 +32,7 @@ def edge_parameters(inputs) -> Parameterisation:
                 initial=np.full(n, float(config.initial)),
                 bounds=np.tile(config.bounds, (n, 1)),
                 smoothing=smoothing_matrix(config.smoothing, n, config.normalised),
-                damping=EdgeDamping(group.beta, 0.0, config.damping.bounds),
+                damping=EdgeDamping(beta=group.beta, initial=0.0, bounds=config.damping.bounds),
                 xyz=group.xyz,
                 arc_length=group.arc_length,
             ),

@@ -165,7 +165,7 @@ def test_a_settled_joint_is_looked_at_again_where_the_state_has_gained_as_much(m
     evidence = {(): 0.0, (0,): -35.0, (1,): 20.0, (0, 1): 40.0}
 
     def settled(problem, prior, kinds, z, stop, **_):
-        return State(kinds, z, evidence[tuple(np.flatnonzero(kinds).tolist())], np.eye(2), np.zeros(2))
+        return State(kinds=kinds, z=z, evidence=evidence[tuple(np.flatnonzero(kinds).tolist())], A=np.eye(2), b=np.zeros(2))
 
     monkeypatch.setattr(sampling, "settle", settled)
     problem = replace(Saturating((0.0, 0.0), 1.0).problem(), bounds=np.zeros((2, 2)))

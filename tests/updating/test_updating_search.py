@@ -32,7 +32,7 @@ def joints(changes: dict[int, float], *, eta: float = 1e-6) -> tuple[Misfit, Par
         truth[bolt] += change
     frf = port_model(pads_ports(model), parameters)
     bolts = np.arange(PADS)
-    shapes = Shapes(np.eye(parameters.size), np.ones(parameters.size), bolts, np.ones(PADS, dtype=bool))
+    shapes = Shapes(T=np.eye(parameters.size), std=np.ones(parameters.size), bolts=bolts, joint=np.ones(PADS, dtype=bool))
     return Misfit(frf, frf.frf(truth), parameters.initial, eta, shapes.penalty()), parameters, shapes, truth
 
 

@@ -26,7 +26,7 @@ def group(name: str = "edge", x: float = 0.0, first: int = 0, kind: str = "stiff
         initial=np.full(Y.size, 4.0),
         bounds=np.tile([0.0, 7.0], (Y.size, 1)),
         smoothing=np.eye(Y.size),
-        damping=EdgeDamping(1e-6) if damping else None,
+        damping=EdgeDamping(beta=1e-6) if damping else None,
         xyz=xyz if places else None,
         arc_length=Y if places else None,
     )
@@ -251,7 +251,7 @@ class TestJoints:
 class TestMirrored:
     def of(self, xyz: np.ndarray, one: int, other: int) -> set[tuple[int, int]]:
         count = len(xyz)
-        shapes = Shapes(np.eye(count + 1), np.ones(count + 1), np.arange(count) + 1, np.ones(count, dtype=bool))
+        shapes = Shapes(T=np.eye(count + 1), std=np.ones(count + 1), bolts=np.arange(count) + 1, joint=np.ones(count, dtype=bool))
         return {tuple(sorted(pair)) for pair in shapes.mirrored(xyz, one, other)}
 
     def test_a_row(self) -> None:

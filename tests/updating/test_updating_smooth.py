@@ -42,7 +42,7 @@ def joints(change: np.ndarray, lacks: complex = 1.0):
     parameters = Parameterisation((group,))
     lines = port_model(dense_ports(model, 2j * np.pi * LINES, reference), parameters)
     measured, before = (lacks * lines.frf(theta) for theta in (tight + change, tight))
-    shapes = Shapes(np.eye(JOINTS), np.ones(JOINTS), each, np.ones(JOINTS, dtype=bool))
+    shapes = Shapes(T=np.eye(JOINTS), std=np.ones(JOINTS), bolts=each, joint=np.ones(JOINTS, dtype=bool))
     plain = Misfit(lines, measured / lacks, tight, 1e-3, shapes.penalty())
     wide = smoothed_costs(plain, lambda s: port_model(dense_ports(model, s, reference), parameters), LINES, measured, before)
     return plain, wide, parameters.bounds, shapes, tight + change

@@ -97,7 +97,7 @@ def campaign_text(design: JointDesign, name: str, model: str, scatter: Scatter) 
 
     alpha, beta = design.proportional
     used = [name for name, (_, sensor) in design.responses.items() if sensor not in design.held_out]
-    nuisances = nuisances_text(Scatter(0.0, scatter.hammer, scatter.gain))
+    nuisances = nuisances_text(Scatter(kelvin=0.0, hammer=scatter.hammer, gain=scatter.gain))
     several = design.parts > 1
     factors = ["stiffness.structure", "mass.structure", "alpha.structure", "beta.structure"]
     lines = [

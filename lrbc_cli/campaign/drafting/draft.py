@@ -31,8 +31,7 @@ from lrbc_cli.campaign.reading.reader import LABELS
 from lrbc_cli.config.document import resolve_scalar
 from lrbc_cli.config.fields import plain_name
 from lrbc_cli.config.skeleton import SCHEMA_LINE
-from lrbc_cli.errors import LrbcError
-from lrbc_cli.io.common import listing
+from lrbc_cli.errors import LrbcError, listing
 from lrbc_cli.io.frf_common import response_of
 from lrbc_cli.io.text.bushings import read_bushings
 from lrbc_cli.io.text.tables import read_dof_list, read_points, read_positions

@@ -1,23 +1,44 @@
-"""Measurements handed over as arrays, and jobs without files, for callers from Python."""
+"""Measurements handed over as arrays, jobs without files, and experiments with the method, for callers from Python."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.protect import require_inputs_apart, same_file
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config import JobConfig
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import ConfigError, DataError
 
 
 def with_job(inputs: Inputs, name: str) -> Inputs:
     """The inputs with a further job without files, whose measurement is passed to the identification."""
     job = JobConfig.model_construct(frf=Path(name))
     return replace(inputs, campaign=inputs.campaign.model_copy(update={"jobs": {**inputs.campaign.jobs, name: job}}))
+
+
+def with_choices(inputs: Inputs, choices: Mapping[str, Any], output: Path | None) -> Inputs:
+    """The inputs with other fields of the method, and with another folder for the results, if one is given.
+
+    Raises
+    ------
+    ConfigError
+        If the folder is that of the campaign, or contains its inputs.
+    """
+    campaign = inputs.campaign
+    if output is not None:
+        own = Path(output).expanduser().absolute()
+        if same_file(own, campaign.output):
+            raise ConfigError("the argument output cannot be used", expected="another folder than that of the campaign", found=own)
+        campaign = campaign.model_copy(update={"output": own})
+        require_inputs_apart(campaign)
+    return replace(inputs, campaign=campaign, by_hand={**inputs.by_hand, **choices})
 
 
 def measurement_of(inputs: Inputs, lines: Floats, values: Complexes, coherence: Floats | None) -> Measurement:

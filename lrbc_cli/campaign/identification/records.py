@@ -21,7 +21,7 @@ from lrbc_cli.campaign.identification.matching import (
 )
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.config.settings import JobConfig, files_of
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import DataError, listing
 from lrbc_cli.io.atomic import file_hash, unchanged
 from lrbc_cli.io.frf import CoherenceKey, TextLayout, read_coherence, read_frf
 from lrbc_cli.io.frf_common import HERTZ
@@ -234,7 +234,7 @@ def _strange(coherences: Collection[CoherenceKey], inputs: Inputs, job: JobConfi
     if not coherences or taken & set(coherences):
         return []
     return [
-        f"{called(job)}: no coherence of the job belongs to a response ({', '.join([str(key) for key in coherences][:4])}), so all "
+        f"{called(job)}: no coherence of the job belongs to a response ({listing(list(coherences), 4)}), so all "
         "lines have equal weight. Name its columns like the responses or their records, or give the file of this measurement"
     ]
 
@@ -285,7 +285,7 @@ def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
     notes = [note if len(of) == len(files) else f"{', '.join(of)}: {note}" for note, of in told.items()]
     if named:
         notes.append(f"no name in the file, named after the file: {', '.join(named)}")
-    return FrfSet(str(job.first), tuple(records), tuple(notes), tuple(warnings), tuple(titles)), hashes
+    return FrfSet(source=str(job.first), records=tuple(records), notes=tuple(notes), warnings=tuple(warnings), titles=tuple(titles)), hashes
 
 
 def _coherences(job: JobConfig, hashes: dict[str, str]) -> dict[CoherenceKey, tuple[Floats, Floats]]:

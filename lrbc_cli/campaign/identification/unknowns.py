@@ -120,7 +120,7 @@ def _group(group: TermGroup, limits: Saturation | None) -> ParameterGroup:
         start = float(np.clip(limits.start, low, high))
     damping = None
     if group.damping is not None:
-        damping = EdgeDamping(group.beta, group.damping.initial, group.damping.bounds, group.loss_factor)
+        damping = EdgeDamping(beta=group.beta, initial=group.damping.initial, bounds=group.damping.bounds, loss_factor=group.loss_factor)
     return ParameterGroup(
         name=group.name,
         kind=config.kind,

@@ -12,6 +12,7 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.method.resolve import noise_source
 from lrbc_cli.updating.comparison.correlation import measured_values
+from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.statistics.decibels import coherence_sigma, decibel, noise_weights
 from lrbc_cli.updating.statistics.lines import neighbour_sigma, resolved
 from lrbc_cli.updating.statistics.model import ValidationChannels
@@ -46,10 +47,9 @@ def mostly_noise(inputs: Inputs, measurement: Measurement, job: JobConfig, *, kn
     kind, sigma = measured_sigma(inputs, measurement, job, np.arange(axis.size))
     if kind != "none" and not known:
         sigma = None
-    elif kind == "none" and inputs.method.weighted and axis.size > errors.noise_window + 4:
-        even = bool(np.allclose(np.diff(axis), np.diff(axis).mean(), rtol=1e-3))
-        if even and resolved(axis, values[:, inputs.used], inputs.statistics.resolution):
-            sigma = neighbour_sigma(values, errors.noise_window)
+    elif kind == "none" and inputs.method.weighted and axis.size > errors.noise_window + 4 and evenly(axis):
+        whole = resolved(axis, values[:, inputs.used], inputs.statistics.resolution)
+        sigma = neighbour_sigma(values, errors.noise_window) if whole else sigma
     noisy: Bools = np.zeros(values.shape, dtype=bool) if sigma is None else sigma > errors.most_noise_db
     # If most lines of a response are noise, this is a fault, which must show in the misfit.
     return np.asarray(noisy & (2 * noisy.sum(axis=0) < axis.size))
@@ -199,5 +199,5 @@ def correction(model: Complexes, measured: Complexes, most_db: float) -> Complex
     """
     valid = measured_values(measured)
     ratio = np.where(valid, model / np.where(valid, measured, 1.0), np.nan)
-    level = 20.0 * np.log10(np.abs(ratio))
+    level = decibel(ratio)
     return np.asarray(ratio * 10.0 ** ((np.clip(level, -most_db, most_db) - level) / 20.0))

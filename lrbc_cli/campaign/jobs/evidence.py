@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.arrays import Floats
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.compared.chains import chain_doubt
 from lrbc_cli.campaign.identification.compared.copies import copied_text
 from lrbc_cli.campaign.identification.compared.doubts import doubts
@@ -27,6 +27,7 @@ from lrbc_cli.updating.judging.evidence import (
     VALIDATION,
     BoltEvidence,
     Change,
+    Doubt,
     Evidence,
     PartialChange,
     SampledChange,
@@ -39,6 +40,9 @@ from lrbc_cli.updating.search.ends import near_tie
 from lrbc_cli.updating.statistics.lines import interpolated, too_wide
 from lrbc_cli.updating.statistics.saturation import Saturation
 from lrbc_cli.updating.unknowns.places import Edge, Joints, Spot
+
+#: Why there is no validation channel, if all of their values are noise.
+SILENT = "no value of the validation channels stands out of the noise"
 
 
 def effective(group: ParameterGroup, p: Floats) -> Floats:
@@ -81,9 +85,13 @@ def evidence_of(inputs: Inputs, result: Identification) -> Evidence:
     warnings, setting, untrusted = doubts(inputs, result, (mean_of(result.misfit_initial[used]), mean_of(result.misfit_final[used])))
     edges, bolts = _bolts(inputs, result)
     wanted = update.reference not in (None, result.name)
-    doubted, excused = _doubted(inputs, result), ""
-    if doubted is None:
-        doubted, excused = _other_chain(inputs, result)
+    places = misplaced_bolts(inputs.groups, inputs.bolts)
+    found = (
+        *_doubts(inputs, result),
+        *untrusted,
+        *([] if places is None else [Doubt(kind="places", text=places)]),
+        *([] if compared == VALIDATION else [Doubt(kind="channels", text=unvalidated)]),
+    )
     return Evidence(
         job=result.name,
         status=result.solution.status,
@@ -95,10 +103,8 @@ def evidence_of(inputs: Inputs, result: Identification) -> Evidence:
         misfit_db=misfit,
         used_misfit_db=mean_of(result.misfit_final[used]),
         against_reference=result.against_reference,
-        unvalidated=unvalidated,
-        excused=excused,
-        doubted=doubted or untrusted or misplaced_bolts(inputs.groups, inputs.bolts),
         setting=setting,
+        doubts=found,
         data_warnings=result.measurement.warnings,
         warnings=(*result.warnings, *warnings),
         notes=(*result.notes, *remarks(inputs, result)),
@@ -107,56 +113,56 @@ def evidence_of(inputs: Inputs, result: Identification) -> Evidence:
 
 
 def _misfit(inputs: Inputs, result: Identification) -> tuple[str | None, float | None, str]:
-    """Channels on which validation rests, their mean misfit [dB], and the reason if these are no validation channels."""
+    """Channels on which validation rests, their mean misfit [dB], and why these are no validation channels, if so."""
     independent, why = validation_channels(result.measurement.values, inputs.used, inputs.validation, inputs.statistics.validation)
     for at, compared in ((independent, VALIDATION), (inputs.used, USED)):
         misfit = mean_of(result.misfit_final[at])
         if misfit is not None:
-            return compared, misfit, why
-    return None, None, why
+            return compared, misfit, why or SILENT
+    return None, None, why or SILENT
 
 
-def _doubted(inputs: Inputs, result: Identification) -> str | None:
-    """Fault of a measurement that prevents validation: a copy of the reference job, incomplete, interpolated or too coarse; else None."""
+def _doubts(inputs: Inputs, result: Identification) -> Iterator[Doubt]:
+    """Faults of a measurement: a copy of the reference job, incomplete, interpolated, too coarse, or of another measuring chain."""
     reference, own, tight = result.reference, result.measurement, result.tight
     if reference is None:
-        return None
+        return
     again = [file for file in inputs.campaign.jobs[result.name].measurements[0] if own.hashes.get(file.as_posix()) in reference.inputs]
     if again:
         files = f"{', '.join(file.name for file in again)} contain{'s' if len(again) == 1 else ''}"
-        return f"{files} the measurement of {reference.job} again; check whether another file was meant"
+        yield Doubt(kind="copy", text=f"{files} the measurement of {reference.job} again; check whether another file was meant")
     if tight is None:
-        return None
+        return
     limits, axis = inputs.statistics.validation, own.frequency_hz
     copied = copied_text(own, tight, reference.job, [response.name for response in inputs.responses], limits)
-    if copied:
-        return copied
+    if copied and not again:
+        yield Doubt(kind="copy", text=copied)
     same = limits.same_line
     within = (tight.frequency_hz >= axis[0] * (1 - same)) & (tight.frequency_hz <= axis[-1] * (1 + same))
     if within.mean() < limits.least_span:
         whole = f"{tight.frequency_hz[0]:g} to {tight.frequency_hz[-1]:g} Hz"
-        return f"its lines reach from {axis[0]:g} to {axis[-1]:g} Hz, those of {reference.job} from {whole}; check whether it is complete"
+        text = f"its lines reach from {axis[0]:g} to {axis[-1]:g} Hz, those of {reference.job} from {whole}; check whether it is complete"
+        yield Doubt(kind="incomplete", text=text)
     if strange := interpolated(own.values, inputs.statistics.resolution):
-        return strange
+        yield Doubt(kind="interpolated", text=strange)
     # What is mostly noise is not compared, so its peaks do not count.
     quiet = [without_noise(inputs, *each) for each in ((result.name, own, tight), (reference.job, tight))]
     axes = (own.frequency_hz, tight.frequency_hz)
     wide = too_wide(*zip(axes, (values[:, inputs.used] for values in quiet), strict=True), rule=inputs.statistics.resolution)
-    return None if wide is None else f"in {result.name} and {reference.job} {wide.text}"
+    if wide is not None:
+        yield Doubt(kind="resolution", text=f"in {result.name} and {reference.job} {wide.text}")
+    yield from _other_chain(inputs, own, tight, result.expected, reference.job)
 
 
-def _other_chain(inputs: Inputs, result: Identification) -> tuple[str | None, str]:
-    """Sign of another measuring chain than in the reference job, as a doubt (or None), and as a note if the bolts explain it, too.
+def _other_chain(inputs: Inputs, own: Measurement, tight: Measurement, expected: Complexes | None, reference: str) -> Iterator[Doubt]:
+    """Sign of another measuring chain than in the reference job.
 
     Bolts that change much, or that hold a structure of few modes, move all resonances nearly alike. So another chain must also show after
     the identified change is taken into account.
     """
-    reference, own, tight, expected = result.reference, result.measurement, result.tight, result.expected
-    if reference is None or tight is None or (told := chain_doubt(inputs, own, tight, reference.job)) is None:
-        return None, ""
-    if expected is None or chain_doubt(inputs, own, replace(tight, values=expected), reference.job) is not None:
-        return told, ""
-    return None, told
+    if (told := chain_doubt(inputs, own, tight, reference)) is not None:
+        explained = expected is not None and chain_doubt(inputs, own, replace(tight, values=expected), reference) is None
+        yield Doubt(kind="chain", text=told, explained=explained)
 
 
 def copied_baseline(inputs: Inputs, name: str, own: Measurement | None = None) -> str | None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
-from lrbc_cli.campaign.digests import origin, program
+from lrbc_cli.campaign.digests import origin
 from lrbc_cli.campaign.identification.correlate import FDAC_COLUMNS, correlation_of, correlation_record, fdac_rows, mean_or_gap
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.nuisances import nuisance_tree
@@ -87,7 +87,6 @@ def finish(
         identity=own.digest,
         parts=own.parts,
         origin=origin_of(inputs),
-        program=program(),
         judgement=judgement.record(copied),
         rests_on=rests_on(tight),
     )

@@ -7,9 +7,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lrbc_cli.campaign.digests import about_measurement, content_of, digest, key_of
+from lrbc_cli.campaign.digests import about_measurement, code, content_of, digest, key_of
 from lrbc_cli.campaign.jobs.judging import role_of, states_removed
-from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.config import Campaign, UpdateConfig
 from lrbc_cli.config.settings import files_of
 from lrbc_cli.results.job import IdentityRecord
@@ -19,12 +18,9 @@ if TYPE_CHECKING:
     # Judging anew does not need the model.
     from lrbc_cli.campaign.reading.inputs import Inputs
 
-#: Increased whenever the same input would be identified or judged differently; ``NUMBERS`` detects changes of numbers and operators.
-IDENTIFICATION_VERSION, JUDGEMENT_VERSION = 30, 9
-
 #: The parts of an identification in words.
 PARTS = {
-    "version": "the method of this version",
+    "version": "the code that identifies",
     "model": "the model or its calibration",
     "reduction": "the reduction",
     "parameters": "the parameter groups",
@@ -85,7 +81,7 @@ def _own(inputs: Inputs, model: Mapping[str, str], name: str) -> dict[str, str]:
     calibrated = [] if use is None else [(key, value.log10.tolist(), value.damping_exponent) for key, value in use.boundary.items()]
     groups = [{key: value for key, value in group.items() if key != "select"} for group in resolved["parameters"].values()]
     return {
-        "version": digest(IDENTIFICATION_VERSION, NUMBERS["identification"]),
+        "version": code("identification"),
         # Factors of a calibration are in the operators already; its boundary values are a start of their own.
         "model": digest(sorted((key, value) for key, value in model.items() if key not in reduction), calibrated),
         "reduction": digest(sorted((key, model[key]) for key in reduction)),
@@ -128,7 +124,7 @@ def judgement(campaign: Campaign, rule: DecisionRule, name: str) -> Identity:
     update = campaign.update
     return Identity.of(
         {
-            "version": digest(JUDGEMENT_VERSION, NUMBERS["judgement"]),
+            "version": code("judgement"),
             "rule": digest(sorted(asdict(rule).items())),
             "role": digest(role_of(update, name)),
             "baselines": digest([(other, measured(campaign, other)) for other in compared_baselines(update, name)]),
@@ -140,7 +136,7 @@ def judgement(campaign: Campaign, rule: DecisionRule, name: str) -> Identity:
 
 #: The parts of a judgement in words.
 JUDGED = {
-    "version": "the judgement of this version",
+    "version": "the code that judges",
     "rule": "the decision rule",
     "role": "its role in the campaign",
     "baselines": "the measurements of the baselines",
@@ -150,7 +146,5 @@ JUDGED = {
 
 def changed(before: Mapping[str, str] | None, now: Mapping[str, str], words: Mapping[str, str]) -> str | None:
     """Names of the parts that differ, in words; None if none does."""
-    if before is None:
-        return "the earlier result does not say what it rests on"
-    names = [name for name in words if before.get(name) != now.get(name)]
+    names = [name for name in words if (before or {}).get(name) != now.get(name)]
     return f"changed: {', '.join(words[name] for name in names)}" if names else None

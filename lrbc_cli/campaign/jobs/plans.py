@@ -8,10 +8,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lrbc_cli.campaign.digests import program
 from lrbc_cli.campaign.jobs.identity import JUDGED, PARTS, Identity, changed, identification, judgement
 from lrbc_cli.campaign.jobs.judging import ComparedWith
-from lrbc_cli.campaign.jobs.standing import altered, other_baselines, other_reference, rests_on
+from lrbc_cli.campaign.jobs.standing import altered, of_other_libraries, other_baselines, other_reference, rests_on
 from lrbc_cli.config import Campaign
 from lrbc_cli.errors import DataError
 from lrbc_cli.results.job import FailedJob, JobRecord, RestsOn
@@ -150,23 +149,18 @@ def _alone(folder: Path, job: JobPlan) -> JobPlan:
     found = replace(job, run=False, reason=unchanged(stored), record=stored)
     rested = stored.provenance.judgement
     other = changed(None if rested is None else rested.parts, job.judgement.parts, JUDGED)
-    if not stored.sealed:
-        # Its verdicts may have been edited; the evidence for them is stored in a file of its own.
-        other = "the earlier result is not sealed: it is of an older version, or was changed by hand"
     return found if other is None else _judged(found, folder.parent, other)
 
 
 def unchanged(stored: JobRecord | None) -> str:
-    """Reason for keeping a result: its inputs did not change; says if the code or the libraries did, which do not count."""
-    if stored is None or stored.provenance.program in (None, program()):
+    """Reason for keeping a result: nothing changed; says if Python or its libraries did, which does not count."""
+    if stored is None or not of_other_libraries(stored):
         return "nothing changed"
-    return "its inputs did not change, but the program or its libraries did; --force identifies it again"
+    return "its inputs did not change, but Python or its libraries did; --force identifies it again"
 
 
 def _outdated(stored: JobRecord, job: JobPlan, folder: Path) -> str | None:
     """Reason why a stored identification is out of date, by its own files and settings; None if it is not."""
-    if not stored.provenance.files:
-        return "the earlier result is of an older version, without hashes of its files"
     if stored.provenance.identity != job.identity.digest:
         return changed(stored.provenance.parts, job.identity.parts, PARTS) or "it rests on something else"
     return altered(folder, stored)

@@ -75,7 +75,7 @@ def unchanged(campaign: Campaign, wanted: Sequence[str], *, calibration: bool) -
     try:
         told = read(output / "campaign.json", CampaignRecord)
         # Without bolts, reading the inputs gives warnings that only that case has.
-        if told is None or not told.sealed or told.reading is None or campaign.bolts is None or not (output / "reduction.json").is_file():
+        if told is None or told.reading is None or campaign.bolts is None or not (output / "reduction.json").is_file():
             return None
         now = origin(campaign, surroundings(campaign, calibration))
         if told.reading.origin != now or not as_written(output, told.reading.files):

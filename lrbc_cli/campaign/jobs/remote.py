@@ -14,10 +14,9 @@ from contextlib import contextmanager
 from threading import Lock
 from typing import Any
 
+from lrbc_cli.campaign.digests import code
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
-from lrbc_cli.campaign.jobs.identity import IDENTIFICATION_VERSION
-from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.errors import ConfigError, DataError, LrbcError, on_one_line
@@ -30,7 +29,7 @@ log = logging.getLogger(__name__)
 
 def version() -> str:
     """Version of the identification on the machine where this is called; workers must have the same."""
-    return f"lrbc {__version__}, identification {IDENTIFICATION_VERSION}-{NUMBERS['identification']}"
+    return f"lrbc {__version__}, identification {code('identification')[:16]}"
 
 
 class Cluster:

@@ -9,12 +9,12 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lrbc_cli.campaign.digests import program
 from lrbc_cli.campaign.jobs.judging import ComparedWith
 from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.results.fields import plain
 from lrbc_cli.results.job import JobRecord, RestsOn
+from lrbc_cli.results.store import versions
 from lrbc_cli.updating.judging.clearance import JobFinding, not_clear
 from lrbc_cli.updating.judging.reference import ReferenceState
 
@@ -60,9 +60,7 @@ def rests_on(tight: ComparedWith) -> RestsOn:
 
 def other_reference(stored: RestsOn | None, now: RestsOn, reference: str | None) -> str | None:
     """Reason why an identification does not belong to the present reference state; None if it does."""
-    if stored is None:
-        return "it is of an earlier version, which does not say what its verdicts rest on"
-    before = stored.reference
+    before = None if stored is None else stored.reference
     if before == now.reference:
         return None
     if before is None:
@@ -75,6 +73,11 @@ def other_baselines(stored: RestsOn | None, now: RestsOn) -> str | None:
     before = {} if stored is None else stored.baselines
     changed = [name for name in dict.fromkeys([*before, *now.baselines]) if before.get(name) != now.baselines.get(name)]
     return f"it rests on other results of the baselines ({', '.join(changed)})" if changed else None
+
+
+def of_other_libraries(record: JobRecord) -> bool:
+    """Whether a result was made with another version of Python or of a library; the code of the program itself is in its identity."""
+    return {**record.provenance.versions, "lrbc": ""} != {**versions(), "lrbc": ""}
 
 
 def findings_of(records: Mapping[str, JobRecord], names: Iterable[str]) -> dict[str, JobFinding]:
@@ -114,9 +117,9 @@ class Outcome:
         return any(record.names("loose") for record in self.results.values())
 
     @property
-    def of_another_program(self) -> list[str]:
-        """Jobs whose identification was kept, but made by other code or libraries than these."""
-        return [name for name in (*self.kept, *self.judged) if self.results[name].provenance.program not in (None, program())]
+    def of_other_libraries(self) -> list[str]:
+        """Jobs whose identification was kept, but made with another version of Python or of a library."""
+        return [name for name in (*self.kept, *self.judged) if of_other_libraries(self.results[name])]
 
     @property
     def findings(self) -> dict[str, JobFinding]:

@@ -11,6 +11,7 @@ from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, MOST_LEF
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.looking.causes.rescaled import scaled_text
 from lrbc_cli.campaign.looking.states import Seen
+from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.statistics.lines import MIN_BAND
 
 #: Largest ratio of sampling rates that are confused (44.1 to 51.2 kHz), rounded up.
@@ -105,7 +106,7 @@ def clocked(own: Measurement, other: Measurement, *, most: float = RATES, least:
     axes = [each.frequency_hz for each in (own, other)]
     counts = [axis.size + sum(each.left_out) for axis, each in zip(axes, (own, other), strict=True)]
     steps = [np.diff(axis) for axis in axes]
-    if counts[0] != counts[1] or any(not step.size or not np.allclose(step, step.mean(), rtol=1e-3) for step in steps):
+    if counts[0] != counts[1] or any(not evenly(axis) for axis in axes):
         return None
     ratio = float(steps[0].mean() / steps[1].mean())
     first = [float(axis[0] - step.mean() * each.left_out[0]) for axis, step, each in zip(axes, steps, (own, other), strict=True)]

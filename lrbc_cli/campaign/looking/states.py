@@ -19,6 +19,7 @@ from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.comparison.scale import LEAST_LINES, POWERS
 from lrbc_cli.updating.search.starts import LEVELS
+from lrbc_cli.updating.statistics.decibels import decibel
 from lrbc_cli.updating.unknowns.shapes import joints_of
 
 #: Largest number of lines of a job, and of states of the model, that are compared.
@@ -240,7 +241,7 @@ def values_of(parameters: Parameterisation) -> tuple[list[Floats], list[Integers
 
 def nearest_states(seen: Seen, most: int = 1) -> list[Complexes]:
     """(F, R) FRFs at the start values, and of the ``most`` nearest states, up to a factor and for each power of the frequency."""
-    omega = 20.0 * np.log10(2.0 * np.pi * seen.measurement.frequency_hz)[:, None]
+    omega = decibel(2.0 * np.pi * seen.measurement.frequency_hz)[:, None]
     level = levels(seen.measured) - levels(seen.states)
     orders = [np.median(spread(level - b * omega, 1), axis=1).argsort() for b in (0, *POWERS)]
     nearest = {int(k) for order in orders for k in order[:most]}

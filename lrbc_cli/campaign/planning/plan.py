@@ -38,6 +38,7 @@ from lrbc_cli.reduction.steps.grid import band_lines
 from lrbc_cli.results.job import Certificate, Job, JobRecord, Lines, Provenance
 from lrbc_cli.results.plan import PlannedNoise, PlannedNuisance, PlanRecord, PlanSeconds, VisibilityLimits
 from lrbc_cli.results.store import read_job, versions
+from lrbc_cli.updating.checked import Checked, CountOrNone, Positive
 from lrbc_cli.updating.misfit.cost import penalty_rows
 from lrbc_cli.updating.misfit.frf import Sensitive
 from lrbc_cli.updating.misfit.nuisances import Nuisance
@@ -104,15 +105,15 @@ class About:
         return self.state.kind == "free"
 
 
-@dataclass(frozen=True)
-class Request:
+@dataclass(frozen=True, kw_only=True)
+class Request(Checked):
     """Options of the command line.
 
     Attributes
     ----------
     state : str or None
         ``initial``, ``clamped``, ``free`` or ``job:NAME``; None: the reference job's result if there is one, else the start values.
-    noise : float or None
+    noise_db : float or None
         Standard deviation of a line [dB].
     by : str
         ``auto``, ``bolts`` or ``values``.
@@ -123,10 +124,10 @@ class Request:
     """
 
     state: str | None = None
-    noise: float | None = None
-    by: str = "auto"
-    draws: int | None = None
-    seed: int = 0
+    noise_db: Positive | None = None
+    by: Literal["auto", "bolts", "values"] = "auto"
+    draws: CountOrNone | None = None
+    seed: CountOrNone = 0
 
 
 def make_plan(
@@ -354,15 +355,15 @@ def _about(inputs: Inputs, parameters: Parameterisation, request: Request) -> Ab
     if record is not None and reference is not None and source != reference:
         # The noise of a relative comparison is far less than the model discrepancy, so it is taken from the reference job.
         record, source = read_job(campaign.output, reference), reference
-    noise, origin = Noise(SIGMA_DB, FACTOR), "assumed"
+    noise, origin = Noise(sigma=SIGMA_DB, factor=FACTOR), "assumed"
     if isinstance(record, JobRecord) and record.noise.sigma_db and record.noise.correlation_factor:
         # A fit absorbs part of the model discrepancy; the validation channels show all of it.
         sigma = record.noise.sigma_db * record.noise.validation_ratio
-        noise, origin = Noise(sigma, record.noise.correlation_factor), f"job {source}"
-    if request.noise is not None and not (np.isfinite(request.noise) and request.noise > 0):
-        raise ConfigError("no noise", place="--noise", expected="a standard deviation above 0, in dB", found=f"{request.noise:g}")
-    if request.noise is not None:
-        noise, origin = Noise(request.noise, noise.factor), "--noise"
+        noise, origin = Noise(sigma=sigma, factor=record.noise.correlation_factor), f"job {source}"
+    if request.noise_db is not None and not (np.isfinite(request.noise_db) and request.noise_db > 0):
+        raise ConfigError("no noise", place="--noise", expected="a standard deviation above 0, in dB", found=f"{request.noise_db:g}")
+    if request.noise_db is not None:
+        noise, origin = Noise(sigma=request.noise_db, factor=noise.factor), "--noise"
     doubt = coarse = ""
     if isinstance(record, JobRecord):
         misfit = record.misfit_db

@@ -61,7 +61,7 @@ REFERENCES = 5
 TIGHT_JOB, LOOSENED_JOB = "tight (rehearsed)", "loosened (rehearsed)"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Draw:
     """Outcome of one rehearsal.
 
@@ -256,15 +256,15 @@ class Rehearsal:
         # The seed does not depend on the loss, so that all losses have the same random numbers.
         evidence = self._identified(tight, {bolt: -loss}, [self.seed, draw, bolt + 1])
         if evidence is None:
-            return Draw("undecided", float("nan"), float("nan"), (), 0)
+            return Draw(verdict="undecided", change=float("nan"), probability=float("nan"), alarms=(), judged=0)
         found = judge(evidence, tight.inputs.method.rule, JOB, tight.scatter, tight.reference).bolts
         own, others = found[bolt], [one for i, one in enumerate(found) if i != bolt]
         return Draw(
-            own.verdict,
-            float("nan") if own.change is None else own.change,
-            float("nan") if own.probability_loose is None else own.probability_loose,
-            tuple(one.name for one in others if one.verdict == LOOSE),
-            sum(one.verdict in (LOOSE, TIGHT) for one in others),
+            verdict=own.verdict,
+            change=float("nan") if own.change is None else own.change,
+            probability=float("nan") if own.probability_loose is None else own.probability_loose,
+            alarms=tuple(one.name for one in others if one.verdict == LOOSE),
+            judged=sum(one.verdict in (LOOSE, TIGHT) for one in others),
         )
 
     def _identified(self, tight: TightState, changes: Mapping[int, float], seed: Sequence[int]) -> Evidence | None:

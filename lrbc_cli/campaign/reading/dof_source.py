@@ -12,8 +12,7 @@ import scipy.sparse as sp
 
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.config.structure import DofSource
-from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import listing
+from lrbc_cli.errors import DataError, listing
 from lrbc_cli.io.encoding import decode
 from lrbc_cli.io.matrices.read import read_vectors
 from lrbc_cli.io.meshes.nodes import read_nodes

@@ -64,7 +64,7 @@ class TermGroup:
         return int(self.parameter.max()) + 1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Terms:
     """A group with its vectors (n, m), the bolt of each parameter by name, and whether all terms go to ground (None: some, or unknown)."""
 
@@ -116,7 +116,7 @@ class GroupReader(ModelReader):
         power = np.concatenate([np.full(f.group.terms.size, KIND_POWER[f.group.config.kind]) for f in found])
         baseline = np.concatenate([np.full(f.group.terms.size, f.group.config.baseline) for f in found])
         left, right = (sp.hstack(vectors, format="csc") for vectors in ([f.left for f in found], [f.right for f in found]))
-        return found, LowRankTerms(left, right, power, baseline)
+        return found, LowRankTerms(left=left, right=right, power=power, baseline=baseline)
 
     @property
     def astray(self) -> set[str]:
@@ -208,7 +208,7 @@ class GroupReader(ModelReader):
             + (f", {along[-1]:.3f} m along the edge" if along is not None and count > 1 and _one_edge(xyz) else "")
             + _damping_text(config, damping, own.bolt is not None)
         )
-        return Terms(group, left, right, own.bolt, ground)
+        return Terms(group=group, left=left, right=right, bolt=own.bolt, ground=ground)
 
     def _vectors(self, name: str, config: GroupConfig) -> tuple[sp.csc_array, sp.csc_array, Positions]:
         """Left and right vectors (n, m) of a group, and their positions."""

@@ -10,8 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from lrbc_cli.arrays import Floats, Integers
-from lrbc_cli.errors import ConfigError, DataError
-from lrbc_cli.io.common import listing
+from lrbc_cli.errors import ConfigError, DataError, listing
 from lrbc_cli.io.text.bushings import BushingTable
 from lrbc_cli.model.dofs import COMPONENTS, DofTable, PointTable, numbers_text
 from lrbc_cli.model.selection import at_node, pitch
@@ -222,12 +221,8 @@ def aside_text(table: BushingTable, dofs: DofTable, *, elements: float = 4.0) ->
         if min(arms.values()) > elements * pitch(np.array(list(place.values()))):
             return f"{text}. Probably table and DOF table are of different meshes: export both, and the matrices, from one model"
         return f"{text}. Such a spring {fix}"
-    named = [f"line {table.lines[k]}, {_joined(table, k)}" for k in far[:MOST_NAMED]]
-    more = f" and {count - MOST_NAMED} more" if count > MOST_NAMED else ""
-    return (
-        f"{text}; those of the other springs lie on it. Check whether a node is mistyped: {'; '.join(named)}{more}. A spring off its axis "
-        f"{fix}"
-    )
+    named = listing([f"line {table.lines[k]}, {_joined(table, k)}" for k in far], MOST_NAMED, "; ")
+    return f"{text}; those of the other springs lie on it. Check whether a node is mistyped: {named}. A spring off its axis {fix}"
 
 
 def _joined(table: BushingTable, k: int) -> str:
@@ -286,5 +281,5 @@ def joint_notes(bolts: PointTable, owned: Sequence[tuple[str, Sequence[str]]], g
     rest = [name for name in bolts.name if name not in names]
     return [
         f"joints: {count} ({', '.join(name for name, _ in owned)}){between}"
-        + (f"; {len(rest)} further bolts own no term ({', '.join(rest[:5])}{', …' if len(rest) > 5 else ''})" if rest else "")
+        + (f"; {len(rest)} further bolts own no term ({listing(rest, 5)})" if rest else "")
     ]

@@ -23,8 +23,7 @@ from lrbc_cli.config import Campaign, ModelConfig
 from lrbc_cli.config.explain import suggestion
 from lrbc_cli.config.fields import MatrixRef
 from lrbc_cli.config.structure import ProportionalDamping
-from lrbc_cli.errors import DataError, LrbcError
-from lrbc_cli.io.common import listing
+from lrbc_cli.errors import DataError, LrbcError, listing
 from lrbc_cli.io.matrices.read import matrix_names
 from lrbc_cli.model.dofs import COMPONENTS, DofLabels, DofTable, PointTable
 from lrbc_cli.model.fem import FeModel
@@ -382,7 +381,7 @@ def misplaced_bolts(groups: Sequence[TermGroup], bolts: PointTable | None) -> st
     if bolts is None or otherwise is None:
         return None
     lost = [name for name, spot in zip(bolts.name, spots(_reaching(groups), bolts.xyz), strict=True) if isinstance(spot, str)]
-    named, (how, reached) = f"{', '.join(lost[:6])}{' ...' if len(lost) > 6 else ''}", otherwise
+    named, (how, reached) = listing(lost, 6), otherwise
     count = len(bolts.name)
     then = "every bolt lies" if reached == count else f"{reached} of {count} bolts, not {count - len(lost)}, lie"
     picked = [group.name for group in groups if group.config.select.box is not None or group.config.select.along is not None]
@@ -420,7 +419,7 @@ def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None) -> Iter
     if 2 * len(lost) > len(found):
         first = next(spot for spot in found if isinstance(spot, str))
         yield (
-            f"{len(lost)} of {len(found)} bolts cannot be judged ({', '.join(lost[:6])}{' ...' if len(lost) > 6 else ''}): {first} "
+            f"{len(lost)} of {len(found)} bolts cannot be judged ({listing(lost, 6)}): {first} "
             f"({lost[0]}). Look at them with `lrbc check --picture`, and correct the bolts file (order of its axes, origin) or "
             "parameters.NAME.select"
         )

@@ -15,8 +15,7 @@ from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.campaign.reading.doubts.materials import material_cause
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import DofSource, ProportionalDamping
-from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import listing
+from lrbc_cli.errors import DataError, listing
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.selection import coincident, nearest, pitch, spacing
 from lrbc_cli.model.units import SI, USUAL_SYSTEMS, parse_system
@@ -151,7 +150,7 @@ def counted(names: Sequence[tuple[str, str]], some: Sequence[int]) -> str:
     return " and ".join(told)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class NearPoint:
     """A point given by coordinates [m], its component, and a warning if it is not at a node.
 

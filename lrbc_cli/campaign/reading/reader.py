@@ -20,7 +20,7 @@ from lrbc_cli.campaign.reading.triangles import whole
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.fields import MatrixRef, OperatorRef
 from lrbc_cli.config.structure import GroupConfig, PointConfig, SelectConfig
-from lrbc_cli.errors import DataError, LrbcError
+from lrbc_cli.errors import DataError, LrbcError, listing
 from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.io.common import head
 from lrbc_cli.io.encoding import unfinished
@@ -372,7 +372,7 @@ class ModelReader:
         alone = [name for b, name in enumerate(self.bolts.name) if b not in owner]
         if alone:
             raise self.campaign.error(
-                f"no DOF {component} lies within this radius of {', '.join(alone[:8])}{' ...' if len(alone) > 8 else ''}",
+                f"no DOF {component} lies within this radius of {listing(alone, 8)}",
                 *keys,
                 "near_bolts",
                 expected=f"a node for each of {len(self.bolts.name)} bolts",
@@ -428,8 +428,8 @@ class ModelReader:
             f"{'.'.join(keys)}: the nearest node {table.node[dof]} is {1e3 * distance:.1f} mm away (mesh size {1e3 * size:.0f} mm); "
             "such an offset can add 1 to 2 dB of misfit. Give an interpolated row ({matrix:} or {vector:})"
         )
-        away = distance / size if size else 0.0
-        self.near[keys] = NearPoint(np.array(place), point.component, beside if distance > AT_NODE * size else "", away)
+        away, warning = distance / size if size else 0.0, beside if distance > AT_NODE * size else ""
+        self.near[keys] = NearPoint(place=np.array(place), component=point.component, warning=warning, away=away)
         return dof, text
 
     def point(self, dof: int) -> Point:

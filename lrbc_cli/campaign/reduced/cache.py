@@ -14,14 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats, Integers
-from lrbc_cli.campaign.digests import digest, key_of
-from lrbc_cli.campaign.numbers import NUMBERS
+from lrbc_cli.campaign.digests import code, digest, key_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.hdf5.store import read_store, write_store
 from lrbc_cli.io.json_text import parse_json, read_json_text
-from lrbc_cli.reduction.outcome import ALGORITHM_VERSION, HeldOut, Reduction, ReductionOptions, Step
+from lrbc_cli.reduction.outcome import HeldOut, Reduction, ReductionOptions, Step
 from lrbc_cli.reduction.problem.vectors import ERROR_KINDS
 from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.reduced.ports import PortFrf
@@ -47,7 +46,7 @@ PARTS = {
     "band": "the band",
     "tolerance": "the tolerance",
     "limits": "held_out or max_size",
-    "version": "the version of the algorithm",
+    "version": "the code that reduces",
 }
 
 
@@ -65,11 +64,11 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
         "band": digest(r.band),
         "tolerance": digest(r.tolerance),
         "limits": digest(r.held_out, r.max_size),
-        "version": digest(ALGORITHM_VERSION, FORMAT_VERSION, NUMBERS["reduction"]),
+        "version": code("reduction"),
     }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CacheDecision:
     """Whether the cache contains a reduced model, and why.
 
@@ -101,9 +100,13 @@ def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
         except DataError:
             fault = "the file in the cache is damaged"
         if fault:
-            return CacheDecision(key, path, False, fault)
+            return CacheDecision(key=key, path=path, hit=False, reason=fault)
         return CacheDecision(
-            key, path, True, "matrices, terms, excitation, responses, band and tolerance are those of a model in the cache", _missed(path)
+            key=key,
+            path=path,
+            hit=True,
+            reason="matrices, terms, excitation, responses, band and tolerance are those of a model in the cache",
+            missed=_missed(path),
         )
     nearest: list[str] | None = None
     for other in folder.glob("*/key.json"):
@@ -123,7 +126,7 @@ def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
         reason = "no model of these matrices is in the cache"
     else:
         reason = "changed since the nearest model in the cache: " + ", ".join(PARTS[name] for name in nearest)
-    return CacheDecision(key, path, False, reason)
+    return CacheDecision(key=key, path=path, hit=False, reason=reason)
 
 
 def _is_model(tree: dict[str, Any], key: str) -> bool:

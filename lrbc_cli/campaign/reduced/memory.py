@@ -72,7 +72,7 @@ def resident_bytes() -> float:
 def options_of(inputs: Inputs) -> ReductionOptions:
     """Options of the reduction as the campaign states them."""
     r = inputs.campaign.reduction
-    return ReductionOptions(r.band, r.tolerance, r.held_out, max_size=r.max_size)
+    return ReductionOptions(band_hz=r.band, tolerance=r.tolerance, held_out=r.held_out, max_size=r.max_size)
 
 
 def reduction_cost(inputs: Inputs) -> tuple[Cost, float]:

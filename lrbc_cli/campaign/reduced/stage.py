@@ -249,8 +249,8 @@ def bound_hint(worst: float, tolerance: float, lines: int) -> str:
 
 
 def _missed(inputs: Inputs, stage: ReductionStage) -> NumericalError:
-    reduction, size = stage.reduction, stage.reduction.model.size
-    hint = "raise reduction.tolerance" + (" or reduction.max_size" if "max_size" in reduction.stopped else "")
+    reduction, size, limit = stage.reduction, stage.reduction.model.size, stage.reduction.options.max_size
+    hint = "raise reduction.tolerance" + (" or reduction.max_size" if limit is not None and size >= limit else "")
     hint += ", or accept it with --accept-tolerance"
     if size >= inputs.model.size:
         hint = "the remaining error is rounding where the responses are silent: use other responses, or --accept-tolerance"

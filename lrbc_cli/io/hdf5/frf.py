@@ -15,9 +15,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import DataError, listing
 from lrbc_cli.io.atomic import atomic_write
-from lrbc_cli.io.common import listing
 from lrbc_cli.io.frf_common import check_frequencies, clean_coherence, first_bad, not_finite, scaled
 from lrbc_cli.io.hdf5.tools import fixed_texts, hdf5_image, load, lookup, open_hdf5, read_safely, sealed, text_attribute
 from lrbc_cli.io.layout import TextLayout
@@ -108,7 +107,7 @@ def _read(path: Path, layout: TextLayout) -> FrfSet:
             )
     if not records:
         raise DataError("the file contains no FRF", file=path, place="frf", expected="at least one output and input", found=values.shape)
-    return FrfSet(str(path), tuple(records))
+    return FrfSet(source=str(path), records=tuple(records))
 
 
 def named_hdf5(path: Path) -> Named:

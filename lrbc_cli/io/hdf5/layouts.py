@@ -15,7 +15,7 @@ from lrbc_cli.io.hdf5.tools import is_hdf5, open_hdf5, read_safely
 MESH = "a mesh goes to `dofs: {nodes: FILE}`"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ArrayNames:
     """Names of the arrays of a compressed matrix, and whether rows (``csr``) or columns (``csc``) are compressed."""
 
@@ -76,7 +76,9 @@ def arrays_of(node: Any) -> ArrayNames | None:
     if len(fitting) != 1:
         return None
     (indptr,) = (name for name in whole if name != fitting[0])
-    return ArrayNames(rest[0], fitting[0], indptr, "csc" if any("csc" in name.lower() for name in arrays) else "csr")
+    return ArrayNames(
+        data=rest[0], indices=fitting[0], indptr=indptr, layout="csc" if any("csc" in name.lower() for name in arrays) else "csr"
+    )
 
 
 def _own(group: h5py.Group, name: str) -> Any:

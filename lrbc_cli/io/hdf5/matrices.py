@@ -8,8 +8,8 @@ from typing import Any, Literal
 import h5py
 import numpy as np
 
-from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import head, listing
+from lrbc_cli.errors import DataError, listing
+from lrbc_cli.io.common import head
 from lrbc_cli.io.hdf5.layouts import MESH, ArrayNames, arrays_of, groups_in, holds_exodus
 from lrbc_cli.io.hdf5.tools import load, lookup, open_hdf5, read_safely, shape_attribute, text_attribute
 from lrbc_cli.io.sparse import MatrixFile, canonical, from_compressed, no_such_matrix, only_matrix

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import fortran_number, listing, whole
+from lrbc_cli.errors import DataError, listing
+from lrbc_cli.io.common import fortran_number, whole
 from lrbc_cli.io.sparse import MatrixFile, from_coordinates, mirrored
 from lrbc_cli.model.dofs import COMPONENTS, DofLabels
 
@@ -18,7 +18,7 @@ _SQUARE = (1, 6)
 _COMPLEX = (3, 4)
 
 
-@dataclass
+@dataclass(kw_only=True)
 class _Entries:
     """Entries of one matrix: column, row, and value."""
 
@@ -91,7 +91,7 @@ def _parse(path: Path) -> dict[str, _Entries]:
         line = raw.rstrip()
         try:
             if line.startswith("DMIG*") and line[24:40].strip() == "0":
-                found[line[8:24].strip().upper()], current = _Entries(int(line[40:56]), int(line[56:72])), None
+                found[line[8:24].strip().upper()], current = _Entries(form=int(line[40:56]), type=int(line[56:72])), None
                 begun = number
             elif line.startswith("DMIG*"):
                 name = line[8:24].strip().upper()
@@ -100,7 +100,7 @@ def _parse(path: Path) -> dict[str, _Entries]:
                 name, rest = line[8:16].strip().upper(), [line[k : k + 8].strip() for k in range(16, 72, 8)]
                 if rest[0] != "0":
                     raise ValueError("entries in small fields")
-                found[name], current = _Entries(int(rest[1]), int(rest[2])), None
+                found[name], current = _Entries(form=int(rest[1]), type=int(rest[2])), None
                 _require_parts(rest[4])
             elif line.startswith("*") and begun == number - 1:
                 _require_parts(line[24:40])

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import damaged, listing, whole
+from lrbc_cli.errors import DataError, listing
+from lrbc_cli.io.common import damaged, whole
 from lrbc_cli.io.matrices.columns import read_fixed
 from lrbc_cli.io.sparse import MatrixFile, from_coordinates, mirrored
 

@@ -7,8 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import listing
+from lrbc_cli.errors import DataError, listing
 from lrbc_cli.io.npz.archive import Archive, open_npz
 from lrbc_cli.io.sparse import MatrixFile, canonical, from_compressed, from_coordinates, no_such_matrix, only_matrix
 

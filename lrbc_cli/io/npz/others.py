@@ -7,8 +7,8 @@ import zipfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import damaged, listing
+from lrbc_cli.errors import DataError, listing
+from lrbc_cli.io.common import damaged
 from lrbc_cli.io.npz.archive import SIGNATURE
 
 

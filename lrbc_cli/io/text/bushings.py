@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import listing
+from lrbc_cli.errors import DataError, listing
 from lrbc_cli.io.text.tables import Table, read_table
 from lrbc_cli.model.dofs import COMPONENTS
 

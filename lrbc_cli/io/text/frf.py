@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import DataError, listing
 from lrbc_cli.io.atomic import atomic_write
-from lrbc_cli.io.common import listing
 from lrbc_cli.io.encoding import fold, read_lines, unfinished
 from lrbc_cli.io.frf_common import (
     HERTZ,
@@ -45,7 +44,7 @@ class _Column:
     unit: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Pair:
     """The two columns of one FRF, and how they represent its complex values."""
 
@@ -100,7 +99,7 @@ def _of_table(table: TextTable, path: Path, layout: TextLayout, within: str = ""
         coherence = _coherence(table, coherences[name], path, name, notes) if name in coherences else None
         values = scaled(values, scale, path, about)
         records.append(FrfRecord(name=name, frequency_hz=frequency, values=values, quantity=quantity, coherence=coherence, place=about))
-    return FrfSet(str(path), tuple(records), tuple(dict.fromkeys(notes)), tuple(dict.fromkeys(warnings)))
+    return FrfSet(source=str(path), records=tuple(records), notes=tuple(dict.fromkeys(notes)), warnings=tuple(dict.fromkeys(warnings)))
 
 
 def _coherence(table: TextTable, at: int, path: Path, name: str, notes: list[str]) -> NDArray[np.float64]:
@@ -159,7 +158,9 @@ def _of_blocks(several: list[Block], path: Path, layout: TextLayout) -> FrfSet:
         coherence = fitting[0] if len(fitting) == 1 and block.signals[0] else record.coherence
         result.append(replace(record, name=name, coherence=coherence))
     told += [f"{len(several)} functions, one below the other"] * (len(several) > 1)
-    return FrfSet(str(path), tuple(result), (*dict.fromkeys(told), *notes.lines()), tuple(dict.fromkeys(warnings)))
+    return FrfSet(
+        source=str(path), records=tuple(result), notes=(*dict.fromkeys(told), *notes.lines()), warnings=tuple(dict.fromkeys(warnings))
+    )
 
 
 def _same(lines: NDArray[np.float64], record: FrfRecord) -> bool:
@@ -378,7 +379,7 @@ def _chosen_pairs(table: TextTable, columns: list[_Column], layout: TextLayout, 
     for name, chosen in layout.columns.items():
         first, second = (_find(table, column, path, f"format.columns.{name}") for column in chosen)
         known = [kind for kind, needed in _PAIRS.items() if (parts.get(first), parts.get(second)) == needed]
-        pairs.append(_Pair(name, first, second, layout.representation or next(iter(known), "real-imag")))
+        pairs.append(_Pair(name=name, first=first, second=second, kind=layout.representation or next(iter(known), "real-imag")))
     return pairs
 
 
@@ -406,7 +407,7 @@ def _pairs(table: TextTable, columns: list[_Column], layout: TextLayout, path: P
         kind = next((kind for kind in wanted if set(_PAIRS[kind]) <= group.keys()), None)
         if kind is not None:
             first, second = _PAIRS[kind]
-            complete.append(_Pair(name, group[first], group[second], kind))
+            complete.append(_Pair(name=name, first=group[first], second=group[second], kind=kind))
     if complete:
         used = {pair.name for pair in complete}
         left = [column for column in columns if column.name not in used or column.part is None]
@@ -430,7 +431,7 @@ def _pairs(table: TextTable, columns: list[_Column], layout: TextLayout, path: P
     representation = layout.representation or "real-imag"
     notes.append(f"columns read as pairs of {' and '.join(_PAIRS[representation])}")
     pairs = list(zip(plain[::2], plain[1::2], strict=True))
-    return [_Pair(first.name, first.at, second.at, representation) for first, second in pairs]
+    return [_Pair(name=first.name, first=first.at, second=second.at, kind=representation) for first, second in pairs]
 
 
 def _instead(table: TextTable, columns: Sequence[_Column]) -> str:

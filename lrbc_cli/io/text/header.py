@@ -50,7 +50,7 @@ _LONGEST = 300
 _ROWS = 5
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Heading:
     """Heading of one column: its text without unit, split into name and part of an FRF (None if not stated), and its unit."""
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import ends_early, head, listing, require_file
+from lrbc_cli.errors import DataError, listing
+from lrbc_cli.io.common import ends_early, head, require_file
 from lrbc_cli.io.encoding import decode, read_lines, unfinished
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
 

@@ -34,7 +34,7 @@ _HEADER_LINES = 11
 _DIGITS = 18
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class UffAxis:
     """Records 8 to 10 of a function: specific data type, exponents of (length, force), label and unit."""
 
@@ -45,7 +45,7 @@ class UffAxis:
     unit: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class UffUnits:
     """Dataset 164: a value of the file divided by the factor is in SI (see ``uff/read.py``)."""
 
@@ -203,7 +203,7 @@ def _units(body: bytes, path: Path, place: str) -> UffUnits:
         raise DataError(
             "the units (dataset 164) cannot be read", file=path, place=place, expected="a code and four factors", found=found
         ) from error
-    return UffUnits(code, lines[0][10:30].strip(), length, force)
+    return UffUnits(code=code, description=lines[0][10:30].strip(), length=length, force=force)
 
 
 def _header(content: bytes, start: int, count: int, path: Path, place: str) -> tuple[list[str], int]:
@@ -428,7 +428,7 @@ def _is_whole(word: str) -> bool:
 def _axis(line: str, path: Path, place: str) -> UffAxis:
     """Read one of records 8 to 10; a blank line stands for zeros."""
     if not line.strip():
-        return UffAxis(0, 0, 0, "", "")
+        return UffAxis(kind=0, length=0, force=0, label="", unit="")
     try:
         kind, length, force = (int(line[a:b]) for a, b in ((0, 10), (10, 15), (15, 20)))
         texts = [line[26:46], line[47:67]]
@@ -441,4 +441,4 @@ def _axis(line: str, path: Path, place: str) -> UffAxis:
         kind, length, force = int(match.group(1)), int(match.group(2) or 0), int(match.group(3) or 0)
         texts = [*re.split(r"\s{2,}", match.group(5).strip()), "", ""][:2]
     label, unit = ("" if text.strip().upper() == "NONE" else text.strip() for text in texts)
-    return UffAxis(kind, length, force, label, unit)
+    return UffAxis(kind=kind, length=length, force=force, label=label, unit=unit)

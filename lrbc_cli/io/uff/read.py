@@ -56,7 +56,7 @@ _DATASETS = {15: "nodes", 18: "coordinate systems", 55: "mode shapes", 82: "trac
 _UNKNOWN, _GENERAL, _FORCE, _FREQUENCY = 0, 1, 13, 18
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Coherence:
     """A coherence function and the DOFs it belongs to (directions without sign)."""
 
@@ -109,7 +109,9 @@ def read_uff(path: Path, layout: TextLayout) -> FrfSet:
     # The fifth ID line may be a name, see `_name`.
     said = dict.fromkeys(line.strip() for function in functions for line in function.id_lines[:4])
     titles = tuple(line for line in said if line not in ("", "NONE"))
-    return FrfSet(str(path), tuple(_attach(records, coherences, notes)), notes.lines(), notes.warnings(), titles=titles)
+    return FrfSet(
+        source=str(path), records=tuple(_attach(records, coherences, notes)), notes=notes.lines(), warnings=notes.warnings(), titles=titles
+    )
 
 
 def _unnamed_frf(function: UffFunction, notes: Notes) -> bool:
@@ -339,7 +341,7 @@ def _coherence(function: UffFunction, path: Path, notes: Notes) -> Coherence:
     if undefined:
         notes.add("coherence undefined at some lines; 0 used there", function.record)
     dof = (function.response_node, abs(function.response_direction), function.reference_node, abs(function.reference_direction))
-    return Coherence(_name(function), dof, frequency, values, function.record)
+    return Coherence(name=_name(function), dof=dof, frequency_hz=frequency, values=values, record=function.record)
 
 
 def _attach(records: list[FrfRecord], coherences: list[Coherence], notes: Notes) -> list[FrfRecord]:

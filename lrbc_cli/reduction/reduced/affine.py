@@ -24,7 +24,7 @@ from lrbc_cli.reduction.threads import in_chunks
 SYMMETRY = 1e-9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Linearised:
     """FRFs y and their derivatives.
 
@@ -185,7 +185,7 @@ class AffineModel:
 
         # With work shared by all lines of a chunk, chunks are as large as possible.
         in_chunks(s.size, work, chunk=max(8, -(-s.size // workers)) if shared else 8, workers=workers)
-        return Linearised(y, by_term, by_factor, by_shift)
+        return Linearised(y=y, terms=by_term, factors=by_factor, shifts=by_shift)
 
     def _solver(
         self, s: Complexes, D: Complexes, operators: tuple[Any, Any, Any], B: Floats

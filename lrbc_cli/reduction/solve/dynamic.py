@@ -96,7 +96,7 @@ class SuperLuSolver:
         return self._nonzeros
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Analysis:
     """Predicted size and operations of a factorisation.
 
@@ -214,11 +214,11 @@ class DynamicStiffness:
         """Fill and operations of a factorisation, from the pattern only."""
         if isinstance(self._solver, pardiso.Pardiso):
             nonzeros, operations, size = self._solver.analyse()
-            return Analysis(nonzeros, nonzeros if self.half else nonzeros // 2, operations, size)
+            return Analysis(nonzeros=nonzeros, triangle=nonzeros if self.half else nonzeros // 2, operations=operations, bytes=size)
         n = self.size
         pattern = sp.csr_array((np.ones(self._minor.size, dtype=np.int8), self._minor, self._indptr), shape=(n, n))
         fill = column_counts(pattern)
-        return Analysis(2 * fill.nonzeros - n, fill.nonzeros, fill.operations)
+        return Analysis(nonzeros=2 * fill.nonzeros - n, triangle=fill.nonzeros, operations=fill.operations)
 
     def operator(self, s: complex) -> sp.csr_array:
         """(n, n) Z(s) as a sparse array."""

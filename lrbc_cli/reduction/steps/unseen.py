@@ -32,7 +32,7 @@ SHARE, CONFIDENCE = 0.95, 0.95
 SPARSER = 8
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Candidate:
     """A rich basis and its compression, which becomes the result if its errors hold.
 

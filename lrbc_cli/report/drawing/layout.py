@@ -75,7 +75,7 @@ class Frame:
     shapes: tuple[Shape, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Drawing:
     """A chart laid out: the shapes around the panels (title, legend), and the panels."""
 
@@ -109,7 +109,7 @@ def lay_out(chart: Chart, *, header: bool, title: bool = True) -> Drawing:
         around += _axes(panel, box, label_x=label_x)
         shapes = tuple(shape for item in sorted(panel.items, key=_depth) for shape in _item(item, panel, box))
         frames.append(Frame(box, panel, shapes))
-    return Drawing(chart.width, chart.height + offset, tuple(around), tuple(frames))
+    return Drawing(width=chart.width, height=chart.height + offset, around=tuple(around), frames=tuple(frames))
 
 
 def _boxes(chart: Chart, offset: float) -> list[tuple[Panel, tuple[float, float, float, float], bool]]:

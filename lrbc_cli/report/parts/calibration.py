@@ -9,7 +9,6 @@ from lrbc_cli.report.drawing.chart import Chart
 from lrbc_cli.report.drawing.svg import drawn, legend
 from lrbc_cli.report.html import Cell, Markup, beside, details, table, tag
 from lrbc_cli.report.parts.figures import overlay_chart
-from lrbc_cli.report.parts.tables import UNSEALED
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord
 from lrbc_cli.results.tables import Frf
 
@@ -66,8 +65,6 @@ def calibration_parts(calibration: CalibrationRecord, frf: Frf | None, campaign:
 def _remarks(calibration: CalibrationRecord) -> Markup | None:
     """Return the status if the calibration did not converge, and notes on bounds and starts."""
     lines = list(calibration.notes)
-    if not calibration.sealed:
-        lines.insert(0, f"calibration.json is {UNSEALED}")
     if calibration.status != "converged":
         lines.insert(0, f"{calibration.status}: {calibration.reason or 'no reason is given'}")
     return tag("ul", *(tag("li", line) for line in lines), class_="warning") if lines else None

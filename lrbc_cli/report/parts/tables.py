@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from lrbc_cli.report.drawing import format as fmt
-from lrbc_cli.report.html import Cell, Markup, details, join, table, tag
+from lrbc_cli.report.html import Cell, Markup, details, table, tag
 from lrbc_cli.results.job import Bolt, FailedJob, Job, JobRecord, ResponseMisfit
 from lrbc_cli.results.model import CampaignRecord, ReductionRecord
+from lrbc_cli.updating.judging.clearance import ranges
 
 #: Numbers of the paper (Table 4 and Sec. 4.5): seconds on its laptop, and line evaluations for four removed bolts.
 PAPER = {"full_line": 0.206, "reduced_line": 0.00239, "basis": 417.82, "projection": 100.95, "total": 575.58, "evaluations": 23762.0}
@@ -29,15 +29,11 @@ OF_LOOSE = "posterior probability of being loose (change below the threshold)"
 #: Explanation of two columns.
 COMPUTED = "how often the FRFs of the model were computed on all lines until the best fit was found"
 DAMPING = "exponent p_damp of eq. (33): the springs are damped 10^p_damp times as much as stated in the campaign file"
-#: Text for a record without a digest, which may have been changed after it was written.
-UNSEALED = "not sealed"
-_UNSEALED = "written by an earlier version, or changed by hand: no digest shows that it is as it was written"
 
 
 def status_badge(job: Job) -> Markup:
-    """Return the status as a small coloured word, and another one if the result has no digest."""
-    status = tag("span", job.status, class_=f"badge {job.status}", title=job.reason or None)
-    return status if job.sealed else join([status, tag("span", UNSEALED, class_="badge stopped", title=_UNSEALED)], " ")
+    """Return the status as a small coloured word."""
+    return tag("span", job.status, class_=f"badge {job.status}", title=job.reason or None)
 
 
 def loose_of(job: JobRecord) -> str:
@@ -58,28 +54,13 @@ def names_of(names: Sequence[str], order: Sequence[str] = ()) -> str:
     """
     if not names:
         return "none"
-    return ranges(names, order) if len(names) <= 2 else f"{len(names)}: {ranges(names, order)}"
+    return listed(names, order) if len(names) <= 2 else f"{len(names)}: {listed(names, order)}"
 
 
-def ranges(names: Sequence[str], order: Sequence[str] = ()) -> str:
+def listed(names: Sequence[str], order: Sequence[str] = ()) -> str:
     """Return a list of names as text without their number; see `names_of`."""
     place = {name: index for index, name in enumerate(order)}
-    known = sorted((name for name in names if name in place), key=place.__getitem__)
-    runs: list[list[str]] = []
-    for name in known:
-        if runs and place[name] == place[runs[-1][-1]] + 1 and _next(runs[-1][-1]) == _next(name, 0):
-            runs[-1].append(name)
-        else:
-            runs.append([name])
-    parts = [part for run in runs for part in ([f"{run[0]}–{run[-1]}"] if len(run) > 2 else run)]
-    parts += [name for name in names if name not in place]
-    return ", ".join(parts)
-
-
-def _next(name: str, further: int = 1) -> tuple[str, int]:
-    """Return the text before the number at the end of a name, and this number plus `further`; no number: there is no next name."""
-    found = re.fullmatch(r"(.*?)(\d+)", name)
-    return (found[1], int(found[2]) + further) if found else (name, further)
+    return ", ".join(part for part, _ in ranges(sorted(names, key=lambda name: place.get(name, len(place))), "–"))
 
 
 def verdict_table(campaign: CampaignRecord, jobs: Sequence[Job], anchors: Mapping[str, str]) -> Markup:
@@ -199,7 +180,7 @@ def bolt_table(job: JobRecord) -> Markup | None:
             notes.setdefault(bolt.note, []).append(bolt.name)
     head = ["Bolt", *(name for name, kept in columns.items() if kept)]
     order = [bolt.name for bolt in bolts]
-    said = [tag("li", f"{ranges(names, order)}: {note}") for note, names in notes.items()]
+    said = [tag("li", f"{listed(names, order)}: {note}") for note, names in notes.items()]
     made = table(f"Bolts of {job.job}", head, rows, class_="bolts", text_columns=2)
     return tag("div", made, tag("ul", *said, class_="notes") if said else None, class_="judged")
 
@@ -321,7 +302,7 @@ def starts_table(jobs: Sequence[JobRecord]) -> Markup | None:
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Account:
     """Time spent on some jobs including the reduction, and the time that the full model would have taken; None if unknown."""
 
@@ -345,7 +326,7 @@ def account(jobs: Sequence[Job], reduction: ReductionRecord | None) -> Account |
     seconds = reduction.seconds if reduction else {}
     line = seconds.get("full_line")
     spent = seconds.get("total", 0.0) + sum(job.seconds["total"] for job in done)
-    return Account(len(done), evaluations, spent, None if line is None else line * evaluations)
+    return Account(jobs=len(done), line_evaluations=evaluations, spent=spent, full=None if line is None else line * evaluations)
 
 
 def cost_table(jobs: Sequence[Job], reduction: ReductionRecord | None, *, paper: bool) -> Markup | None:

@@ -6,7 +6,7 @@ from lrbc_cli.report.content import Content
 from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.html import Markup, tag
 from lrbc_cli.report.parts.calibration import serves
-from lrbc_cli.report.parts.tables import ranges
+from lrbc_cli.report.parts.tables import listed
 
 CITATION = (
     "S. van Ophem, A. van de Walle, E. Deckers, W. Desmet, Efficient vibro-acoustic identification of boundary conditions by low-rank "
@@ -51,7 +51,7 @@ def _measured(content: Content) -> str:
     # The description of the data is part of the paragraph.
     text = f"{said.rstrip('.')}. " if (said := content.campaign.description.strip()) else ""
     text += f"The data are FRFs of {states} state{'' if states == 1 else 's'} of the structure "
-    text += f"({ranges([job.job for job in content.jobs])})"
+    text += f"({listed([job.job for job in content.jobs])})"
     text += f" at {len(content.campaign.responses)} responses, of which {len(used)} served for updating"
     text += f" and {len(unseen)} for validation." if unseen else "."
     return text

@@ -8,14 +8,12 @@ from datetime import datetime
 
 import numpy as np
 
-from lrbc_cli.io.common import listing
 from lrbc_cli.report.content import Content
 from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.html import Markup, details, tag
 from lrbc_cli.report.old import room
 from lrbc_cli.report.parts import tables
 from lrbc_cli.report.parts.calibration import serves
-from lrbc_cli.report.parts.tables import UNSEALED
 from lrbc_cli.results.job import Job, JobRecord, Verdict
 from lrbc_cli.updating.judging.clearance import loose_bolts
 
@@ -58,13 +56,12 @@ def header(content: Content, written: datetime, live: Markup | None = None) -> M
         details(f"{len(rest)} further jobs", tag("ul", *rest, class_="findings")) if rest else None,
         _files(content),
         tag("p", _guessed(campaign.reference), class_="warning") if campaign.reference_guessed else None,
-        tag("p", unsealed_text(content.unsealed), class_="warning") if content.unsealed else None,
         tag("dl", *_tiles(content), class_="tiles"),
     )
 
 
 def _sentence(content: Content, job: Job) -> Markup:
-    text = job.sentence.removeprefix(job.job) + ("" if job.sealed else f" ({UNSEALED})")
+    text = job.sentence.removeprefix(job.job)
     text += f" ({EARLIER})" if job.job in content.unusable else ""
     return tag("li", tag("a", job.job, href=f"#{content.anchors[job.job]}"), text)
 
@@ -80,15 +77,6 @@ def _files(content: Content) -> Markup | None:
         tag("p", "Files that cannot be read, were not judged, or no longer exist:"),
         tag("ul", *(tag("li", line) for line in lines)),
         class_="warning",
-    )
-
-
-def unsealed_text(names: Sequence[str]) -> str:
-    """Return the message on records without a digest."""
-    return (
-        f"Not sealed: {listing(list(names), 6)}. No digest shows that their content is as it was written: they were written by an older "
-        "version or changed by hand. Run `lrbc update` to write results again; `lrbc reduce`, `lrbc plan` and `lrbc calibrate --force` "
-        "write their own files."
     )
 
 
@@ -179,7 +167,7 @@ def _loose(content: Content, judged: list[JobRecord], count: int) -> Markup:
     if removed:
         found = sum(bolt.verdict == "loose" for bolt in removed)
         notes.append(f"{found} of {len(removed)} observable bolts known to be removed were found")
-    names = tables.ranges(_union(judged), content.campaign.bolt_names) or "none"
+    names = tables.listed(_union(judged), content.campaign.bolt_names) or "none"
     return _tile("Loose in any job", names if judged else fmt.MISSING, ", ".join(notes))
 
 
@@ -187,13 +175,13 @@ def _open(content: Content, judged: list[JobRecord], count: int) -> Markup:
     """Tile with the inconclusive bolts, and the jobs without verdicts."""
     bolts = [bolt for job in judged for bolt in job.observable]
     unsure = sum(bolt.verdict == "undecided" for bolt in bolts)
-    names = tables.ranges(_union(judged, "undecided"), content.campaign.bolt_names) or "none"
+    names = tables.listed(_union(judged, "undecided"), content.campaign.bolt_names) or "none"
     without, unvalidated = count - len(judged), sum(not job.validated for job in judged)
     notes = [f"{unsure} of {len(bolts)} verdicts"] if bolts else []
     notes += [f"{without} job{'' if without == 1 else 's'} without verdict"]
     notes += [f"{unvalidated} not validated"] if unvalidated else []
     outside = {bolt.name for job in content.done for bolt in job.bolts if bolt.outside}
-    notes += [f"outside, never observable: {tables.ranges(sorted(outside), content.campaign.bolt_names)}"] if outside else []
+    notes += [f"outside, never observable: {tables.listed(sorted(outside), content.campaign.bolt_names)}"] if outside else []
     return _tile("Inconclusive", names if bolts else fmt.MISSING, ", ".join(notes))
 
 

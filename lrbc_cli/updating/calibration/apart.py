@@ -70,7 +70,7 @@ def indistinguishable(
     return found
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Losses:
     """Damping of a field as a sum of loss factors: alpha / omega, beta omega, and a constant loss factor.
 

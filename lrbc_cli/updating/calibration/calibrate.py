@@ -118,7 +118,7 @@ class FactorProblem:
             at = np.array([size + self.names.index(name) if name in self.names else -1 for name in own])
             values = [coefficients[name] * (np.exp(theta[i]) if i >= 0 else 1.0) for name, i in zip(own, at, strict=True)]
             known = np.where(np.logical_and.outer(at >= 0, at >= 0), covariance[np.ix_(at, at)], 0.0)
-            found.append(Losses(own, np.array(values), known, self.frequency_hz[self.selected]))
+            found.append(Losses(names=own, values=np.array(values), covariance=known, frequency_hz=self.frequency_hz[self.selected]))
         return found
 
     def rows(self) -> Floats:
@@ -140,7 +140,7 @@ class FactorProblem:
         """Cost at the selected lines with eta = ``variance``; ``soft`` applies the soft loss unless the options have one."""
         model = self.frf(2j * np.pi * self.frequency_hz[self.selected])
         options = ResidualOptions() if self.options is None else self.options
-        if soft and options.loss_scale is None:
+        if soft and options.transform is None:
             options = replace(options, loss_scale=self.statistics.calibration.soft_scale_db)
         return Misfit(
             model=model,
@@ -163,7 +163,7 @@ class FactorProblem:
         return Misfit(self.frf(s), target, self.start, variance, self.rows(), errors=self.statistics.errors)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Stage:
     """One descent: width of the smoothing [Hz] (0 for the measured lines), misfit before and after [dB], number of evaluations."""
 
@@ -251,7 +251,7 @@ class FactorFit:
 def _descend(problem: FactorProblem, misfit: Misfit, theta: Floats, width: float, tolerance: float, limit: int) -> tuple[Solution, Stage]:
     solution = gauss_newton(misfit, theta, problem.bounds, tolerance=tolerance, max_iterations=limit)
     first = solution.history[0].misfit_db
-    return solution, Stage(width, first, solution.evaluation.misfit_db, solution.evaluations)
+    return solution, Stage(width_hz=width, before_db=first, after_db=solution.evaluation.misfit_db, evaluations=solution.evaluations)
 
 
 def descents(problem: FactorProblem, theta: Floats, far: bool, limit: int, soft: bool = False) -> tuple[Solution, list[Stage]]:
@@ -314,7 +314,7 @@ def fit_factors(
         if not problem.hold and solution.evaluation.misfit_db > explained_db:
             solution = _joint_by_joint(problem, solution, stages, max_iterations)
         places += [end.theta for end in ends.values()]
-    noise = Noise(problem.statistics.calibration.first_sigma_db, 1.0)
+    noise = Noise(sigma=problem.statistics.calibration.first_sigma_db, factor=1.0)
     if solution.status != "failed":
         solution, noise = _weighed(problem, solution, places, stages, descent=(tolerance, max_iterations), change=change, rounds=rounds)
     J = solution.evaluation.jacobian

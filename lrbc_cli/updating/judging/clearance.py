@@ -193,16 +193,19 @@ def _likely(bolts: Sequence[BoltFinding]) -> list[str]:
     return [bolt.name for bolt in bolts if (bolt.probability or 0.0) > 0.5]
 
 
-def _names(names: Sequence[str]) -> str:
-    """A list of names; three or more consecutive numbers are joined as ``B08 to B10``."""
+def ranges(names: Sequence[str], to: str = " to ") -> list[tuple[str, int]]:
+    """Names for a list, each with the number that it stands for: three or more consecutive numbers are joined as ``B08 to B10``."""
     runs: list[list[str]] = []
     for name in names:
         if runs and _next(runs[-1][-1]) == name:
             runs[-1].append(name)
         else:
             runs.append([name])
-    # Each entry with the number of bolts that it represents.
-    words = [word for run in runs for word in ([(f"{run[0]} to {run[-1]}", len(run))] if len(run) > 2 else [(name, 1) for name in run])]
+    return [word for run in runs for word in ([(f"{run[0]}{to}{run[-1]}", len(run))] if len(run) > 2 else [(name, 1) for name in run])]
+
+
+def _names(names: Sequence[str]) -> str:
+    words = ranges(names)
     rest = sum(count for _, count in words[MOST_NAMES:])
     return ", ".join(word for word, _ in words[:MOST_NAMES]) + (f" and {rest} more" if rest else "")
 

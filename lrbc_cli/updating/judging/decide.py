@@ -9,7 +9,7 @@ from typing import Final, Literal
 import numpy as np
 
 from lrbc_cli.updating import robust
-from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, Interval, PartialChange
+from lrbc_cli.updating.judging.evidence import USED, BoltEvidence, Change, Evidence, Interval, PartialChange
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, OUTSIDE, TIGHT, UNDECIDED, DecisionRule, TightScatter
 from lrbc_cli.updating.normal import normal_cdf
@@ -149,8 +149,8 @@ def validity(evidence: Evidence, rule: DecisionRule, reference: ReferenceState |
     worst = max(db for db in (misfit, fitted, before) if db is not None)
     usual = rule.validated_misfit
     beyond = f"a misfit of {worst:.2f} dB is above {usual:g} dB and validates nothing" if worst > usual else ""
-    unvalidated = evidence.doubted or (evidence.unvalidated if evidence.compared != VALIDATION else "") or beyond
-    unvalidated = unvalidated or rule.too_coarse(before)
+    own = beyond or rule.too_coarse(before)
+    unvalidated = "; ".join([*evidence.reasons(), *([own] if own else [])])
     if not within or not unvalidated:
         return Validity(passed=within, compared=compared, misfit_db=misfit, limit_db=limit, reason=reason)
     reason = f"not validated: {unvalidated}; {reason}"
@@ -197,14 +197,19 @@ def judge(
     if role == REFERENCE and valid.explained:
         found = tuple(v if v.name not in fallen else replace(v, suspect=True, note=f"{v.note}, but {FALLEN}") for v in found)
     rises = tuple(v.name for v in found if _risen(v, rule))
-    if role == JOB and valid.explained and (rises or fallen or evidence.excused) and not any(v.verdict == LOOSE for v in found):
+    if (
+        role == JOB
+        and valid.explained
+        and (rises or fallen or evidence.reasons(explained=True))
+        and not any(v.verdict == LOOSE for v in found)
+    ):
         if rises or fallen:
             # Signs of a reference state with loose bolts: bolts tightened since appear tighter, bolts loose in both jobs appear unchanged.
             which = f"{', '.join(rises)} tighter than in" if rises else f"{', '.join(fallen)} {FALLEN} in"
             why = f"{which} the reference job: check whether all bolts were tight there"
         else:
             # Without a loose bolt no change is certain enough to explain the apparent fault of the measurement.
-            why = f"{evidence.excused}; the change identified would explain it, but no bolt is judged loose"
+            why = f"{'; '.join(evidence.reasons(explained=True))}; the change identified would explain it, but no bolt is judged loose"
         reasons = "; ".join([why, *([valid.unvalidated] if valid.unvalidated else [])])
         valid = replace(valid, passed=None, unvalidated=reasons, reason=f"not validated: {why}; {valid.reason}")
     several = _alternatives(evidence, found) if valid.explained and role == JOB else ()

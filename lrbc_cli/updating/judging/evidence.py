@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -187,6 +187,29 @@ class BoltEvidence:
     groups: tuple[int, ...] = ()
 
 
+#: What is in doubt: a copy of another job, a file that is not whole, lines between measured ones or too far apart, the measuring chain,
+#: exchanged sensors, a gain of all channels, the places of the bolts, or that no validation channel can be compared.
+DoubtKind = Literal["copy", "incomplete", "interpolated", "resolution", "chain", "exchanged", "gain", "places", "channels"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doubt:
+    """A reason why a job cannot be validated.
+
+    Attributes
+    ----------
+    kind : str
+        See ``DoubtKind``.
+    text : str
+    explained : bool
+        Whether the identified change explains it, too; then it counts only if no bolt is judged loose.
+    """
+
+    kind: DoubtKind
+    text: str
+    explained: bool = False
+
+
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
     """Results of an identification that are needed to judge it.
@@ -209,12 +232,8 @@ class Evidence:
         Mean misfit of the channels used (fitted) [dB].
     against_reference : bool
         Whether changes relative to the reference state were identified.
-    unvalidated : str
-        Why there is no validation channel.
-    doubted : str or None
-        Fault of the measurement that prevents its validation: a copy of the reference job, a truncated file, exchanged sensors, ....
-    excused : str
-        Apparent fault of the measurement that the identified change explains as well.
+    doubts : tuple of Doubt
+        Why it cannot be validated, whatever its misfit; the gravest first.
     setting : str
         What was compared, and what constant factors explain, for messages.
     data_warnings, warnings, notes : tuples of str
@@ -231,20 +250,22 @@ class Evidence:
     missing_reference: str | None
     compared: str | None
     misfit_db: float | None
-    unvalidated: str
-    doubted: str | None
     setting: str
+    doubts: tuple[Doubt, ...] = ()
     data_warnings: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     used_misfit_db: float | None = None
     against_reference: bool = False
     alternatives: tuple[tuple[tuple[float | None, ...], float], ...] = ()
-    excused: str = ""
 
     def beside(self, copied: str | None) -> Evidence:
-        """The same with the message ``copied`` as ``doubted``, unless it is None or there is a doubt already."""
-        return self if copied is None or self.doubted else replace(self, doubted=copied)
+        """The same with the message ``copied`` as a further doubt, unless it is None."""
+        return self if copied is None else replace(self, doubts=(*self.doubts, Doubt(kind="copy", text=copied)))
+
+    def reasons(self, *, explained: bool = False) -> list[str]:
+        """Texts of the doubts that count in any case, or of those that the identified change explains."""
+        return [doubt.text for doubt in self.doubts if doubt.explained == explained]
 
 
 def at_bolts(

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Gt, Lt
+
+from lrbc_cli.updating.checked import Checked, Negative, NotNegative, Positive, Share
 
 #: Words of a verdict. ``outside`` is for a bolt that no term reaches: the FRFs contain no information on it, so it has no numbers.
 TIGHT, LOOSE, UNDECIDED, OUTSIDE = "tight", "loose", "undecided", "outside"
@@ -32,7 +36,7 @@ NO_SCATTER = TightScatter()
 
 
 @dataclass(frozen=True, kw_only=True)
-class DecisionRule:
+class DecisionRule(Checked):
     """Numbers that turn a posterior into a verdict, and misfits into explained, validated or neither.
 
     Attributes
@@ -76,19 +80,19 @@ class DecisionRule:
         of a hammer never have the same mean levels over hundreds of lines.
     """
 
-    loose_change: float = -0.5
-    mixture_change: float = -0.35
-    confidence: float = 0.95
-    largest_misfit: float = 3.0
-    validated_misfit: float = 3.0
-    misfit_margin: float = 1.5
-    scatter_margin: float = 4.0
-    joint_margin: float = 2.5
-    joint_scatter: float = 0.2
-    joint_assumed: float = 2.0
-    joint_spread: float = 0.5
-    contrast_quantile: float = 0.75
-    copied_db: float = 2e-4
+    loose_change: Negative = -0.5
+    mixture_change: Negative = -0.35
+    confidence: Annotated[float, Gt(0.5), Lt(1.0)] = 0.95
+    largest_misfit: Positive = 3.0
+    validated_misfit: Positive = 3.0
+    misfit_margin: NotNegative = 1.5
+    scatter_margin: NotNegative = 4.0
+    joint_margin: NotNegative = 2.5
+    joint_scatter: NotNegative = 0.2
+    joint_assumed: Positive = 2.0
+    joint_spread: NotNegative = 0.5
+    contrast_quantile: Share = 0.75
+    copied_db: NotNegative = 2e-4
 
     def scatter(self, measured: TightScatter, joint: bool) -> float:
         """Standard deviation of the changes between tight states [decades]: from baselines, for joints combined with that assumed."""

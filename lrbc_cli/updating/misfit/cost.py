@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.updating.knots import hats
 from lrbc_cli.updating.misfit.frf import Sensitive
 from lrbc_cli.updating.statistics.decibels import DB, decibel
 from lrbc_cli.updating.statistics.error_model import ERRORS, ErrorModel
@@ -140,8 +141,8 @@ class ChangeError:
         f = self.frequency_hz
         spacing = self.errors.shift_knots * f.max()
         knots = np.arange(f.min() - spacing, f.max() + 2 * spacing, spacing)
-        hats = np.column_stack([np.interp(f, knots, row) for row in np.eye(knots.size)])
-        hats = hats[:, hats.any(axis=0)]
+        shapes = hats(f, knots)
+        shapes = shapes[:, shapes.any(axis=0)]
         key = prior[: self.size].tobytes()
         if key not in self._kept:
             self._kept[key] = self._sloped(prior)
@@ -151,9 +152,9 @@ class ChangeError:
             change = decibel(now) - decibel(before)
         slope, first, change = (np.where(np.isfinite(x), x, 0.0) for x in (slope, first, change))
         steep = 0.5 * (slope.real**2 + first.real**2)
-        shift = np.sqrt((hats.T @ (change**2).sum(axis=1)) / np.maximum(hats.T @ steep.sum(axis=1), np.finfo(float).tiny))
-        shifts = np.asarray(slope[:, :, None] * (self.errors.shift_error * hats * shift)[:, None, :])
-        return change, shifts, hats.argmax(axis=1)
+        shift = np.sqrt((shapes.T @ (change**2).sum(axis=1)) / np.maximum(shapes.T @ steep.sum(axis=1), np.finfo(float).tiny))
+        shifts = np.asarray(slope[:, :, None] * (self.errors.shift_error * shapes * shift)[:, None, :])
+        return change, shifts, shapes.argmax(axis=1)
 
 
 class Misfit:

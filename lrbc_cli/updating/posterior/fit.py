@@ -193,7 +193,7 @@ def no_worse(objective: Objective, solution: Solution, places: Sequence[Floats],
         first = len(history)
         history.extend(replace(entry, evaluation=first + i) for i, entry in enumerate(entries))
 
-    note([HistoryEntry(0, value.cost, value.misfit_db, False) for value in (here, *values)])
+    note([HistoryEntry(evaluation=0, cost=value.cost, misfit_db=value.misfit_db, accepted=False) for value in (here, *values)])
     better = [i for i, value in enumerate(values) if value.total < here.total and value.misfit_db < here.misfit_db]
     evaluations, iterations = solution.evaluations + 1 + len(values), solution.iterations
     if better:

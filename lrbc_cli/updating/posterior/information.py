@@ -207,7 +207,7 @@ def _data(y: NDArray[np.complexfloating], options: ResidualOptions) -> DataResid
         return None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Outlook:
     """Information of a set of responses on N bolts.
 
@@ -287,7 +287,7 @@ def outlook(of: Experiment, responses: Sequence[int] | Integers, confidence: flo
     std[felt] = np.sqrt(np.maximum(after[c, c], 0.0))
     removed[felt] = np.clip(1.0 - after[c, c] / before[c, c], 0.0, 1.0)
     distance = distances(of, at)
-    return Outlook(std, removed, distance, chance(distance, confidence))
+    return Outlook(std=std, removed=removed, distance=distance, correct=chance(distance, confidence))
 
 
 def _inverse(precision: Floats) -> Floats:

@@ -298,7 +298,7 @@ def improve(score: KindScore, neighbours: Sequence[tuple[int, int]], moves: int,
         score.flip(*best[1])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class State:
     """Optimum z for given kinds, its log evidence (Laplace approximation), and the linear problem A, b of the bolts about it."""
 
@@ -352,7 +352,7 @@ def _settle(problem: MixtureProblem, prior: BoltPrior, kinds: Bools, z: Floats, 
     share = np.linalg.solve(
         A[np.ix_(rest, rest)] + np.diag(precision[rest]), np.column_stack([across.T, b[rest] + precision[rest] * mean[rest]])
     )
-    return State(kinds, z, evidence, A[np.ix_(at, at)] - across @ share[:, :-1], b[at] - across @ share[:, -1])
+    return State(kinds=kinds, z=z, evidence=evidence, A=A[np.ix_(at, at)] - across @ share[:, :-1], b=b[at] - across @ share[:, -1])
 
 
 def settle(

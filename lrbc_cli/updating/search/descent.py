@@ -9,6 +9,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.updating.knots import hats
 from lrbc_cli.updating.misfit.cost import Evaluation, Misfit
 from lrbc_cli.updating.search.optimise import Objective, Solution, gauss_newton
 
@@ -16,12 +17,12 @@ from lrbc_cli.updating.search.optimise import Objective, Solution, gauss_newton
 ROUND_OFF = 1e-9
 
 
-def hats(positions: Floats, knots: int) -> Floats:
+def even_hats(positions: Floats, knots: int) -> Floats:
     """(k, m) weights of the piecewise linear interpolation from evenly spaced knots to k positions, without knots that reach none."""
     if knots == 1 or np.ptp(positions) == 0.0:
         return np.ones((positions.size, 1))
     at = np.linspace(positions[0], positions[-1], knots)
-    T = np.column_stack([np.interp(positions, at, row) for row in np.eye(knots)])
+    T = hats(positions, at)
     return np.asarray(T[:, T.any(axis=0)])
 
 
@@ -30,7 +31,7 @@ def level_matrix(parameters: Parameterisation, knots: int, damping: bool) -> Flo
     columns: list[Floats] = []
     for group, values, at in parameters.placed:
         positions = group.arc_length if group.arc_length is not None else np.arange(group.count, dtype=float)
-        block = np.eye(group.count) if group.count <= knots else hats(positions, knots)
+        block = np.eye(group.count) if group.count <= knots else even_hats(positions, knots)
         columns.append(np.zeros((parameters.size, block.shape[1])))
         columns[-1][values] = block
         if at is not None and damping:

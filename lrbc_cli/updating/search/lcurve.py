@@ -14,7 +14,7 @@ from lrbc_cli.updating.search.levels import gauss_newton_by_levels
 from lrbc_cli.updating.search.optimise import Solution
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Corner:
     """Corner of an L-curve: index of the nearest weight tried, the weight, and the sums of squares of data and departures there."""
 
@@ -238,7 +238,8 @@ def find_corner(eta: Floats, data: Floats, penalty: Floats, *, sharpness: float 
     if not inner:
         return None
     at = points[max(inner, key=lambda peak: kappa[peak])]
-    return Corner(int(np.abs(t - at[0]).argmin()), *(float(10.0**value) for value in at))
+    weight, least, departure = (float(10.0**value) for value in at)
+    return Corner(index=int(np.abs(t - at[0]).argmin()), eta=weight, data=least, penalty=departure)
 
 
 def curve_notes(curve: LCurve) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from lrbc_cli.updating.misfit.cost import Evaluation
 Objective = Callable[[Floats], Evaluation]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class HistoryEntry:
     """One evaluation of the cost: its number, log10 cost, mean misfit [dB], and whether the step was accepted."""
 
@@ -30,7 +30,7 @@ class HistoryEntry:
     accepted: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Start:
     """One of several starts, and the end of its descent.
 
@@ -130,7 +130,7 @@ class _Recorder:
         value = self._objective(theta)
         if value is self._objective.evaluation:
             self._best = len(self.entries)
-        self.entries.append(HistoryEntry(len(self.entries), value.cost, value.misfit_db, False))
+        self.entries.append(HistoryEntry(evaluation=len(self.entries), cost=value.cost, misfit_db=value.misfit_db, accepted=False))
         return value
 
     def start(self, theta: Floats) -> tuple[Floats, Evaluation]:
@@ -140,7 +140,7 @@ class _Recorder:
 
     def accept(self, at: int = -1) -> None:
         entry = self.entries[at]
-        self.entries[at] = HistoryEntry(entry.evaluation, entry.cost, entry.misfit_db, True)
+        self.entries[at] = HistoryEntry(evaluation=entry.evaluation, cost=entry.cost, misfit_db=entry.misfit_db, accepted=True)
 
     def solution(self, theta: Floats, value: Evaluation, status: str, reason: str, iterations: int) -> Solution:
         best = self._objective

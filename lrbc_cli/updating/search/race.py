@@ -58,7 +58,13 @@ class Race:
 
     def tried(self, value: Evaluation, totals: list[float]) -> None:
         """Add one evaluation of a scan to the history, and its total to ``totals``."""
-        self.note([HistoryEntry(0, value.cost, value.misfit_db, bool(value.total < min(totals, default=np.inf)))])
+        self.note(
+            [
+                HistoryEntry(
+                    evaluation=0, cost=value.cost, misfit_db=value.misfit_db, accepted=bool(value.total < min(totals, default=np.inf))
+                )
+            ]
+        )
         totals.append(value.total if np.isfinite(value.total) else np.inf)
 
     def begin(self, places: Iterable[tuple[str, Floats]], limit: int | None = None) -> None:
@@ -211,7 +217,10 @@ class Race:
     def solution(self) -> Solution:
         """The best end, with all evaluations and the ends of all starts."""
         kept = self.best
-        led = tuple(Start(text, end.evaluation.cost, end.evaluation.total, i == kept, end.theta) for i, (text, end) in enumerate(self.ends))
+        led = tuple(
+            Start(description=text, cost=end.evaluation.cost, total=end.evaluation.total, kept=i == kept, theta=end.theta)
+            for i, (text, end) in enumerate(self.ends)
+        )
         history = tuple(self.history)
         count = len(history) + self.elsewhere
         return replace(self.ends[kept][1], iterations=self.iterations, evaluations=count, history=history, starts=led)

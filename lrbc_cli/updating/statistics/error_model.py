@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from lrbc_cli.updating.checked import Checked, Count, CountOrNone, Inside, NotNegative, Positive, Share
+
 
 @dataclass(frozen=True, kw_only=True)
-class ErrorModel:
+class ErrorModel(Checked):
     """Numbers of the covariance of the residuals: noise, model discrepancy, errors of predicted changes, correlation of lines.
 
     Each entry says where its number comes from; "a choice" means that no data determined it.
@@ -64,27 +66,27 @@ class ErrorModel:
         tolerate large residuals. By trial on virtual rigs.
     """
 
-    least_coherence: float = 1e-4
-    first_discrepancy_db: float = 1.0
-    least_discrepancy_db: float = 0.01
-    most_discrepancy_db: float = 100.0
-    change_error: float = 0.25
-    shift_error: float = 0.12
-    shift_knots: float = 0.02
-    gain_db: float = 1.0
-    least_gain_db: float = 0.3
-    gain_shown: float = 0.5
-    noise_window: int = 15
-    most_noise_db: float = 3.0
-    gain_rounds: int = 2
-    most_correction_db: float = 6.0
-    most_lags: int = 20
-    least_correlation: float = 0.05
-    least_pairs: int = 10
-    least_variance: float = 1e-6
-    coarsening: float = 4.0
-    runaway: float = 1.5
-    least_runaway_db: float = 0.1
+    least_coherence: Inside = 1e-4
+    first_discrepancy_db: Positive = 1.0
+    least_discrepancy_db: Positive = 0.01
+    most_discrepancy_db: Positive = 100.0
+    change_error: NotNegative = 0.25
+    shift_error: NotNegative = 0.12
+    shift_knots: Positive = 0.02
+    gain_db: NotNegative = 1.0
+    least_gain_db: NotNegative = 0.3
+    gain_shown: Positive = 0.5
+    noise_window: Count = 15
+    most_noise_db: Positive = 3.0
+    gain_rounds: CountOrNone = 2
+    most_correction_db: Positive = 6.0
+    most_lags: CountOrNone = 20
+    least_correlation: Share = 0.05
+    least_pairs: Count = 10
+    least_variance: Positive = 1e-6
+    coarsening: Positive = 4.0
+    runaway: Positive = 1.5
+    least_runaway_db: NotNegative = 0.1
 
 
 #: The defaults, for callers that use a part of the package by itself.

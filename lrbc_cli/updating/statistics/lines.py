@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
+from lrbc_cli.updating.checked import Checked, Count, Positive, Share
 from lrbc_cli.updating.peaks import peaks_of
 from lrbc_cli.updating.robust import medians
 from lrbc_cli.updating.statistics.decibels import DB, decibel
@@ -25,8 +26,8 @@ def covers(frequency_hz: Floats, band_hz: tuple[float, float]) -> bool:
     return bool(frequency_hz[-1] - frequency_hz[0] + step >= MIN_BAND * (band_hz[1] - band_hz[0]))
 
 
-@dataclass(frozen=True)
-class Resonances:
+@dataclass(frozen=True, kw_only=True)
+class Resonances(Checked):
     """Which lines belong to a resonance.
 
     Attributes
@@ -39,9 +40,9 @@ class Resonances:
         ... if they are within this fraction of its frequency, two lines, or its half-power bandwidth. By trial on virtual rigs.
     """
 
-    prominence_db: float = 2.0
-    depth_db: float = 15.0
-    half_width: float = 0.06
+    prominence_db: Positive = 2.0
+    depth_db: Positive = 15.0
+    half_width: Positive = 0.06
 
 
 #: The default, for callers that use a part of the package by itself.
@@ -119,7 +120,7 @@ def few_resonances(frequency_hz: Floats, measured: Complexes, rule: Resonances =
     return count if count < least else None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Sharp:
     """Peaks of FRFs, the sharp ones among them (which fall far to both neighbouring lines), and whether responses share these.
 
@@ -142,7 +143,7 @@ class Sharp:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Resolution:
+class Resolution(Checked):
     """Limits from which lines are interpolated or do not resolve the peaks of FRFs, or peaks are noise; a job is then not validated.
 
     Attributes
@@ -168,15 +169,15 @@ class Resolution:
         Largest ratio of second differences between measured lines to those at them; rounding to few digits leaves as much.
     """
 
-    prominence_db: float = 6.0
-    drop_db: float = 6.0
-    most: float = 1 / 3
-    noisy: float = 1 / 6
-    aside: tuple[int, ...] = (2, 3, 4, 5, 6, 7, 8)
-    together: float = 2.0
-    interpolated: int = 16
-    measured: int = 8
-    straight: float = 0.05
+    prominence_db: Positive = 6.0
+    drop_db: Positive = 6.0
+    most: Share = 1 / 3
+    noisy: Share = 1 / 6
+    aside: tuple[Count, ...] = (2, 3, 4, 5, 6, 7, 8)
+    together: Positive = 2.0
+    interpolated: Count = 16
+    measured: Count = 8
+    straight: Positive = 0.05
 
 
 #: The default, for callers that use a part of the package by itself.
@@ -211,7 +212,7 @@ def unresolved(frequency_hz: Floats, measured: Complexes, rule: Resolution = RES
         return float((one.sum(axis=1) * other.sum(axis=1) - (one * other).sum(axis=1)).sum())
 
     chance = float(np.mean([pairs(d) for d in rule.aside if d < len(sharp)] or [0.0]))
-    return Sharp(frequency_hz[np.nonzero(peaks)[0]], frequency_hz[np.nonzero(sharp)[0]], pairs(0), chance)
+    return Sharp(peaks=frequency_hz[np.nonzero(peaks)[0]], sharp=frequency_hz[np.nonzero(sharp)[0]], together=pairs(0), chance=chance)
 
 
 @dataclass(frozen=True, kw_only=True)

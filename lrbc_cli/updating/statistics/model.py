@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import asdict, dataclass, fields
-from types import CodeType, FunctionType
 
+from lrbc_cli.updating.checked import Checked, Count, NotNegative, Share
+from lrbc_cli.updating.own_code import code_of
 from lrbc_cli.updating.statistics.chain.echo import ECHO, EchoRule
 from lrbc_cli.updating.statistics.chain.modal import MODAL, ModalRule
 from lrbc_cli.updating.statistics.error_model import ERRORS, ErrorModel
@@ -18,7 +19,7 @@ from lrbc_cli.updating.statistics.saturation import LIMITS, Limits
 
 
 @dataclass(frozen=True, kw_only=True)
-class ValidationChannels:
+class ValidationChannels(Checked):
     """Which responses count as validation channels, and which faults of a measurement prevent its validation.
 
     Attributes
@@ -41,19 +42,19 @@ class ValidationChannels:
         Least number of lines on which both have values for that comparison. A choice.
     """
 
-    least_lines: float = 0.8
-    copied: float = 1e-6
-    copied_db: float = 0.01
-    least_common: int = 10
-    same_line: float = 1e-5
-    least_span: float = 0.98
-    exchanged_db: float = 3.0
-    exchanged_share: float = 0.5
-    exchanged_lines: int = 5
+    least_lines: Share = 0.8
+    copied: NotNegative = 1e-6
+    copied_db: NotNegative = 0.01
+    least_common: Count = 10
+    same_line: NotNegative = 1e-5
+    least_span: Share = 0.98
+    exchanged_db: NotNegative = 3.0
+    exchanged_share: Share = 0.5
+    exchanged_lines: Count = 5
 
 
 @dataclass(frozen=True, kw_only=True)
-class StatisticalModel:
+class StatisticalModel(Checked):
     """All parts of the statistical model; passed from the campaign's ``Method`` to where each is used, and stored with a result.
 
     Attributes
@@ -89,26 +90,8 @@ class StatisticalModel:
     def digest(self, *names: str) -> str:
         """SHA-256 digest of the named parts, or of all: their numbers and classes, since a subclass may compute differently."""
         parts = {name: getattr(self, name) for name in names or [entry.name for entry in fields(self)]}
-        found = sorted((name, _code(type(part)), sorted(asdict(part).items())) for name, part in parts.items())
+        found = sorted((name, code_of(type(part)), sorted(asdict(part).items())) for name, part in parts.items())
         return hashlib.sha256(repr(found).encode()).hexdigest()
-
-
-def _code(kind: type) -> str:
-    """Name of a class and, unless it belongs to this package, the code of its methods."""
-    if kind.__module__.split(".")[0] == __name__.split(".")[0]:
-        return kind.__qualname__
-    parts = [getattr(part, "fget", None) or getattr(part, "__func__", part) for _, part in sorted(vars(kind).items())]
-    methods = [part for part in parts if isinstance(part, FunctionType)]
-    code = [(one.__name__, one.__defaults__, one.__kwdefaults__, one.__code__.co_names, *_plain((one.__code__,))) for one in methods]
-    return repr((kind.__qualname__, code, [_code(base) for base in kind.__bases__ if base is not object]))
-
-
-def _plain(constants: tuple[object, ...]) -> list[object]:
-    """Constants of a function: the code of functions inside it instead of their addresses, sets in an order that each process finds."""
-    return [
-        (one.co_code, _plain(one.co_consts)) if isinstance(one, CodeType) else sorted(map(repr, one)) if isinstance(one, frozenset) else one
-        for one in constants
-    ]
 
 
 #: The defaults, for callers that use a part of the package by itself.

@@ -13,7 +13,7 @@ from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.updating.statistics.error_model import ERRORS, ErrorModel
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Noise:
     """Scatter of the residuals.
 
@@ -157,4 +157,4 @@ def estimate_noise(
     freedom = max(residual.size - spent(jacobian, penalty), 1.0)
     sigma = float(np.sqrt(residual @ residual / freedom))
     factor = correlation_factor(residual, jacobian, line, response, errors)
-    return Noise(sigma, factor, coarsening=errors.coarsening)
+    return Noise(sigma=sigma, factor=factor, coarsening=errors.coarsening)

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Bools, Floats
+from lrbc_cli.updating.checked import Checked, Inside, Negative, Positive, Share
 
 
 @dataclass(frozen=True, kw_only=True)
-class BoltPrior:
+class BoltPrior(Checked):
     """Prior of the change at a bolt that is tight or loose [decades]; see ``lrbc guide statistics``, section 6.
 
     Attributes
@@ -39,17 +40,17 @@ class BoltPrior:
         0.3 on virtual rigs.
     """
 
-    tight_std: float = 0.05
-    loose_mean: float = -0.6
-    loose_std: float = 0.3
-    alone_mean: float = -0.5
-    alone_std: float = 0.2
-    joint_tight_std: float = 0.15
-    joint_loose_mean: float = -1.5
-    joint_loose_std: float = 0.8
-    deviation_std: float = 0.15
-    loose_share: float = 0.1
-    leakage: float = 0.3
+    tight_std: Positive = 0.05
+    loose_mean: Negative = -0.6
+    loose_std: Positive = 0.3
+    alone_mean: Negative = -0.5
+    alone_std: Positive = 0.2
+    joint_tight_std: Positive = 0.15
+    joint_loose_mean: Negative = -1.5
+    joint_loose_std: Positive = 0.8
+    deviation_std: Positive = 0.15
+    loose_share: Inside = 0.1
+    leakage: Share = 0.3
 
     def tables(self, joint: Bools) -> tuple[Floats, Floats]:
         """(b, 2, 2) precision [1/decade²] and mean [decades] of each bolt's change; axes: tight or loose, and 1 if a neighbour is loose.
@@ -92,7 +93,7 @@ class BoltPrior:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ValuePrior:
+class ValuePrior(Checked):
     """Gaussian prior of values along the edge, of changes at bolts, and bounds of nuisance parameters.
 
     Attributes
@@ -113,16 +114,16 @@ class ValuePrior:
         Distance of the bounds of nuisance parameters from the prior mean, in standard deviations. A choice: more is no drift.
     """
 
-    std: float = 0.35
-    joint_std: float = 1.0
-    level_std: float = 0.5
-    damping_std: float = 1.0
-    first_variance: float = 4.0
-    nuisance_reach: float = 6.0
+    std: Positive = 0.35
+    joint_std: Positive = 1.0
+    level_std: Positive = 0.5
+    damping_std: Positive = 1.0
+    first_variance: Positive = 4.0
+    nuisance_reach: Positive = 6.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class CalibrationPrior:
+class CalibrationPrior(Checked):
     """Priors of the global factors of the reference model, and limits from which a measurement does not determine them.
 
     Attributes
@@ -149,18 +150,18 @@ class CalibrationPrior:
         A direction that keeps this share of its prior variance is hardly determined by the data.
     """
 
-    stiff_std: float = 0.05
-    damping_factor_std: float = 1.0
-    stiff_bound: float = 0.3
-    damping_bound: float = 2.5
-    first_sigma_db: float = 3.0
-    least_sigma_db: float = 0.05
-    soft_scale_db: float = 1.0
-    widths: tuple[float, ...] = (0.04, 0.01)
-    covered: float = 0.8
-    same: float = 0.98
-    belongs: float = 0.3
-    left: float = 0.5
+    stiff_std: Positive = 0.05
+    damping_factor_std: Positive = 1.0
+    stiff_bound: Positive = 0.3
+    damping_bound: Positive = 2.5
+    first_sigma_db: Positive = 3.0
+    least_sigma_db: Positive = 0.05
+    soft_scale_db: Positive = 1.0
+    widths: tuple[Positive, ...] = (0.04, 0.01)
+    covered: Share = 0.8
+    same: Share = 0.98
+    belongs: Share = 0.3
+    left: Share = 0.5
 
 
 #: The defaults, for callers that use a part of the package by itself.

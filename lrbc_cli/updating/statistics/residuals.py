@@ -8,21 +8,23 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.updating.checked import Checked, Positive
 from lrbc_cli.updating.statistics.decibels import DB, decibel, noise_weights
 from lrbc_cli.updating.statistics.error_model import ERRORS, ErrorModel
-from lrbc_cli.updating.statistics.losses import on_sphere, soft
+from lrbc_cli.updating.statistics.losses import Loss, Soft, on_sphere
 from lrbc_cli.updating.statistics.shared import Bands, Shared, band_means
 
 
-@dataclass(frozen=True)
-class ResidualOptions:
+@dataclass(frozen=True, kw_only=True)
+class ResidualOptions(Checked):
     """How the difference of model and measurement at a line is formed.
 
     Attributes
@@ -32,19 +34,33 @@ class ResidualOptions:
         wrapped difference of the phases, where a radian counts as 8.69 dB. ``sphere``: difference of the points on Riemann's sphere, see
         ``DataResidual.on_sphere``.
     loss_scale : float or None
-        Scale a of the soft loss [dB], see ``losses.soft``; None for squares.
+        Scale a of the soft loss [dB], see ``losses.Soft``; None for squares, or ``loss``.
+    loss : Loss or None
+        Another loss.
     floor : float or None
         Depth below a response's largest selected line [dB] beyond which differences are damped out; None for no floor.
     """
 
     kind: Literal["db", "log-complex", "sphere"] = "db"
-    loss_scale: float | None = None
-    floor: float | None = None
+    loss_scale: Positive | None = None
+    loss: Loss | None = None
+    floor: Positive | None = None
+
+    def __post_init__(self) -> None:
+        """See ``Checked``; there can be one loss only."""
+        super().__post_init__()
+        if self.loss is not None and self.loss_scale is not None:
+            raise ConfigError("two losses", place="ResidualOptions", expected="loss or loss_scale", found="both")
 
     @property
     def phase(self) -> bool:
         """Whether the phase is compared, which needs the complex derivatives of ``20/ln10 ln(H)``."""
         return self.kind in ("log-complex", "sphere")
+
+    @cached_property
+    def transform(self) -> Loss | None:
+        """The loss, soft or another; None for squares."""
+        return self.loss if self.loss_scale is None else Soft(scale=self.loss_scale)
 
 
 class DataResidual:
@@ -354,8 +370,8 @@ class DataResidual:
             residual, jacobian = self._spherical(y[self.valid], jacobian)
         elif self.phase or self._floor is not None:
             residual, jacobian = self._logarithmic(y[self.valid], difference, jacobian)
-        if self.options.loss_scale is not None:
-            residual, jacobian = soft(residual, jacobian, self.options.loss_scale)
+        if self.options.transform is not None:
+            residual, jacobian = self.options.transform(residual, jacobian)
         if self._weights is not None:
             weights = self._own_weights(len(residual))
             residual, jacobian = weights * residual, weights[:, None] * jacobian

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.updating.checked import Checked, Positive
 from lrbc_cli.updating.statistics.decibels import decibel
 
 
-@dataclass(frozen=True)
-class Limits:
+@dataclass(frozen=True, kw_only=True)
+class Limits(Checked):
     """When FRFs count as those of the free or clamped limit.
 
     Attributes
@@ -28,8 +29,8 @@ class Limits:
         Lower bound, start and upper bound if the FRFs reach no limit, in decades from the local stiffness. A choice.
     """
 
-    start_db: float = 0.3
-    bound_db: float = 0.02
+    start_db: Positive = 0.3
+    bound_db: Positive = 0.02
     fallback: tuple[float, float, float] = (-4.0, 1.0, 4.0)
 
 

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.model.terms import ParameterGroup, Parameterisation
+from lrbc_cli.updating.knots import hats
 from lrbc_cli.updating.statistics.priors import BOLT_PRIOR, VALUE_PRIOR, BoltPrior, ValuePrior
 from lrbc_cli.updating.unknowns.places import Edge, places
 
@@ -22,7 +23,7 @@ from lrbc_cli.updating.unknowns.places import Edge, places
 ROUND_OFF = 1e-9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Shapes:
     """The map ``theta = prior + T z`` from m unknowns z to theta.
 
@@ -95,7 +96,7 @@ class Shapes:
 def node_shapes(parameters: Parameterisation, std: float) -> Shapes:
     """Every entry of theta as its own unknown, with standard deviation ``std`` [decades]; damping exponents without a prior, as in (29)."""
     spread = np.where(parameters.is_damping, np.inf, std)
-    return Shapes(np.eye(parameters.size), spread, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool))
+    return Shapes(T=np.eye(parameters.size), std=spread, bolts=np.zeros(0, dtype=np.int64), joint=np.zeros(0, dtype=bool))
 
 
 def edges_of(parameters: Parameterisation) -> list[ParameterGroup]:
@@ -216,7 +217,7 @@ def bolt_shapes(parameters: Parameterisation, bolts: Floats, values: ValuePrior 
             # Contrast k: the mean of the first k groups against the next group.
             weight = np.repeat([1.0] * k + [-float(k)], [part.size for part in parts[: k + 1]]) / np.sqrt(k * (k + 1.0))
             add(np.concatenate(parts[: k + 1]), weight, prior.deviation_std)
-    return Shapes(np.column_stack(columns), np.array(spread), column_of, joint)
+    return Shapes(T=np.column_stack(columns), std=np.array(spread), bolts=column_of, joint=joint)
 
 
 def _feet(groups: Sequence[ParameterGroup], bolts: Floats) -> tuple[NDArray[np.int64], Floats]:
@@ -240,10 +241,10 @@ def _hats(group: ParameterGroup, at: Floats) -> Floats:
         return np.ones((group.count, 1))
     order = np.argsort(at, kind="stable")
     places, which = np.unique(at[order], return_inverse=True)
-    hats = np.column_stack([np.interp(group.arc_length, places, row) for row in np.eye(places.size)])
+    shapes = hats(group.arc_length, places)
     out = np.zeros((group.count, at.size))
     for place in range(places.size):
         sharing = order[which == place]
         # Bolts with the same foot cannot be distinguished: they share the hat in equal parts.
-        out[:, sharing] = hats[:, [place]] / sharing.size
+        out[:, sharing] = shapes[:, [place]] / sharing.size
     return out

@@ -12,7 +12,7 @@ from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.campaign.reading.places import MILLIMETRES
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.config.structure import PointConfig
-from lrbc_cli.io.common import listing
+from lrbc_cli.errors import listing
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
 from lrbc_cli.model.frf import FrfRecord
 from lrbc_cli.model.selection import nearest, spacing

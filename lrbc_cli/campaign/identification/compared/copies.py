@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.errors import listing
 from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.statistics.decibels import decibel
 from lrbc_cli.updating.statistics.model import ValidationChannels
@@ -134,5 +135,5 @@ def copied_text(own: Measurement, other: Measurement, name: str, responses: list
     if not same.size:
         return ""
     held = int(np.isfinite(own.values).any(axis=0).sum())
-    which = "" if same.size == held else f" in {', '.join(responses[i] for i in same[:6])}{' ...' if same.size > 6 else ''}"
+    which = "" if same.size == held else f" in {listing([responses[i] for i in same], 6)}"
     return f"it has the numbers of the measurement of {name}{which}: check whether another file was meant"

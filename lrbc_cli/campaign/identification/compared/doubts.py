@@ -14,9 +14,9 @@ from lrbc_cli.campaign.identification.gains import Gains
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
-from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import listing
+from lrbc_cli.errors import DataError, listing
 from lrbc_cli.updating.comparison.scale import grouped, misses_unit
+from lrbc_cli.updating.judging.evidence import Doubt
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import DecisionRule
 from lrbc_cli.updating.normal import NORMAL_95
@@ -133,8 +133,8 @@ def worsened(initial_db: float | None, final_db: float | None, noise_db: float |
     return f"the mean misfit of the responses used rose from {initial_db:.2f} dB at the start values to {final_db:.2f} dB over all lines"
 
 
-def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, float | None]) -> tuple[list[str], str, str | None]:
-    """Warnings of a job, text on what was compared and on constant factors, and reason why it is not validated (or None).
+def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, float | None]) -> tuple[list[str], str, list[Doubt]]:
+    """Warnings of a job, text on what was compared and on constant factors, and doubts that prevent its validation.
 
     Parameters
     ----------
@@ -166,9 +166,9 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     noise = noise_level(result.measurement, job, inputs.used)
     # In a relative comparison the model discrepancy cancels, so the misfit need not reach the noise.
     further = [None if result.relative or misfit[1] is None else unreached(misfit[1], noise, reference), worsened(*misfit, noise)]
-    untrusted = swapped or None
-    if not swapped and gains is not None and gains.shared:
-        untrusted = f"all FRFs are {gain_size(*gains.mean)} than expected from the reference job"
+    untrusted = [Doubt(kind="exchanged", text=swapped)] if swapped else []
+    if gains is not None and gains.shared:
+        untrusted.append(Doubt(kind="gain", text=f"all FRFs are {gain_size(*gains.mean)} than expected from the reference job"))
     return found + [text for text in further if text is not None], compared, untrusted
 
 

@@ -11,7 +11,9 @@ from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.comparison.scale import ALIKE, LEAST_ALIKE, LEAST_LINES, POWERS, moved
+from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.robust import medians
+from lrbc_cli.updating.statistics.decibels import decibel
 
 #: Another reading is reported if its difference is below this share of that as stated, and the latter is larger than this [dB].
 CLEARLY, LEAST_DIFFERENCE = 0.5, 3.0
@@ -31,9 +33,8 @@ REAL = 1e-9
 
 def levels(values: Complexes) -> Floats:
     """Levels [dB]; NaN where there is no value."""
-    size = np.abs(values)
     with np.errstate(divide="ignore", invalid="ignore"):
-        found: Floats = 20.0 * np.log10(size)
+        found = decibel(values)
     return np.where(np.isfinite(found), found, np.nan)
 
 
@@ -176,7 +177,7 @@ def run_backwards(frequency_hz: Floats, values: Complexes, *, most: float = 0.8)
     """
     steps = np.diff(frequency_hz)
     whole = np.isfinite(values).all(axis=0) & (np.abs(values) > 0.0).any(axis=0)
-    if steps.size < 2 * LEAST_LINES or not whole.any() or not np.allclose(steps, steps.mean(), rtol=1e-3):
+    if steps.size < 2 * LEAST_LINES or not whole.any() or not evenly(frequency_hz):
         return False
     energy = np.abs(np.fft.ifft(values[:, whole], axis=0)) ** 2
     share = energy[energy.shape[0] // 2 :].sum(axis=0) / energy.sum(axis=0)
@@ -330,7 +331,7 @@ def other_reading(inputs: Inputs, frequency_hz: Floats, measured: Complexes, sta
     job : str
     """
     computed = levels(states)
-    omega = 20.0 * np.log10(2.0 * np.pi * frequency_hz)[:, None]
+    omega = decibel(2.0 * np.pi * frequency_hz)[:, None]
     quantities = [response.quantity for response in inputs.responses]
 
     def least(values: Complexes, motions: bool, *, sloped: bool = False) -> tuple[float, int]:

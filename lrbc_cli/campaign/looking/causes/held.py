@@ -14,7 +14,7 @@ from lrbc_cli.campaign.looking.causes.moved import LINES, gradually, solved
 from lrbc_cli.campaign.looking.causes.rescaled import MOST_LEFT, MOST_WORK
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.doubts.springs import turned_about
-from lrbc_cli.errors import LrbcError
+from lrbc_cli.errors import LrbcError, listing
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
 
 #: Forces below this share of the sum of a row's magnitudes are rounding.
@@ -75,7 +75,7 @@ def held_text(seen: Seen, before: float) -> str | None:
         if left > wider * min(MOST_LEFT, CLEARLY * before):
             return None
     nodes = np.unique(dofs.node[rows])
-    named = ", ".join(str(node) for node in nodes[:6].tolist()) + (" ..." if nodes.size > 6 else "")
+    named = listing(nodes.tolist(), 6)
     components = ", ".join(label for label in COMPONENTS if np.any(dofs.component[rows] == label))
     return (
         f"the stiffness matrix holds {nodes.size} node{'s' if nodes.size > 1 else ''} to the ground in addition to the terms "
@@ -98,7 +98,7 @@ def supports_text(seen: Seen) -> str:
     spans, own = np.ptp(dofs.xyz, axis=0), np.ptp(xyz, axis=0)
     common = [f"{'xyz'[k]} = {xyz[0, k] / unit:.4g}" for k in range(3) if own[k] < 1e-6 * spans.max() < spans[k]]
     alike = f", all at {', '.join(common)}" if common and nodes.size > 2 else ""
-    named = ", ".join(str(node) for node in nodes[:4].tolist()) + (" ..." if nodes.size > 4 else "")
+    named = listing(nodes.tolist(), 4)
     return (
         f". The model is held to the ground in addition to the bolts (at or next to {nodes.size} node{'s' if nodes.size > 1 else ''}"
         f"{alike}: {named}): check whether the structure on the test bench is held there, too"

@@ -40,13 +40,15 @@ def other_tables(seen: Seen) -> dict[tuple[object, ...], str]:
         # Prefer a single table: a further gain by others may be chance.
         nearest = min(left for left, *_ in ways)
         after, moved, where, files, names = next(way for way in ways if way[0] <= _ALIKE * nearest)
-        times, stated = f"{10.0 ** moved[0]:g}", seen.inputs.campaign.unit_system.text
+        factors, stated = [f"{10.0 ** moved[0]:g}"], seen.inputs.campaign.unit_system.text
         if (moved < 0).any() and (moved > 0).any():
-            both = {turns: f"{10.0 ** moved[_turning(seen)[where] == turns][0]:g}" for turns in (False, True)}
-            times = f"{both[False]}, those of rotations times {both[True]}"
+            factors = [f"{10.0 ** moved[_turning(seen)[where] == turns][0]:g}" for turns in (False, True)]
+        times, by = (
+            ", those of rotations ".join([factors[0], *(f"{word} {factor}" for factor in factors[1:])]) for word in ("times", "by")
+        )
         found = f"with all stiffnesses of {files} times {times}, the level misfit falls from {before:.1f} to {after:.1f} dB"
         wrong = f"stiffnesses probably in another unit than `units: {stated}` says"
-        fix = f"Multiply the stiffnesses there by {times.replace('times', 'by')}"
+        fix = f"Multiply the stiffnesses there by {by}"
         if np.abs(seen.parameters.initial[where] + moved).max() < 1.0:
             keys = ", ".join(f"parameters.{name}.initial: 0" for name in names)
             wrong, fix = "wrong start value, the table is right", f"Write {keys}"

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.campaign.reading.places import CLEARLY_NEARER, EXCHANGES, MILLIMETRES
+from lrbc_cli.errors import listing
 from lrbc_cli.io.text.bushings import BushingTable
 from lrbc_cli.io.text.tables import ROUNDING
 from lrbc_cli.model.dofs import DofTable, PointTable
@@ -72,7 +73,7 @@ def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str
         (way for way, points in ways.items() if not astray(points, 1.0).any()),
         f"correct the places there, or the nodes of the springs{beside}",
     )
-    which = ", ".join(names[k] for k in lost[:8]) + (" ..." if lost.size > 8 else "")
+    which = listing([names[k] for k in lost], 8)
     lie, its = ("lies", "its") if lost.size == 1 else ("lie", "their")
     return f"{which} {lie} nearer to the springs of other bolts than to {its} own; {fix}"
 

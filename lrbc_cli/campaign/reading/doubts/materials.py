@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from lrbc_cli.io.common import listing
+from lrbc_cli.errors import listing
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.units import UnitSystem

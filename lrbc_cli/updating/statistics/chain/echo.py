@@ -7,12 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.updating.checked import Checked, Count, Positive, Share
+from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.statistics.chain.damping import beside_damping, damping_pattern
 from lrbc_cli.updating.statistics.decibels import decibel
 
 
 @dataclass(frozen=True, kw_only=True)
-class EchoRule:
+class EchoRule(Checked):
     """Limits from which a job is taken to have been hit twice.
 
     Attributes
@@ -35,13 +37,13 @@ class EchoRule:
         Number of the highest values of the cepstrum that are tried with all sizes. A choice.
     """
 
-    left: float = 0.75
-    shared: float = 0.9
-    sizes: tuple[float, ...] = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
-    periods: float = 1.5
-    lines: float = 4.0
-    steps: int = 8
-    closely: int = 10
+    left: Share = 0.75
+    shared: Share = 0.9
+    sizes: tuple[Positive, ...] = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+    periods: Positive = 1.5
+    lines: Positive = 4.0
+    steps: Count = 8
+    closely: Count = 10
 
 
 #: The default, for callers that use a part of the package by itself.
@@ -67,7 +69,7 @@ def second_blow(frequency_hz: Floats, own: Complexes, tight: Complexes, referenc
     """
     steps = np.diff(frequency_hz)
     held = (np.isfinite(own) & np.isfinite(tight) & (own != 0) & (tight != 0)).all(axis=0)
-    if steps.size < 2 * rule.lines * rule.periods or not held.any() or not np.allclose(steps, steps.mean(), rtol=1e-3):
+    if steps.size < 2 * rule.lines * rule.periods or not held.any() or not evenly(frequency_hz):
         return None
     levels, spacing = decibel(own[:, held]) - decibel(tight[:, held]), float(steps.mean())
 

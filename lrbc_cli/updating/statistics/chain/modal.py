@@ -11,11 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.updating.checked import Checked, Count, NotNegative, Positive, Share
+from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.peaks import peaks_of
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModalRule:
+class ModalRule(Checked):
     """Limits from which differences of the modes of a job and the reference job are attributed to a window, a clock or a filter.
 
     Attributes
@@ -58,22 +60,22 @@ class ModalRule:
         neighbouring modes reach 16 on ring flanges, others 5.
     """
 
-    prominence_db: float = 6.0
-    lines: int = 12
-    known: float = 0.1
-    tolerance: float = 0.05
-    alike: float = 0.9
-    least: int = 3
-    share: float = 0.5
-    powers: float = 1.0
-    level_db: float = 1.5
-    beyond: float = 2.0
-    clock: float = 0.005
-    clock_in_air: float = 0.015
-    together: float = 0.15
-    clocked: int = 4
-    seen: float = 0.1
-    turned: float = 20.0
+    prominence_db: Positive = 6.0
+    lines: Count = 12
+    known: Positive = 0.1
+    tolerance: Positive = 0.05
+    alike: Share = 0.9
+    least: Count = 3
+    share: NotNegative = 0.5
+    powers: Positive = 1.0
+    level_db: NotNegative = 1.5
+    beyond: NotNegative = 2.0
+    clock: Positive = 0.005
+    clock_in_air: Positive = 0.015
+    together: Positive = 0.15
+    clocked: Count = 4
+    seen: Share = 0.1
+    turned: NotNegative = 20.0
 
 
 #: The default, for callers that use a part of the package by itself.
@@ -202,7 +204,7 @@ def other_chain(
         Whether there are modes of air, whose frequencies depend on its temperature.
     """
     steps = np.diff(frequency_hz)
-    if not steps.size or not np.allclose(steps, steps.mean(), rtol=1e-3):
+    if not evenly(frequency_hz):
         return None
     held = np.isfinite(own).all(axis=0) & np.isfinite(tight).all(axis=0) & (own != 0).all(axis=0) & (tight != 0).all(axis=0)
     one, other = (fitted_modes(frequency_hz, values[:, held], rule) for values in (own, tight))
