@@ -96,11 +96,14 @@ class Fitting:
         In words.
     stored : bool
         Whether any calibration is stored.
+    earlier : CalibrationRecord or None
+        A stored one of the same inputs that another version of the code identified: nearer to the structure than the model as exported.
     """
 
     record: CalibrationRecord | None
     reason: str
     stored: bool = True
+    earlier: CalibrationRecord | None = None
 
 
 def fitting(inputs: Inputs) -> Fitting:
@@ -115,13 +118,15 @@ def fitting(inputs: Inputs) -> Fitting:
         parts = key_parts(inputs)
     except DataError as error:
         return Fitting(None, f"not comparable ({error.problem})")
-    if stored.key != key_of(parts):
-        changed = [words for name, words in PARTS.items() if stored.parts.get(name) != parts[name]]
-        return Fitting(None, f"changed since: {'; '.join(changed) or 'its file'}")
+    same = stored.key == key_of(parts)
+    changed = [name for name in PARTS if stored.parts.get(name) != parts[name]]
+    reason = "nothing changed" if same else f"changed since: {'; '.join(PARTS[name] for name in changed) or 'its file'}"
+    if not same and changed != ["version"]:
+        return Fitting(None, reason)
     unknown = [name for name in stored.factors if name not in inputs.recipe.names]
     if unknown:
         return Fitting(None, f"unusable (unknown factor {unknown[0]})")
-    return Fitting(stored, "nothing changed")
+    return Fitting(stored, reason) if same else Fitting(None, reason, earlier=stored)
 
 
 def read_inputs(campaign: Campaign, *, calibration: bool) -> Inputs:
@@ -160,7 +165,7 @@ def with_stored_calibration(inputs: Inputs, *, calibration: bool = True) -> Inpu
     if not calibration:
         return replace(inputs, calibration=CalibrationUse(used=False, text="left out (--no-calibration)"))
     found = fitting(inputs)
-    stored = found.record
+    stored = found.record or found.earlier
     if stored is None:
         text = f"ignored: {found.reason}; run `lrbc calibrate`" if found.stored else "none yet; `lrbc calibrate` identifies it"
         return replace(inputs, calibration=CalibrationUse(used=False, text=text, stale=found.stored))
@@ -168,9 +173,7 @@ def with_stored_calibration(inputs: Inputs, *, calibration: bool = True) -> Inpu
     model, recipe = with_factors(inputs.model, inputs.recipe, factors)
     limits = "" if stored.status == "converged" else f"; {stored.status}: {stored.reason}"
     text = f"used ({stored.job}, {len(factors)} factor{'s' if len(factors) > 1 else ''}{limits})"
-    return replace(
-        inputs,
-        model=model,
-        recipe=recipe,
-        calibration=CalibrationUse(used=True, text=text, key=stored.key, factors=factors, boundary=stored.boundary),
-    )
+    if found.earlier is not None:
+        text += f", but {found.reason}; `lrbc calibrate` identifies it anew"
+    use = CalibrationUse(used=True, text=text, key=stored.key, factors=factors, stale=found.earlier is not None, boundary=stored.boundary)
+    return replace(inputs, model=model, recipe=recipe, calibration=use)

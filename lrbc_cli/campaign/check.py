@@ -101,7 +101,7 @@ def check(
     use = inputs.calibration
     if use is not None and use.stale:
         out.warnings.append(f"calibration: {use.text}")
-    elif use is not None:
+    if use is not None and (use.used or not use.stale):
         out.sections["calibration"] = [use.text, *(f"{name} = {value:.6g}" for name, value in use.factors.items())]
     out.sections["method"] = inputs.method.choices
     out.warnings += [*inputs.method.warnings, *_unvalidated(inputs)]

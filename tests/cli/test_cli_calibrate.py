@@ -273,13 +273,14 @@ COMPUTING = [
 
 @pytest.mark.parametrize("words", [pytest.param(words, id=words[0]) for words in COMPUTING])
 def test_one_of_an_earlier_version_is_told(copy: Folder, words: list[str], tmp_path: Path) -> None:
-    """The same by all commands: left out, and no more than that."""
+    """The same by all commands: its inputs are the same, so it is used, and it is told."""
     tree = stored(copy)
     tree["parts"]["version"], tree["key"] = "0" * 64, "0" * 32
     (copy.out / "calibration.json").write_text(json.dumps(tree | {"digest": digest_of(tree)}))
     done = copy.run(*(str(tmp_path / word) if word == "out.csv" else word for word in words))
     assert done.code == 0, done.stderr
-    assert "calibration: ignored: changed since: the code that calibrates; run `lrbc calibrate`" in done.stdout + done.stderr
+    assert "changed since: the code that calibrates; `lrbc calibrate` identifies it anew" in done.stdout + done.stderr
+    assert "calibration: used (tight" in done.stdout + done.stderr
 
 
 @pytest.mark.slow
