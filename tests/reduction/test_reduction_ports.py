@@ -141,6 +141,12 @@ def test_a_change_of_few_terms(seed):
     other[:, terms] *= 10.0 ** rng.uniform(-3, 2, size=terms.size)
     assert relative(ports.about(D).among(terms).evaluate(other[:, terms]), ports.evaluate(other)) < 1e-9
     assert relative(ports.about(D).evaluate(other), ports.evaluate(other)) < 1e-9
+    # From state to state, only the terms that differ are solved for.
+    near, back = ports.about(D).about(other), ports.about(D).about(other).about(D)
+    assert relative(near.evaluate(D), ports.evaluate(D)) < 1e-9
+    for own, at in ((near, other), (back, D)):
+        for mine, direct in ((own.Hpp, ports.about(at).Hpp), (own.H0p, ports.about(at).H0p), (own.Hp0, ports.about(at).Hp0)):
+            assert relative(mine, direct) < 1e-8
 
 
 @pytest.mark.parametrize("decades", [-3.0, 0.0, 3.0, 8.0])

@@ -111,18 +111,24 @@ class PortFrf:
     def about(self, D: Complexes) -> PortFrf:
         """The port FRFs with other reference values, ``Hpp' = (I + Hpp Delta)⁻¹ Hpp`` and so on.
 
-        If only few terms change from there, ``among`` makes evaluations cheaper.
+        If only few terms change from there, ``among`` makes evaluations cheaper. Here, too, a system is as large as the number of terms
+        that differ (Sherman, Morrison and Woodbury): from one state to the next at far less cost than from afar.
 
         Parameters
         ----------
         D : (F, nt) complex array, finite
         """
-        E, F = self._split(D)
-        w = self._solved(self.Hpp, E, F, np.concatenate([self.Hp0, self.Hpp], axis=2))
-        n_in, moved = self.Hp0.shape[2], E[:, :, None] * w
-        y = (self.H0p * F[:, None, :]) @ w
+        differ = (self.D_ref != D).any(axis=0)
+        terms, rest = np.flatnonzero(differ), np.flatnonzero(~differ)
+        own = self.among(terms)
+        E, F = own._split(D[:, terms])
+        both = np.concatenate([self.Hp0, self.Hpp], axis=2)
+        w = self._solved(own.Hpp, E, F, both[:, terms])
+        both[:, terms] = E[:, :, None] * w
+        both[:, rest] -= (self.Hpp[:, rest[:, None], terms] * F[:, None, :]) @ w
+        y, n_in = (own.H0p * F[:, None, :]) @ w, self.Hp0.shape[2]
         H00 = self.H00 - y[:, np.arange(self.input_of.size), self.input_of]
-        return replace(self, H00=H00, H0p=self.H0p - y[:, :, n_in:], Hp0=moved[:, :, :n_in], Hpp=moved[:, :, n_in:], D_ref=D)
+        return replace(self, H00=H00, H0p=self.H0p - y[:, :, n_in:], Hp0=both[:, :, :n_in], Hpp=both[:, :, n_in:], D_ref=D)
 
     def among(self, terms: Integers) -> PortFrf:
         """The port FRFs of some of the terms, the others fixed at their reference values; evaluations cost only that many terms."""

@@ -6,7 +6,7 @@ This module joins the reduction (H or the reduced matrices) to the cost: ``theta
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -86,23 +86,9 @@ class FrfModel:
             array.flags.writeable = False
         return found
 
-    def nearby(self, theta: Floats) -> Callable[[Floats], Complexes]:
-        """Function that gives FRFs at states that differ from theta in few stiffnesses: only the terms that differ are solved for.
-
-        The function takes one state (size,) and returns (F, R), or several (k, size) and returns (k, F, R). Damping exponents must equal
-        those of theta. States that differ in the same terms are best passed together.
-        """
-        if self.ports is None:
-            return one_by_one(self.frf)
-        P, D = self.parameters, self.parameters.dynamic(theta, self.s)
-        there, kappa, c = self.ports.about(D), P.scales(theta), P.spectra(theta, self.s)
-
-        def frf(others: Floats) -> Complexes:
-            now = np.apply_along_axis(P.scales, -1, others)
-            terms = np.flatnonzero((now != kappa).reshape(-1, kappa.size).any(axis=0))
-            return there.among(terms).evaluate(D[:, terms] + c[:, terms] * (now - kappa)[..., None, terms])
-
-        return frf
+    def nearby(self, theta: Floats) -> Nearby:
+        """FRFs at states that differ from theta in few stiffnesses, see ``Nearby``."""
+        return Nearby(self, theta, None if self.ports is None else self.ports.about(self.parameters.dynamic(theta, self.s)))
 
     def speeds(self, theta: Floats, states: Floats, along: Floats) -> Floats:
         """Norm of ``|dH| / sqrt(|H|² + h²)`` along given directions: how fast the FRFs move when some stiffnesses change.
@@ -171,6 +157,40 @@ class FrfModel:
         for at, column in damped.items():
             J[:, :, at] = column if phase else column.real
         return y, J
+
+
+@dataclass(frozen=True)
+class Nearby:
+    """FRFs at states that differ from theta in few stiffnesses: only the terms that differ are solved for.
+
+    Attributes
+    ----------
+    model : FrfModel
+    theta : (size,) float array
+    there : PortFrf or None
+        The interface FRFs (ports) at theta; None if the model has none: then each state is evaluated by itself.
+    """
+
+    model: FrfModel
+    theta: Floats
+    there: PortFrf | None
+
+    def __call__(self, others: Floats) -> Complexes:
+        """FRFs (F, R) at one state (size,), or (k, F, R) at several (k, size); best together if they differ in the same terms.
+
+        Damping exponents must equal those of theta.
+        """
+        if self.there is None:
+            return one_by_one(self.model.frf)(others)
+        P, s = self.model.parameters, self.model.s
+        kappa, now = P.scales(self.theta), np.apply_along_axis(P.scales, -1, others)
+        terms = np.flatnonzero((now != kappa).reshape(-1, kappa.size).any(axis=0))
+        D, c = self.there.D_ref[:, terms], P.spectra(self.theta, s)[:, terms]
+        return self.there.among(terms).evaluate(D + c * (now - kappa)[..., None, terms])
+
+    def at(self, theta: Floats) -> Nearby:
+        """The same about a state that differs from this one in few stiffnesses."""
+        return replace(self, theta=theta, there=self.there and self.there.about(self.model.parameters.dynamic(theta, self.model.s)))
 
 
 def port_model(ports: PortFrf, parameters: Parameterisation) -> FrfModel:

@@ -14,7 +14,7 @@ import numpy as np
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit.cost import Misfit
-from lrbc_cli.updating.misfit.frf import FrfModel, one_by_one
+from lrbc_cli.updating.misfit.frf import FrfModel, Nearby, one_by_one
 from lrbc_cli.updating.search.starts import LEVELS
 from lrbc_cli.updating.unknowns.shapes import Shapes
 
@@ -63,7 +63,7 @@ class Search:
         self.columns = [int(column) for column in np.unique(shapes.bolts[shapes.bolts >= 0])]
         self.evaluations = 0
         self._known: dict[Changes, Combination] = {}
-        self._tight: Callable[[Floats], Complexes] | None = None
+        self._tight: Nearby | None = None
 
     def theta(self, changes: Changes) -> Floats:
         """(size,) theta of a state, clipped to its bounds."""
@@ -89,23 +89,14 @@ class Search:
         self.evaluations += sum(map(len, new))
         return [self._known[changes] for states in wanted for changes in states]
 
-    def _near(self, changes: Changes, states: int) -> Callable[[Floats], Complexes]:
-        """Function for the FRFs of ``states`` states that differ from one with ``changes`` at a further bolt or pair of bolts.
-
-        Only terms that differ from a base state with known inverse are solved for. The base is the tight state as long as there are few
-        changes, since its inverse serves all tables; another inverse costs as much as four solutions with all terms.
-        """
+    def _near(self, changes: Changes) -> Callable[[Floats], Complexes]:
+        """Function for the FRFs of states that differ from one with ``changes`` at a further bolt or pair of bolts."""
         model = self._misfit.model
         if not isinstance(model, FrfModel):
             return one_by_one(model.frf)
-        own = int(np.count_nonzero(self._T[:, self.columns], axis=0).max())
-        # The cost of small systems grows about with the square of their size.
-        more = ((len(changes) + 1) * own) ** 2 - own**2
-        if states * more > 4 * self._T.shape[0] ** 2:
-            return model.nearby(self.theta(changes))
         if self._tight is None:
             self._tight = model.nearby(self.theta(()))
-        return self._tight
+        return self._tight.at(self.theta(changes)) if changes else self._tight
 
     def start(self) -> Combination:
         """The state without changes."""
@@ -114,7 +105,7 @@ class Search:
     def table(self, state: Combination, pairs: Sequence[tuple[int, int]] = ()) -> list[Combination]:
         """States that differ from ``state`` at one bolt, or at a pair of bolts alike: each at all levels, and unchanged."""
         moved, levels = [*((column,) for column in self.columns), *pairs], (0.0, *self._levels)
-        frf, own = self._near(state.changes, len(moved) * len(levels)), dict(state.changes)
+        frf, own = self._near(state.changes), dict(state.changes)
         return self._scores(frf, ([_changed(own, dict.fromkeys(columns, level)) for level in levels] for columns in moved))
 
 

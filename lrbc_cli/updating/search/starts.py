@@ -12,7 +12,7 @@ from lrbc_cli.arrays import Floats
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit.cost import Evaluation, Misfit
-from lrbc_cli.updating.misfit.frf import FrfModel
+from lrbc_cli.updating.misfit.frf import FrfModel, Nearby
 from lrbc_cli.updating.search.optimise import Objective, Solution
 from lrbc_cli.updating.unknowns.shapes import Shapes, joints_of
 
@@ -168,8 +168,8 @@ def single_values(misfit: Misfit, theta: Floats, bounds: Floats, *, step: float 
         First and last step, halved if no move lowers the misfit [decades].
     """
     model, best = misfit.model, misfit.mean_db(misfit.model.frf(theta))
+    frf = model.nearby(theta) if isinstance(model, FrfModel) else model.frf
     while step >= least:
-        frf = model.nearby(theta) if isinstance(model, FrfModel) else model.frf
         table = []
         for k, way in product(np.flatnonzero(~model.parameters.is_damping).tolist(), (step, -step)):
             trial = theta.copy()
@@ -178,6 +178,7 @@ def single_values(misfit: Misfit, theta: Floats, bounds: Floats, *, step: float 
         nearest = min(table, key=lambda one: one[:3])
         if nearest[0] < best:
             best, theta = nearest[0], nearest[3]
+            frf = frf.at(theta) if isinstance(frf, Nearby) else frf
         else:
             step *= 0.5
     return theta
