@@ -726,7 +726,14 @@ MISTAKES = [
         "rows of the matrices are in another order (node by node)",
         "Sort",
     ),
-    Mistake("DOF table in no order", "frame", text("model/dofs.csv", scattered), 0, ", but the DOF table is not", "as it was exported"),
+    Mistake(
+        "DOF table in no order",
+        "frame",
+        text("model/dofs.csv", scattered),
+        0,
+        ", but the DOF table is not",
+        "those of another numbering of the nodes",
+    ),
     Mistake("DOF table sorted and numbered anew", "frame", text("model/dofs.csv", by_y), 0, "sorted by node number", "in a spreadsheet"),
     Mistake(
         "mass and damping exchanged",

@@ -49,7 +49,7 @@ def test_what_was_loosened_is_found(tmp_path: Path) -> None:
     assert tree["misfit_db"]["final"] < 0.5 * tree["misfit_db"]["initial"]
     record = read(out / "rehearsal.json", RehearsalRecord)
     assert record is not None
-    assert record.sealed
+    assert record.digest
     drawn = json.loads((out / "rehearsal.json").read_text())
     jsonschema.validate(drawn, results_schema())
     assert (drawn["seed"], drawn["settings"]["noise"]) == (1, 0.004)
