@@ -127,6 +127,15 @@ def test_rounding_of_rotated_elements_is_no_stiffness():
     assert places_doubt(sp.csc_array(K), table(xyz, labels), "dofs.csv") is None
 
 
+@pytest.mark.parametrize(("one", "other"), [("ROTX", "ROTY"), ("ROTX", "ROTZ"), ("ROTY", "ROTZ")])
+def test_exchanged_rotations_are_told(one, other):
+    xyz, labels = places(), [{one: other, other: one}.get(label, label) for label in COMPONENTS[:6]]
+    text = places_doubt(frame(xyz), table(xyz, labels), "dofs.csv")
+    assert text is not None
+    assert "the components of the rotations are probably exchanged" in text
+    assert text.endswith(f"Exchange {one} and {other} in dofs.csv")
+
+
 @pytest.mark.parametrize("kind", MODELS)
 def test_coordinates_of_another_model_are_told(kind):
     build, labels = MODELS[kind]

@@ -588,6 +588,14 @@ MISTAKES = [
         "If per cent was meant, write 0.01",
     ),
     Mistake(
+        "a loss factor of springs in per cent",
+        "plate",
+        config(("    initial: 0.0\n", "    initial: 0.0\n    damping: {loss_factor: 0.9}\n")),
+        0,
+        "parameters.bolts.damping.loss_factor: 0.9 is 90%",
+        "If per cent was meant, write 0.009",
+    ),
+    Mistake(
         "record numbers one too high",
         "plate",
         config(*((f"acc{k}: {{near", f"acc{k}: {{record: {k + 1}, near") for k in range(1, 6))),

@@ -258,6 +258,10 @@ def misread(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup], dof
 
 def _damping(campaign: Campaign, model: FeModel) -> Iterator[str]:
     damping = campaign.model.damping
+    for name, group in campaign.parameters.items():
+        loss = getattr(group.damping, "loss_factor", None)
+        if loss is not None and loss >= LARGE_LOSS:
+            yield f"parameters.{name}.damping.loss_factor: {loss:g} is {loss:.0%}. If per cent was meant, write {loss / 100:g}"
     if not isinstance(damping, ProportionalDamping):
         share = structural_share(model, campaign.reduction.band)
         if share is not None:

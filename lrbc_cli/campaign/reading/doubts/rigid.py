@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -93,14 +95,17 @@ def places_doubt(K: sp.csc_array, dofs: DofTable, table: str, *, most: float = 0
             xyz[:, ahead], xyz[:, behind] = -sign * dofs.xyz[:, behind], sign * dofs.xyz[:, ahead]
             ways[f"all rotated by {way}90 degrees about {name}"] = xyz
     fit = next((way for way, xyz in ways.items() if max(_turned(K, dofs, xyz, rows).values()) <= most), None)
-    return (
-        f"the coordinates of the nodes are probably not those of the stiffness matrix: a rigid rotation about {axis} causes forces at "
-        f"{shares[axis]:.0%} of the DOFs where a translation causes none"
-        + (
-            f"; with {fit} it does not. Correct the coordinates in {table}, or the components if these are wrong"
-            if fit
-            else f". Give in {table} the nodes of the model that was exported, in its axes"
-        )
+    forces = f"a rigid rotation about {axis} causes forces at {shares[axis]:.0%} of the DOFs where a translation causes none"
+    for one, other in combinations(COMPONENTS[3:], 2):
+        component = np.where(dofs.component == one, other, np.where(dofs.component == other, one, dofs.component))
+        if fit is None and max(_turned(K, replace(dofs, component=component), dofs.xyz, rows).values()) <= most:
+            return f"the components of the rotations are probably exchanged: {forces}, with {one} and {other} exchanged it does not. " + (
+                f"Exchange {one} and {other} in {table}"
+            )
+    return f"the coordinates of the nodes are probably not those of the stiffness matrix: {forces}" + (
+        f"; with {fit} it does not. Correct the coordinates in {table}, or the components if these are wrong"
+        if fit
+        else f". Give in {table} the nodes of the model that was exported, in its axes"
     )
 
 
