@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +27,7 @@ def on_sphere(level: Floats, phase: Floats) -> tuple[Floats, tuple[Floats, Float
 
 
 @dataclass(frozen=True, kw_only=True)
-class Loss(Checked):
+class Loss(Checked, ABC):
     """A loss of residuals: ``sum rho(|r|²)`` is minimised instead of ``sum |r|²``.
 
     A subclass defines ``rho``; its fields are parameters, and its code is part of the identity of a result. With ``rho(z) = z`` for small
@@ -49,6 +50,7 @@ class Loss(Checked):
             expected = "values of at least 0, and their derivative with respect to the square"
             raise ConfigError("this loss cannot be used", place=f"{type(self).__name__}.rho", expected=expected, found=f"{value}, {slope}")
 
+    @abstractmethod
     def rho(self, square: Floats) -> tuple[Floats, Floats]:
         """Loss of a residual, and its derivative with respect to the square.
 
@@ -57,7 +59,6 @@ class Loss(Checked):
         square : (m,) float array
             ``|r|²`` [dB²].
         """
-        raise NotImplementedError
 
     def __call__(self, residual: Floats | Complexes, jacobian: Floats | Complexes) -> tuple[Floats | Complexes, Floats | Complexes]:
         """Residuals ``q = r sqrt(rho(|r|²) / |r|²)``, whose squares are the loss of the residuals r, and their Jacobian.

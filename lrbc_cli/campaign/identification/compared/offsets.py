@@ -11,7 +11,7 @@ from lrbc_cli.campaign.identification.compared.likeness import MOST_LEFT, outlyi
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import listing
-from lrbc_cli.updating.comparison.scale import LEAST_OFFSET, LEAST_REACH, MOST_REACH, Common, Offset, grouped, moved, offsets_of
+from lrbc_cli.updating.comparison.scale import LEAST_OFFSET, LEAST_REACH, MOST_REACH, Common, Known, Offset, grouped, moved, offsets_of
 
 #: Least share of the band over which a constant factor can be distinguished from errors of the model.
 LEAST_BAND = 0.8
@@ -112,18 +112,22 @@ def sizes_text(inputs: Inputs, responses: Collection[int], offsets: Mapping[int,
 
 def causes_of(inputs: Inputs, common: Common, compared: Sequence[int]) -> bool:
     """Whether a unit, a derivative or a digit too many or too few explains a factor that some of the compared responses share."""
-    offset, kinds = common.offset, [(response.quantity, response.input) for response in inputs.responses]
-    shared = {kinds[i] for i in common.responses}.isdisjoint(kinds[i] for i in compared if i not in common.responses)
+    offset = common.offset
     tenfold = abs(abs(offset.db) - 20.0) <= min(max(offset.half, LEAST_REACH), MOST_REACH)
-    return bool(offset.power or tenfold or any(known.cause for known in offset.known if shared or not known.of_all))
+    return bool(offset.power or tenfold or any(known.cause for known in _recognised(inputs, common, compared)))
+
+
+def _recognised(inputs: Inputs, common: Common, compared: Sequence[int]) -> list[Known]:
+    """Known factors near a common one; those that all responses of a kind share only if no compared response of that kind lacks it."""
+    kinds = [(response.quantity, response.input) for response in inputs.responses]
+    shared = {kinds[i] for i in common.responses}.isdisjoint(kinds[i] for i in compared if i not in common.responses)
+    return [known for known in common.offset.known if shared or not known.of_all]
 
 
 def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: str) -> tuple[str, str]:
     """Text on one factor that some of the compared responses share, and text on its likely cause with the key that corrects it."""
     offset, count, names = common.offset, len(compared), _names(inputs, common.responses, len(compared))
-    kinds = [(response.quantity, response.input) for response in inputs.responses]
-    shared = {kinds[i] for i in common.responses}.isdisjoint(kinds[i] for i in compared if i not in common.responses)
-    recognised = [known for known in offset.known if shared or not known.of_all]
+    recognised = _recognised(inputs, common, compared)
     b, quantity = offset.power, inputs.responses[offset.response].quantity
     frequency = "" if not b else f" times {'' if b > 0 else '1/'}(2 pi f){'²' if abs(b) == 2 else ''}"
     size = f"{offset.db:+.2f} dB" if not b or abs(offset.db) >= offset.half + 0.5 else "a factor"
