@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.beside import passed_over, unnamed
-from lrbc_cli.campaign.identification.compared.chains import chain_doubt, coherence_doubt, noise_doubt, soft_tip
 from lrbc_cli.campaign.identification.compared.copies import Earlier, pasted
+from lrbc_cli.campaign.identification.matching import called
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
+from lrbc_cli.campaign.looking.alone import of_file, other_chains, unclear, without_phases
 from lrbc_cli.campaign.looking.axes import other_lines, without_coherence
 from lrbc_cli.campaign.looking.exchanges import exchanged_files, mistitled
 from lrbc_cli.campaign.looking.first_look import FirstLook, first_look
@@ -24,21 +24,17 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import loss_factor, undamped_text
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import GB, limit_of, reduction_cost
-from lrbc_cli.config.settings import EveryLine
+from lrbc_cli.config.settings import EveryLine, JobConfig
 from lrbc_cli.errors import LrbcError, NumericalError
+from lrbc_cli.findings import Finding, Kind, kinds_of, once
 from lrbc_cli.model.coupling import asymmetry, coupling_of
 from lrbc_cli.model.dofs import COMPONENTS
 from lrbc_cli.reduction.solve import pardiso
 from lrbc_cli.updating.statistics.lines import (
-    covers,
-    few_digits,
     few_resonances,
     interpolated,
     missed,
     normalised,
-    phaseless,
-    too_wide,
-    unresolved,
 )
 
 
@@ -49,7 +45,8 @@ class Findings:
     Attributes
     ----------
     sections : dict of lists of str
-    warnings : list of str
+    found : list of Finding
+        What is warned of, in the order in which it is told.
     errors : dict
         Error of each job with an unusable measurement.
     jobs : list of JobPlan
@@ -59,11 +56,20 @@ class Findings:
     """
 
     sections: dict[str, list[str]] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
+    found: list[Finding] = field(default_factory=list)
     errors: dict[str, LrbcError] = field(default_factory=dict)
     jobs: list[JobPlan] = field(default_factory=list)
     tree: dict[str, Any] = field(default_factory=dict)
     predicted: dict[str, Any] | None = None
+
+    def warn(self, *texts: str) -> None:
+        """Add findings that no other place shares."""
+        self.found += [Finding(text=text) for text in texts]
+
+    @property
+    def warnings(self) -> list[str]:
+        """One line for each cause."""
+        return once(self.found)
 
 
 def check(
@@ -90,21 +96,21 @@ def check(
     """
     out = Findings()
     out.sections["files"] = list(inputs.notes)
-    out.warnings += inputs.warnings
-    out.warnings += [*passed_over(inputs.campaign), *unnamed(inputs.campaign)]
-    out.warnings += _unwritable(inputs.campaign.output)
-    out.warnings += filter(None, [undamped_text(inputs.model, inputs.groups)])
+    # Measurements show which matrix is wrong by a factor; a guess from the mesh is then not needed.
+    out.found += [Finding(text=text, kind=Kind.GUESSED if text == inputs.units_doubt else None) for text in inputs.warnings]
+    out.warn(*passed_over(inputs.campaign), *unnamed(inputs.campaign), *_unwritable(inputs.campaign.output))
+    out.warn(*filter(None, [undamped_text(inputs.model, inputs.groups)]))
     out.sections["model"] = _model(inputs)
     parts = cache.key_parts(inputs)
     decision = cache.look_up(folder, parts)
     out.sections["reduced model"] = _reduction(inputs, decision, out)
     use = inputs.calibration
     if use is not None and use.stale:
-        out.warnings.append(f"calibration: {use.text}")
+        out.warn(f"calibration: {use.text}")
     if use is not None and (use.used or not use.stale):
         out.sections["calibration"] = [use.text, *(f"{name} = {value:.6g}" for name, value in use.factors.items())]
     out.sections["method"] = inputs.method.choices
-    out.warnings += [*inputs.method.warnings, *_unvalidated(inputs)]
+    out.warn(*inputs.method.warnings, *_unvalidated(inputs))
     out.sections["jobs"] = _jobs(inputs, folder, parts, out, detailed, progress)
     out.sections["more"] = [
         *([] if pictured else ["lrbc check --picture draws the structure with bolts, sensors and updated terms"]),
@@ -172,13 +178,13 @@ def _reduction(inputs: Inputs, decision: cache.CacheDecision, out: Findings) -> 
     if decision.hit:
         lines.append(f"cache: hit ({decision.reason})")
         if decision.missed:
-            out.warnings.append(f"the reduced model in the cache: {decision.missed}; --accept-tolerance uses it")
+            out.warn(f"the reduced model in the cache: {decision.missed}; --accept-tolerance uses it")
     else:
         lines.append(f"cache: miss ({decision.reason})")
         try:
             cost, peak = reduction_cost(inputs)
         except NumericalError as error:
-            out.warnings.append(error.problem)
+            out.warn(error.problem)
             return lines
         limit, source = limit_of(inputs)
         lines.append(
@@ -186,7 +192,7 @@ def _reduction(inputs: Inputs, decision: cache.CacheDecision, out: Findings) -> 
             f"{cost.nonzeros / 1e6:.2f} million entries of the factors) of {limit / GB:.1f} GB {source}"
         )
         if peak > limit:
-            out.warnings.append(f"not enough memory for the reduction: {peak / GB:.2f} GB of {limit / GB:.2f} GB {source}")
+            out.warn(f"not enough memory for the reduction: {peak / GB:.2f} GB of {limit / GB:.2f} GB {source}")
         out.predicted = {
             "peak_bytes": round(peak),
             "available_bytes": round(limit) if np.isfinite(limit) else None,
@@ -219,35 +225,35 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
             lines[name] = [f"{name}: unusable, see its error"]
             continue
         first = held.setdefault(tuple(measurement.hashes.values()), name)
+        place, own = f"job {name}", list[str]()
         if first != name:
-            out.warnings.append(
-                f"job {name}: the same measurement as {first}. Check whether another file was meant; a repeat must be measured again. "
-                f"Write its own file under jobs.{name}.frf"
+            own.append(
+                f"the same measurement as {first}. Check whether another file was meant; a repeat must be measured again. Write its own "
+                f"file under jobs.{name}.frf"
             )
         elif copied := earlier.copied(measurement, names):
-            out.warnings.append(f"job {name}: {copied}. Write its own file under jobs.{name}.frf")
+            own.append(f"{copied}. Write its own file under jobs.{name}.frf")
         earlier.add(name, measurement)
         readable[name] = measurement
         records = sum(bool(np.isfinite(measurement.values[:, i]).any()) for i in range(len(inputs.responses)))
         notes = (*_packed(measurement.notes), *(measurement.records if detailed else ()))
         matched = f"{records} of {len(inputs.responses)} responses matched"
         lines[name] = [f"{name}: {measurement.lines}, {selected.size} selected, {matched}", *(f"  {note}" for note in notes)]
-        out.warnings += [*measurement.warnings, *_poor(inputs, name, measurement)]
-        out.warnings += [f"job {name}: {text}" for text in pasted(measurement, names, inputs.statistics.validation)]
+        out.found += [*_of_files(job, measurement), *of_file(inputs, name, measurement)]
+        own += pasted(measurement, names, inputs.statistics.validation)
         empty, count = missed(measurement.frequency_hz, measurement.values[:, inputs.used], selected)
         # Listed lines were chosen individually, so they are not checked.
         if 2 * empty > count and isinstance(chosen_lines, EveryLine):
             sparse.append(f"{name} ({empty} of {count})")
         if straight := interpolated(measurement.values, inputs.statistics.resolution):
-            out.warnings.append(f"job {name}: {straight}")
-    out.warnings += _unclear(inputs, readable)
+            own.append(straight)
+        out.found += [Finding(place=place, text=text) for text in own]
     if sparse and isinstance(chosen_lines, EveryLine):
-        out.warnings.append(
+        out.warn(
             f"update.lines: {{every: {chosen_lines.every}}} selects no line at most of the resonances, where "
             f"changes show most: {', '.join(sparse)}. Write lines: resonances"
         )
-    out.warnings += [*other_lines(inputs.campaign.update.reference, readable), *without_coherence(readable)]
-    out.warnings = _once(out.warnings)
+    out.warn(*other_lines(inputs.campaign.update.reference, readable), *without_coherence(readable))
     note = _compared(inputs, folder, readable, out, progress)
     try:
         out.jobs = [p for p in plan(inputs, parts, choose_jobs(inputs.campaign, ())) if p.name in readable]
@@ -258,56 +264,28 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
     return [*(line for own in lines.values() for line in own), *([note] if note else [])]
 
 
-def _unclear(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[str]:
-    """Warnings about jobs whose lines do not resolve the peaks, or whose coherence is low from some frequency on; one per cause."""
-    rule, causes, told = inputs.statistics.resolution, dict[str, list[str]](), list[str]()
-    if soft := {name: edge for name, found in readable.items() if (edge := soft_tip(found)) is not None}:
-        ends, worst = [hz for hz, _ in soft.values()], max(own for _, own in soft.values())
-        told.append(
-            f"job{'s' if len(soft) > 1 else ''} {', '.join(soft)}: the coherence is {worst:.2f} or less from {min(ends):.4g} Hz on: "
-            "the force of the hammer probably does not reach that far. Measure with a harder tip, or let reduction.band end there"
-        )
-    peaks = {name: (found.frequency_hz, found.values[:, inputs.used]) for name, found in readable.items() if name not in soft}
-    for name, own in peaks.items():
-        # If the lines cover part of the band only, another warning says so, and consequences (as of rad/s for Hz) are omitted.
-        if covers(own[0], inputs.campaign.reduction.band) and (unclear := too_wide(own, rule=rule)):
-            causes.setdefault(unclear.cause, []).append(name)
-    for names in causes.values():
-        those = [peaks[name] for name in names]
-        if together := too_wide(*those, rule=rule):
-            which, text = f"job{'s' if len(names) > 1 else ''} {', '.join(names)}", together.text
-            if few := _few(inputs, those):
-                text = f"probably noise of {few}: {together.fall}, most of them there; check the channel, and measure it again"
-            told.append(f"{which}: {text}, or expect wide intervals, other local minima of the cost, and no all-clear")
-    return told
-
-
-def _few(inputs: Inputs, those: Sequence[tuple[Floats, Complexes]]) -> str:
-    """Names of the responses (at most a third) without which the peaks of the others are resolved; empty if there are none."""
-    rule = inputs.statistics.resolution
-    sharp = np.sum([[unresolved(hz, own[:, [r]], rule).sharp.size for r in range(inputs.used.size)] for hz, own in those], axis=0)
-    order = np.argsort(-sharp, kind="stable")
-    for count in range(1, order.size // 3 + 1):
-        if (
-            2 * sharp[order[:count]].sum() > sharp.sum()
-            and too_wide(*((hz, own[:, order[count:]]) for hz, own in those), rule=rule) is None
-        ):
-            return ", ".join(inputs.responses[inputs.used[r]].name for r in sorted(order[:count]))
-    return ""
-
-
 def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], out: Findings, progress: Callable[[str], None]) -> str:
-    """Add warnings from comparing measurements with each other and with the model; returns why they were not compared, if so."""
-    out.warnings += _phaseless(inputs, readable)
+    """Add findings from comparing measurements with each other and with the model; returns why they were not compared, if so."""
     usable = {name: found for name, found in readable.items() if not normalised(found.values)}
     look = _looks(inputs, folder, usable, progress)
+    misread = any(each.kind is Kind.READ and each.place == f"job {inputs.campaign.update.reference}" for each in look.found)
+    # Peaks of an inverse FRF are the zeros of the FRF.
+    out.found += [*([] if misread else unclear(inputs, readable)), *without_phases(inputs, readable)]
     compared = {name: found for name, found in usable.items() if name not in look.doubted}
-    out.warnings += _other_chains(inputs, compared)
-    out.warnings += mistitled(inputs, readable) or [text for text in (exchanged_files(inputs, compared),) if text]
-    if look.rescaled and inputs.units_doubt in out.warnings:
-        out.warnings.remove(inputs.units_doubt)
-    out.warnings += look.warnings
+    out.found += other_chains(inputs, compared)
+    out.warn(*(mistitled(inputs, readable) or [text for text in (exchanged_files(inputs, compared),) if text]))
+    if Kind.RESCALED in kinds_of(look.found):
+        out.found = [each for each in out.found if each.kind is not Kind.GUESSED]
+    out.found += look.found
     return look.note
+
+
+def _of_files(job: JobConfig, measurement: Measurement) -> Iterator[Finding]:
+    """Warnings of a measurement, which begin with the names of their files, with these as places."""
+    names = [called(job), *(file.name for file in job.all_files)]
+    for text in measurement.warnings:
+        place = next((name for name in names if text.startswith(f"{name}: ")), "")
+        yield Finding(place=place, text=text.removeprefix(f"{place}: "))
 
 
 def _looks(inputs: Inputs, folder: Path, readable: dict[str, Measurement], progress: Callable[[str], None]) -> FirstLook:
@@ -322,78 +300,6 @@ def _looks(inputs: Inputs, folder: Path, readable: dict[str, Measurement], progr
     ):
         return FirstLook(note="measured and computed FRFs are compared only if the band contains more resonances")
     return first_look(inputs, folder, readable, progress)
-
-
-def _poor(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[str]:
-    """Warnings about few resonances in the band (reference job only), few digits, normalised FRFs, and single blows."""
-    few = few_resonances(measurement.frequency_hz, measurement.values[:, inputs.used], inputs.statistics.resonances)
-    if few is not None and name == inputs.campaign.update.reference and covers(measurement.frequency_hz, inputs.campaign.reduction.band):
-        yield f"job {name}: {_few_text(inputs, measurement, few)}"
-    if rounded := few_digits(measurement.values):
-        which = ", ".join(f"{inputs.responses[i].name} ({error:.1f} dB)" for i, error in rounded.items())
-        yield (
-            f"{inputs.campaign.jobs[name].first.name}: numbers with too few digits; errors of the levels: {which}. Export it again in "
-            "exponential format with five digits of each number, also of small ones (1.2345e-03)"
-        )
-    if top := normalised(measurement.values):
-        yield (
-            f"{inputs.campaign.jobs[name].first.name}: every record has its largest magnitude at {top:.6g}: each was normalised to its "
-            "own peak, so the levels between sensors are lost. Export the FRFs as response over force, without normalisation"
-        )
-    yield from _single(inputs, name, measurement)
-
-
-def _single(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[str]:
-    """Warning about a coherence of 1 at every line, as of a single blow, whatever the noise."""
-    table, told = measurement.coherence, np.isfinite(measurement.coherence)
-    ones = np.flatnonzero(told.any(axis=0) & (~told | (table == 1.0)).all(axis=0))
-    if ones.size and inputs.campaign.jobs[name].averages > 1:
-        yield (
-            f"{inputs.campaign.jobs[name].first.name}: the coherence of {', '.join(inputs.responses[i].name for i in ones)} is 1 at every "
-            "line, as for a single blow, and says nothing about the noise. Average three blows or more, or remove the coherence from the "
-            f"file; for one blow write jobs.{name}.averages: 1"
-        )
-
-
-def _few_text(inputs: Inputs, measurement: Measurement, count: int) -> str:
-    """Text that the band is too narrow for verdicts, with the range of the file; ``count`` is the number of resonances."""
-    axis, (low, high) = measurement.frequency_hz, inputs.campaign.reduction.band
-    step = float(np.median(np.diff(axis))) if axis.size > 1 else 0.0
-    ends = axis[0] - step * measurement.left_out[0], axis[-1] + step * measurement.left_out[1]
-    wider = f"the file contains {ends[0]:.6g} to {ends[1]:.6g} Hz" if sum(measurement.left_out) else "measure a wider band"
-    return (
-        f"{count or 'no'} resonance{'' if count == 1 else 's'} in the band from {low:g} to {high:g} Hz, at least three are needed: a "
-        f"loosened bolt shifts each one differently, and so few do not show which bolt it was. Widen reduction.band ({wider})"
-    )
-
-
-def _phaseless(inputs: Inputs, readable: dict[str, Measurement]) -> list[str]:
-    """Warning about jobs whose FRFs have no phases; else empty."""
-    bare = {name: found for name, own in readable.items() if (found := phaseless(own.values))}
-    if not bare:
-        return []
-    names = [inputs.responses[i].name for i in sorted({i for found in bare.values() for i in found})]
-    files = [inputs.campaign.jobs[name].first.name for name in bare]
-    return [
-        f"{', '.join(files)}: no phases: every value of {', '.join(names)} is real and positive. Export complex FRFs (real and imaginary "
-        "parts, or magnitudes with phases): without phases, reversed or exchanged sensors, delays and windows are not found"
-    ]
-
-
-def _other_chains(inputs: Inputs, readable: dict[str, Measurement]) -> list[str]:
-    """Warnings about jobs measured with another chain than the reference job, or with more noise, without knowledge of the bolts."""
-    reference = inputs.campaign.update.reference or ""
-    tight, found = readable.get(reference), []
-    for name, own in readable.items():
-        if tight is None or name == reference:
-            continue
-        if text := chain_doubt(inputs, own, tight, reference):
-            found.append(f"job {name}: {text} (the result repeats this unless the identified bolts explain it)")
-        if text := noise_doubt(own, tight, reference):
-            found.append(f"job {name}: {text}")
-        if text := coherence_doubt(inputs, own, tight, reference):
-            found.append(f"job {name}: {text}")
-    return found
 
 
 def _unvalidated(inputs: Inputs) -> list[str]:
@@ -422,19 +328,6 @@ def _unwritable(output: Path) -> list[str]:
         return []
     what = "cannot be written to" if there.is_dir() else "is a file"
     return [f"output: {there} {what}, so no result can be kept: choose another folder in `output`"]
-
-
-def _once(texts: Sequence[str]) -> list[str]:
-    """Merge equal warnings about several files (each begins with the file name) into one with all names."""
-    files: dict[str, list[str]] = {}
-    for text in texts:
-        name, colon, rest = text.partition(": ")
-        alone = not colon or " " in name
-        files.setdefault(text if alone else rest, []).append("" if alone else name)
-    return [
-        rest if not names[0] else f"{names[0]}: {rest}" + (f"; the same in {', '.join(names[1:])}" if len(names) > 1 else "")
-        for rest, names in files.items()
-    ]
 
 
 def _packed(notes: Sequence[str], width: int = 120) -> list[str]:

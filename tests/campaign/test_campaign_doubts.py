@@ -18,10 +18,11 @@ from lrbc_cli.campaign.identification.compared.doubts import (
     unreached,
     worsened,
 )
-from lrbc_cli.campaign.identification.compared.offsets import offset_texts, trusted
+from lrbc_cli.campaign.identification.compared.offsets import offset_findings, trusted
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.jobs.evidence import guessed_text
 from lrbc_cli.campaign.reading.doubts import springs
+from lrbc_cli.findings import Finding, Kind
 from lrbc_cli.model.units import SI
 from lrbc_cli.updating.comparison.scale import Offset
 from lrbc_cli.updating.judging.reference import ReferenceState
@@ -77,13 +78,13 @@ def test_a_factor_that_leaves_most_of_the_misfit_is_no_unit(frame: Folder) -> No
     def found(half: float, after: float) -> list[str]:
         wrong = Offset(response=2, db=31.1, half=half, power=0, known=(), before=27.4, after=after, named=True)
         sound = [Offset(response=i, db=0.1, half=0.2, power=0, known=(), before=1.0, after=1.0) for i in (0, 1, 3)]
-        return list(offset_texts(inputs, [wrong, *sound], "tight").values())
+        return list(map(str, offset_findings(inputs, [wrong, *sound], "tight")))
 
     assert found(8.7, 10.5) == []
     assert "acc3: measured over computed +31.10 dB" in found(0.5, 3.0)[0]
 
 
-def hammered(**db: float) -> dict[tuple[object, ...], str]:
+def hammered(**db: float) -> list[Finding]:
     """Findings of four sensors under two hammer points with these factors, else none."""
     names = [f"a{k}-h{h}" for h in (1, 2) for k in range(1, 5)]
     responses = [SimpleNamespace(name=n, node=int(n[1]), direction=3, quantity="acceleration", input=int(n[-1]) - 1) for n in names]
@@ -95,33 +96,33 @@ def hammered(**db: float) -> dict[tuple[object, ...], str]:
         Offset(response=i, db=size, half=0.3, power=0, known=(), before=max(abs(size), 1.0), after=1.0, named=abs(size) > 2.0)
         for i, size in enumerate(own)
     ]
-    return offset_texts(inputs, found, "tight")
+    return offset_findings(inputs, found, "tight")
 
 
 def test_a_factor_that_depends_on_the_hammer_point_is_no_sensitivity() -> None:
     """Sensors beside the model's nodes: each record was told as a sensitivity of its own, with a scale to write."""
-    text = hammered(a1h1=4.6, a1h2=-5.1, a2h1=7.0, a3h2=4.0)
-    assert text.keys() == {("places", 0, 1, 4, 6)}
-    (said,) = text.values()
+    (found,) = hammered(a1h1=4.6, a1h2=-5.1, a2h1=7.0, a3h2=4.0)
+    assert (found.kind, found.responses) == (Kind.PLACES, (0, 1, 4, 6))
+    said = found.text
     assert "no sensitivity depends on the hammer point. Check places and directions of a1-h1, a2-h1, a1-h2, a3-h2" in said
     assert "scale" not in said
 
 
 def test_factors_of_a_sensor_or_of_a_hammer_are_told_as_such() -> None:
-    sensor = hammered(a1h1=4.6, a1h2=4.7)
-    assert sensor.keys() == {("units", 0, 4)}
-    assert "jobs.tight.scale: {a1-h1: " in next(iter(sensor.values()))
-    hammer = hammered(**{f"a{k}h2": 4.6 for k in range(1, 5)})
-    assert hammer.keys() == {("units", 4, 5, 6, 7)}
+    (sensor,) = hammered(a1h1=4.6, a1h2=4.7)
+    assert (sensor.kind, sensor.responses) == (Kind.UNITS, (0, 4))
+    assert "jobs.tight.scale: {a1-h1: " in sensor.text
+    (hammer,) = hammered(**{f"a{k}h2": 4.6 for k in range(1, 5)})
+    assert (hammer.kind, hammer.responses) == (Kind.UNITS, (4, 5, 6, 7))
 
 
 def test_of_g_and_a_factor_of_ten_several_sensors_share_g() -> None:
     g = -20.0 * np.log10(9.80665)
-    text = hammered(**{f"a{k}h{h}": g - 0.1 for k in (1, 2) for h in (1, 2)})
-    assert text.keys() == {("units", 0, 1, 4, 5)}
-    assert "FRFs in g/N or a sensitivity or a range ten times off. Write jobs.tight.scale: {a1-h1: 9.80665" in text["units", 0, 1, 4, 5]
-    alone = hammered(a1h1=g - 0.1, a1h2=g - 0.1)
-    assert "a sensitivity or a range ten times off or FRFs in g/N. Write jobs.tight.scale: {a1-h1: 10" in alone["units", 0, 4]
+    (several,) = hammered(**{f"a{k}h{h}": g - 0.1 for k in (1, 2) for h in (1, 2)})
+    assert several.responses == (0, 1, 4, 5)
+    assert "FRFs in g/N or a sensitivity or a range ten times off. Write jobs.tight.scale: {a1-h1: 9.80665" in several.text
+    (alone,) = hammered(a1h1=g - 0.1, a1h2=g - 0.1)
+    assert "a sensitivity or a range ten times off or FRFs in g/N. Write jobs.tight.scale: {a1-h1: 10" in alone.text
 
 
 def test_what_is_found_is_told_apart_by_kind_and_responses(frame: Folder) -> None:
@@ -130,11 +131,12 @@ def test_what_is_found_is_told_apart_by_kind_and_responses(frame: Folder) -> Non
     sound = [Offset(response=i, db=0.1, half=0.2, power=0, known=(), before=1.0, after=1.0) for i in range(4)]
     turned = [replace(offset, reversed=offset.response in (1, 2)) for offset in sound]
     late = [replace(offset, delay=1e-3) for offset in sound]
-    first, second = (offset_texts(inputs, turned, job) for job in ("tight", "loose-2"))
-    assert first.keys() == second.keys() == {("reversed", 1, 2)}
-    assert first != second
-    assert offset_texts(inputs, late, "tight").keys() == {("late", 0, 1, 2, 3)}
-    assert offset_texts(inputs, [replace(sound[0], db=60.0, before=60.0, named=True), *sound[1:]], "tight").keys() == {("units", 0)}
+    (first,), (second,) = (offset_findings(inputs, turned, job) for job in ("tight", "loose-2"))
+    assert first.cause == second.cause
+    assert first.text != second.text
+    assert [(found.kind, found.responses) for found in offset_findings(inputs, late, "tight")] == [(Kind.LATE, (0, 1, 2, 3))]
+    wrong = replace(sound[0], db=60.0, before=60.0, named=True)
+    assert [(found.kind, found.responses) for found in offset_findings(inputs, [wrong, *sound[1:]], "tight")] == [(Kind.UNITS, (0,))]
 
 
 def test_a_measurement_alone_that_is_not_explained(frame: Folder) -> None:

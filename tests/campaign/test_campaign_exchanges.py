@@ -8,8 +8,9 @@ import pytest
 from samples import sample
 
 from lrbc_cli.campaign.identification.records import read_measurement
-from lrbc_cli.campaign.looking.all_jobs import each_once, pooled
+from lrbc_cli.campaign.looking.all_jobs import pooled
 from lrbc_cli.campaign.looking.exchanges import _exchange, _nested, exchanged_files, mistitled
+from lrbc_cli.findings import Finding, Kind, once
 
 
 @pytest.mark.parametrize(
@@ -74,22 +75,45 @@ def test_what_files_say_of_themselves(titles: dict[str, str], expected: list[str
     assert all(part in text for part, text in zip(expected, told, strict=True))
 
 
+def of(kind: Kind, text: str, *responses: int) -> Finding:
+    return Finding(kind=kind, text=text, responses=responses)
+
+
 def test_a_sensor_that_is_reversed_is_told_once() -> None:
     """In jobs with loose bolts one of its two FRFs shows, or neither."""
-    found: dict[str, dict[tuple[object, ...], str]] = {
-        "tight": {("reversed", 2, 5): "a3 is reversed"},
-        "one": {("reversed", 5): "a3-h2 is reversed"},
-        "two": {("reversed", 5, 7): "two are reversed"},
+    found = {
+        "tight": [of(Kind.REVERSED, "a3 is reversed", 2, 5)],
+        "one": [of(Kind.REVERSED, "a3-h2 is reversed", 5)],
+        "two": [of(Kind.REVERSED, "two are reversed", 5, 7)],
     }
-    told = each_once(pooled(found, "tight"))
+    told = once(pooled(found, "tight"))
     assert told == ["job tight: a3 is reversed; the same in one", "job two: two are reversed"]
-    assert pooled(found, None) == found
+    assert len(once(pooled(found, None))) == 3
+
+
+def test_a_reversed_hammer_is_no_reversed_sensor_of_its_number() -> None:
+    """The first hammer point and the first response have the same number."""
+    found = {"tight": [of(Kind.REVERSED, "the hammer is reversed", 4, 5)], "one": [of(Kind.REVERSED, "a1 is reversed", 0)]}
+    assert once(pooled(found, "tight")) == ["job tight: the hammer is reversed", "job one: a1 is reversed"]
 
 
 def test_phases_alone_say_nothing_beside_another_unit() -> None:
-    found: dict[str, dict[tuple[object, ...], str]] = {
-        "tight": {("units", 0, 1): "velocity, not acceleration"},
-        "one": {("sideways", "up"): "90 degrees", ("alone", 1): "far off"},
+    found = {
+        "tight": [of(Kind.UNITS, "velocity, not acceleration", 0, 1)],
+        "one": [of(Kind.SIDEWAYS, "90 degrees"), of(Kind.ALONE, "far off", 1)],
     }
-    assert pooled(found, "tight")["one"] == {("alone", 1): "far off"}
-    assert pooled({"tight": {}, "one": found["one"]}, "tight")["one"] == found["one"]
+    assert once(pooled(found, "tight"))[1:] == ["job one: far off"]
+    assert once(pooled({"tight": [], "one": found["one"]}, "tight")) == ["job one: 90 degrees", "job one: far off"]
+
+
+def test_one_cause_at_several_places_is_one_line() -> None:
+    """Its numbers differ from job to job; other causes, and equal texts of files, stay what they are."""
+    windows = [Finding(kind=Kind.CHAIN, detail="window", place=f"job {k}", text=f"decays by {k}/s") for k in "123"]
+    clock = Finding(kind=Kind.CHAIN, detail="clock", place="job 1", text="2 % higher")
+    files = [Finding(place=name, text="ends early") for name in ("a.uff", "b.uff", "a.uff")]
+    assert once([*windows, clock, *files, Finding(text="no place")]) == [
+        "job 1: decays by 1/s; the same in 2, 3",
+        "job 1: 2 % higher",
+        "a.uff: ends early; the same in b.uff",
+        "no place",
+    ]

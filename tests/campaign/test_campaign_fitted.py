@@ -19,6 +19,7 @@ from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, strike_
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reduced.stage import FrfSource, obtain_reduction
 from lrbc_cli.config.settings import JobConfig
+from lrbc_cli.findings import Finding, Kind
 
 HZ = np.arange(40.0, 500.0, 2.0)
 S = 2j * np.pi * HZ
@@ -130,11 +131,11 @@ def test_an_excitation_that_no_calibration_fits_keeps_its_warning(
     )
     monkeypatch.setattr(first_look, "Seen", SimpleNamespace(of=lambda *_: stand_in))
     monkeypatch.setattr(first_look, "roughly_calibrated", lambda *_: "calibrated")
-    monkeypatch.setattr(first_look, "_looked_at", lambda *_: OfJob({}))
+    monkeypatch.setattr(first_look, "_looked_at", lambda *_: OfJob())
     for text in ("tighter_text", "looser"):
         monkeypatch.setattr(first_look, text, lambda *_: "")
     source: Any = SimpleNamespace(inputs=SimpleNamespace(campaign=SimpleNamespace(calibration=SimpleNamespace(job="tight"))))
     measurement: Any = None
-    first = OfJob({("unlike",): "little in common"})
+    first = OfJob([Finding(kind=Kind.UNLIKE, text="little in common")])
     _, found = first_look._calibrated(source, {"tight": measurement}, "tight", first)
     assert (found is first) == kept

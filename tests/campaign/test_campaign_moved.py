@@ -11,6 +11,7 @@ from looking import seen
 from lrbc_cli.campaign.identification.compared.likeness import by_sensors, exchanged_text
 from lrbc_cli.campaign.looking.all_jobs import pooled
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
+from lrbc_cli.findings import Finding, Kind
 
 
 def campaign(reference: str = "tight") -> Any:
@@ -90,10 +91,9 @@ def test_cables_exchanged_are_one_finding_whatever_was_hit() -> None:
 
 
 def test_a_job_that_shows_part_of_an_exchange_shows_that_exchange() -> None:
-    both, one = ("exchanged", (0, 1), (4, 5)), ("exchanged", (4, 5))
-    found = pooled({"tight": {both: "of both"}, "loose": {one: "of one"}, "other": {("exchanged", (2, 3)): "of others"}}, "tight")
-    assert list(found["loose"]) == [both]
-    assert list(found["other"]) == [("exchanged", (2, 3))]
+    cycles = {"tight": ((0, 1), (4, 5)), "loose": ((4, 5),), "other": ((2, 3),)}
+    found = pooled({name: [Finding(kind=Kind.EXCHANGED, text=f"of {name}", cycles=own)] for name, own in cycles.items()}, "tight")
+    assert [str(each) for each in found] == ["job tight: of tight", "job loose: of tight", "job other: of other"]
 
 
 def test_a_hammer_that_was_not_moved() -> None:

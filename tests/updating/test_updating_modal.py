@@ -37,8 +37,8 @@ def test_frequency_and_decay_of_well_parted_modes():
 @pytest.mark.parametrize("end", [0.2, 0.01])
 def test_a_window_in_one_of_two_measurements(end):
     tight, own = frfs(), frfs(OMEGA * [0.97, 1.0, 0.99, 1.0, 0.98, 1.0], window=-np.log(end), seed=1)
-    text = other_chain(F, own, tight, "tight", NAMES)
-    assert text is not None
+    kind, text = other_chain(F, own, tight, "tight", NAMES) or ("", "")
+    assert kind == "window"
     assert "decay faster than in tight" in text
     assert "set for this job" in text
     told = float(text.partition("about ")[2].partition(" %")[0])
@@ -57,6 +57,7 @@ def test_a_window_where_loosened_bolts_change_all_shapes():
     tight, own = frfs(), frfs(MOVED, shapes=OTHER_SHAPES, window=-np.log(0.001), seed=1)
     assert len(same_modes(fitted_modes(F, own), fitted_modes(F, tight))) < 3
     text = str(other_chain(F, own, tight, "tight", NAMES))
+    assert "kind='window'" in text
     assert "decay faster than in tight by the same" in text
     assert float(text.split("by the same ")[1].split(" 1/s")[0]) == pytest.approx(-np.log(0.001), rel=0.1)
 
@@ -101,8 +102,8 @@ def test_another_clock_and_warmer_air():
     loosened = np.array([0.97, 1.0, 1.0, 1.0, 0.98, 1.0])
     clock, warm = (frfs(OMEGA * share * loosened, seed=1) for share in (1.04, 1.006))
     for air in (False, True):
-        text = other_chain(F, clock, frfs(), "tight", NAMES, air=air)
-        assert text is not None
+        kind, text = other_chain(F, clock, frfs(), "tight", NAMES, air=air) or ("", "")
+        assert kind == "clock"
         assert float(text.split("divide its frequencies by ")[1]) == pytest.approx(1.04, abs=2e-3)
     assert other_chain(F, warm, frfs(), "tight", NAMES, air=True) is None
     assert "by the same percentage" in str(other_chain(F, warm, frfs(), "tight", NAMES))
@@ -118,8 +119,8 @@ def test_a_filter_in_one_channel():
     own = frfs(seed=1)
     corner = 1j * F / 110.0
     own[:, 2] *= corner**2 / (corner**2 + 1.414 * corner + 1.0)
-    text = other_chain(F, own, frfs(), "tight", NAMES)
-    assert text is not None
+    kind, text = other_chain(F, own, frfs(), "tight", NAMES) or ("", "")
+    assert kind == "filter"
     assert ": a3 by " in text
     assert "a1" not in text
 

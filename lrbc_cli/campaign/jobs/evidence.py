@@ -162,7 +162,7 @@ def _other_chain(inputs: Inputs, own: Measurement, tight: Measurement, expected:
     """
     if (told := chain_doubt(inputs, own, tight, reference)) is not None:
         explained = expected is not None and chain_doubt(inputs, own, replace(tight, values=expected), reference) is None
-        yield Doubt(kind="chain", text=told, explained=explained)
+        yield Doubt(kind="chain", text=told.text, explained=explained)
 
 
 def copied_baseline(inputs: Inputs, name: str, own: Measurement | None = None) -> str | None:

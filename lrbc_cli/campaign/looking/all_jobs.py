@@ -6,13 +6,14 @@ Wrong hammers, sensors or units are the same in all jobs, but bolts and errors o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from lrbc_cli.campaign.identification.compared.likeness import same_sensor
-from lrbc_cli.campaign.identification.compared.offsets import offset_texts, sign_tail
+from lrbc_cli.campaign.identification.compared.offsets import offset_findings, sign_tail
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.findings import Finding, Kind
 from lrbc_cli.updating.comparison.scale import (
     ALIKE,
     LEAST_ALIKE,
@@ -26,11 +27,8 @@ from lrbc_cli.updating.comparison.scale import (
 )
 from lrbc_cli.updating.robust import scatter
 
-#: Warnings about a job, each under a key (kind, responses) that is equal for the same finding in another job.
-Told = dict[tuple[object, ...], str]
-
-#: Kinds of warnings by ``offset_texts``.
-_OF_OFFSETS = ("units", "places", "reversed", "late", "early", "conjugate")
+#: Kinds of ``offset_findings``.
+_OF_OFFSETS = {Kind.UNITS, Kind.PLACES, Kind.REVERSED, Kind.LATE, Kind.EARLY, Kind.CONJUGATE}
 
 
 @dataclass(frozen=True)
@@ -39,18 +37,17 @@ class OfJob:
 
     Attributes
     ----------
-    told : dict
-        Warnings by kind and responses.
+    told : list of Finding
     offsets : tuple of Offset
         Factors and phases of its responses; empty if another fault must be corrected first.
     """
 
-    told: Told
+    told: list[Finding] = field(default_factory=list)
     offsets: tuple[Offset, ...] = ()
 
 
-def told_of_all(inputs: Inputs, found: Mapping[str, OfJob], reference: str) -> dict[str, Told]:
-    """Warnings of each job, in which signs and factors that all jobs share have the same key.
+def of_all_jobs(inputs: Inputs, found: Mapping[str, OfJob], reference: str) -> dict[str, list[Finding]]:
+    """Findings of each job, in which signs and factors that all jobs share have the same cause.
 
     Parameters
     ----------
@@ -65,13 +62,14 @@ def told_of_all(inputs: Inputs, found: Mapping[str, OfJob], reference: str) -> d
     own = several.get(reference, ())
     if len(several) < 2 or not own or any(o.delay or o.conjugate for o in own):
         return told
-    shared = _factors(list(several.values()), own)
+    factors = _factors(list(several.values()), own)
+    units = [each for each in offset_findings(inputs, factors, reference) if each.kind is Kind.UNITS]
+    scaled = {i for each in units for i in each.responses}
+    known = {o.response: o for o in factors if o.response in scaled}
     cosines = _cosines(list(several.values()))
-    texts = {key: text for key, text in offset_texts(inputs, shared, reference).items() if key[0] == "units"}
-    known = {o.response: o for o in shared if any(o.response in key[1:] for key in texts)}
     reversed_there = _reversed(inputs, cosines) if any(o.reversed for offsets in several.values() for o in offsets) else _Reversed()
-    texts |= _sign_texts(inputs, reversed_there, len(cosines))
-    if not texts:
+    shared = units + _sign_findings(inputs, reversed_there, len(cosines))
+    if not shared:
         return told
     for name, offsets in several.items():
         left = tuple(
@@ -82,9 +80,9 @@ def told_of_all(inputs: Inputs, found: Mapping[str, OfJob], reference: str) -> d
             )
             for o in offsets
         )
-        kept = {key: text for key, text in told[name].items() if key[0] not in _OF_OFFSETS}
-        own_texts = {key: text for key, text in offset_texts(inputs, left, name).items() if key[0] != "places" or key in told[name]}
-        told[name] = texts | own_texts | kept
+        before = {each.cause for each in told[name]}
+        further = [each for each in offset_findings(inputs, left, name) if each.kind is not Kind.PLACES or each.cause in before]
+        told[name] = [*shared, *further, *(each for each in told[name] if each.kind not in _OF_OFFSETS)]
     return told
 
 
@@ -155,61 +153,53 @@ def _reversed(inputs: Inputs, cosines: Mapping[int, float]) -> _Reversed:
     return _Reversed(tuple(excitations), tuple(sorted(single)), frozenset(hit | single))
 
 
-def _sign_texts(inputs: Inputs, found: _Reversed, count: int) -> Told:
-    """Warnings about reversed signs; ``count`` responses were compared."""
-    texts: Told = {}
-    names = list(inputs.campaign.excitation)
+def _sign_findings(inputs: Inputs, found: _Reversed, count: int) -> list[Finding]:
+    """Findings of reversed signs; ``count`` responses were compared."""
+    told, names = list[Finding](), list(inputs.campaign.excitation)
     said = "measured phases are 180 degrees from the model's"
     if found.excitations:
-        own = [r.name for i, r in enumerate(inputs.responses) if r.input in found.excitations and i in found.responses]
-        every = len(own) == count
+        hit = tuple(i for i, r in enumerate(inputs.responses) if r.input in found.excitations and i in found.responses)
+        every = len(hit) == count
         what = "the hammer or of all sensors" if every else f"the hammer at {', '.join(names[e] for e in found.excitations)}"
         fix = ", ".join(f"excitation.{names[e]}.scale: {-inputs.campaign.excitation[names[e]].scale:g}" for e in found.excitations)
-        texts["reversed", "hammer", *found.excitations] = (
-            f"probably reversed sign: {'all responses' if every else ', '.join(own)}: {said}. Possible cause: the direction of {what}. "
-            f"Write {fix}{sign_tail(inputs)}"
-        )
+        own = "all responses" if every else ", ".join(inputs.responses[i].name for i in hit)
+        text = f"probably reversed sign: {own}: {said}. Possible cause: the direction of {what}. Write {fix}{sign_tail(inputs)}"
+        told.append(Finding(text=text, kind=Kind.REVERSED, responses=hit))
     if found.single:
-        own = [inputs.responses[r].name for r in found.single]
-        fix = ", ".join(f"responses.{name}.scale: {-inputs.campaign.responses[name].scale:g}" for name in own)
-        texts["reversed", *found.single] = (
-            f"probably reversed sign: {', '.join(own)}: {said}. Possible cause: the direction of the sensor. Write {fix}{sign_tail(inputs)}"
-        )
-    return texts
+        single = [inputs.responses[r].name for r in found.single]
+        fix = ", ".join(f"responses.{name}.scale: {-inputs.campaign.responses[name].scale:g}" for name in single)
+        text = f"probably reversed sign: {', '.join(single)}: {said}. Possible cause: the direction of the sensor. Write {fix}"
+        told.append(Finding(text=text + sign_tail(inputs), kind=Kind.REVERSED, responses=found.single))
+    return told
 
 
-def pooled(found: Mapping[str, Told], reference: str | None) -> dict[str, Told]:
-    """Warnings of each job, with findings that are part of a fault of the reference job under its key; loose bolts may hide the rest."""
-    own = found.get(reference or "", {})
-    reversed_there = next((kind for kind in own if kind[0] == "reversed"), ())
-    units_there = any(kind[0] == "units" for kind in own)
-    stated_wrong = {i for kind in own if kind[0] in {"alone", "coordinates"} for i in kind[1:]}
-    shared: dict[str, Told] = {}
-    exchanges: list[tuple[object, ...]] = []
+def pooled(found: Mapping[str, Sequence[Finding]], reference: str | None) -> list[Finding]:
+    """Findings of all jobs with their places; a part of a fault of the reference job gets that cause, as bolts may hide the rest.
+
+    Parameters
+    ----------
+    found : mapping
+        Findings by job, the reference job first.
+    reference : str or None
+    """
+    own = found.get(reference or "", ())
+    reversed_there = [each for each in own if each.kind is Kind.REVERSED]
+    units_there = any(each.kind is Kind.UNITS for each in own)
+    stated_wrong = {i for each in own if each.kind in {Kind.ALONE, Kind.COORDINATES} for i in each.responses}
+    shared, exchanges = list[Finding](), list[Finding]()
     for name, told in found.items():
-        shared[name] = {}
-        for kind, text in told.items():
-            if kind[0] == "exchanged":
+        for each in told:
+            of = each
+            if each.kind is Kind.EXCHANGED:
                 # If a sensor has the wrong place or direction, some other sensor fits better in some state of the bolts.
-                if name != reference and stated_wrong.intersection(i for cycle in kind[1:] if isinstance(cycle, tuple) for i in cycle):
+                if name != reference and stated_wrong.intersection(i for cycle in each.cycles for i in cycle):
                     continue
                 # A job with loose bolts may show exchanged cables for one hammer point only.
-                kind = next((other for other in exchanges if set(kind[1:]) < set(other[1:])), kind)
-                exchanges.append(kind)
-            if kind[0] == "reversed" and set(kind) <= set(reversed_there):
-                kind = reversed_there
+                of = next((other for other in exchanges if set(each.cycles) < set(other.cycles)), each)
+                exchanges.append(of)
+            elif each.kind is Kind.REVERSED:
+                of = next((other for other in reversed_there if set(each.responses) <= set(other.responses)), each)
             # With wrong units in the reference job (velocity for acceleration), phases off by 90 degrees are the same fault.
-            if not (units_there and kind[0] == "sideways"):
-                shared[name][kind] = text
+            if not (units_there and each.kind in {Kind.SIDEWAYS, Kind.PARTS}):
+                shared.append(replace(of, place=f"job {name}"))
     return shared
-
-
-def each_once(found: Mapping[str, Told]) -> list[str]:
-    """Each finding once, naming all jobs that share it."""
-    jobs: dict[str, list[str]] = {}
-    first: dict[str, str] = {}
-    for name, told in found.items():
-        for kind, text in told.items():
-            at = first.setdefault(repr(kind), f"job {name}: {text}")
-            jobs.setdefault(at, []).append(name)
-    return [text + (f"; the same in {', '.join(names[1:])}" if len(names) > 1 else "") for text, names in jobs.items()]

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -22,15 +22,16 @@ from lrbc_cli.campaign.identification.compared.likeness import (
     exchanged_text,
     off_level,
     other_reading,
+    outlying,
     run_backwards,
     same_sensor,
     sideways,
     turned,
 )
-from lrbc_cli.campaign.identification.compared.offsets import LEAST_BAND, factors_of, offset_texts, sideways_text, trusted
+from lrbc_cli.campaign.identification.compared.offsets import LEAST_BAND, factors_of, offset_findings, sideways_finding, trusted
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.weights import without_noise
-from lrbc_cli.campaign.looking.all_jobs import OfJob, Told, each_once, pooled, told_of_all
+from lrbc_cli.campaign.looking.all_jobs import OfJob, of_all_jobs, pooled
 from lrbc_cli.campaign.looking.axes import stretched_text
 from lrbc_cli.campaign.looking.causes.damped import misdamped_text
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
@@ -54,6 +55,7 @@ from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, reduction_cost
 from lrbc_cli.campaign.reduced.stage import ReductionStage, require_baselines
 from lrbc_cli.errors import DataError, LrbcError
+from lrbc_cli.findings import Finding, Kind, kinds_of
 from lrbc_cli.reduction.build import reduce_model
 from lrbc_cli.updating.comparison.scale import Offset
 
@@ -68,7 +70,10 @@ MOST_WORK = 6e11
 COARSE = 3e-2
 
 #: Kinds of findings about the interpretation of numbers, single responses, or exchanged records.
-_OF_NUMBERS = ("read", "units", "level", "alone", "stretched", "foreign", "exchanged", "hammers")
+_OF_NUMBERS = {Kind.READ, Kind.UNITS, Kind.LEVEL, Kind.ALONE, Kind.STRETCHED, Kind.FOREIGN, Kind.EXCHANGED, Kind.HAMMERS}
+
+#: Kinds of findings in the reference job after which further jobs cannot be compared: wrong damping, or wrong places of hammer or sensors.
+_OF_MODEL = {Kind.DAMPING, Kind.HAMMERS, Kind.HAMMER, Kind.MIRRORED, Kind.IDLE}
 
 #: Number of nearest states for which exchanged sensors are looked for.
 NEAREST = 4
@@ -80,18 +85,15 @@ class FirstLook:
 
     Attributes
     ----------
-    warnings : tuple of str
+    found : list of Finding
     note : str
         Why nothing was compared, or with which rough calibration; empty if with the model as given.
-    rescaled : bool
-        Whether the measurements show which matrix is wrong by a factor; more certain than a guess from the mesh.
     doubted : frozenset of str
         Jobs with faults of numbers or responses that the reference job does not have; other comparisons with it are meaningless.
     """
 
-    warnings: tuple[str, ...] = ()
+    found: list[Finding] = field(default_factory=list)
     note: str = ""
-    rescaled: bool = False
     doubted: frozenset[str] = frozenset()
 
 
@@ -120,7 +122,7 @@ def first_look(
             return FirstLook(note="measured and computed FRFs are compared once reduction.band is a band that was measured")
         if reference in whole and (text := misdamped_text(inputs, measurements[reference])):
             note = "measured and computed FRFs are compared once the damping is corrected"
-            return FirstLook((f"job {reference}: {text}",), note=note)
+            return FirstLook([Finding(place=f"job {reference}", text=text, kind=Kind.DAMPING)], note=note)
         source = _source(inputs, folder, progress)
         if source is None:
             return FirstLook(
@@ -129,29 +131,26 @@ def first_look(
         order = sorted(whole, key=lambda name: name != reference)
         # A matrix that does not contain the baseline subtracted from it gives no FRFs to compare with.
         if lacking := _lacking(inputs, source):
-            return FirstLook(tuple(lacking))
+            return FirstLook([Finding(text=text) for text in lacking])
         found: dict[str, OfJob] = {}
         tight = measurements.get(reference or "")
         heard = {name: replace(measurements[name], values=_heard(inputs, name, measurements[name], tight)) for name in order}
         for name in order:
-            # With wrong damping of the model, or wrong places of hammer or sensors, further jobs cannot be compared.
-            own = found[reference].told.keys() - {("lowered",)} if reference in found else set()
-            if {("damping",), ("hammers",), ("hammer",), ("mirrored",), ("idle",)} & own:
+            own = found[reference].told if reference in found else []
+            if kinds_of(own) & _OF_MODEL:
                 break
             # A faulty reference job is not used as the tight state.
-            tight = heard.get(reference or "") if not own and name != reference else None
+            tight = heard.get(reference or "") if name != reference and not kinds_of(own) - {Kind.LOWERED} else None
             progress(f"comparing {name} with the model, job {len(found) + 1} of {len(order)}")
             found[name] = _looked_at(source, heard, name, tight)
             if name == reference:
                 source, found[name] = _calibrated(source, heard, name, found[name])
-        told = told_of_all(inputs, found, reference or "")
-        shared = pooled(told, reference)
-        kinds = {name: {kind for kind in own if kind[0] in _OF_NUMBERS} for name, own in shared.items()}
+        told = pooled(of_all_jobs(inputs, found, reference or ""), reference)
+        causes = {name: {each.cause for each in told if each.place == f"job {name}" and each.kind in _OF_NUMBERS} for name in found}
         return FirstLook(
-            tuple(each_once(shared)),
+            told,
             note=source.note,
-            rescaled=("rescaled",) in told.get(reference or "", {}),
-            doubted=frozenset(name for name, of in kinds.items() if of != kinds.get(reference or "", set())),
+            doubted=frozenset(name for name, own_causes in causes.items() if own_causes != causes.get(reference or "", set())),
         )
     except LrbcError as error:
         return FirstLook(note=f"measured and computed FRFs were not compared: {error.problem}")
@@ -198,17 +197,17 @@ def _looked_at(source: Looking, measurements: Mapping[str, Measurement], name: s
         before = float(np.median(apart(seen.measured, seen.model)))
         most = 0.0 if before < LEAST_DIFFERENCE else CLEARLY * before if reading is None else reading.after
         if most and (text := overdamped_text(seen, most)):
-            return OfJob({("damping",): text})
+            return OfJob([Finding(text=text, kind=Kind.DAMPING)])
     if reading is not None:
-        return OfJob({("read",): reading.text})
+        return OfJob([Finding(text=reading.text, kind=Kind.READ)])
     assumed = name in taken_as_tight(inputs)
     if held is not None and assumed and (loose := not_tight(seen, held)):
-        return OfJob({("freed",): loose})
+        return OfJob([Finding(text=loose, kind=Kind.FREED)])
     again = None if fitted is None else partial(_fit_exchanged, seen)
     if hammers := hammers_text(seen, again) or unmoved_text(seen):
-        return OfJob({("hammers",): hammers})
+        return OfJob([Finding(text=hammers, kind=Kind.HAMMERS)])
     if fitted is not None and (strike := strike_text(seen, fitted)):
-        return OfJob({("strike",): strike})
+        return OfJob([Finding(text=strike, kind=Kind.STRIKE)])
     # Where all bolts are assumed tight, no bolt explains a difference.
     reach = (0.0, 0.0) if seen.reference or assumed else reach_of_one(seen)
     # Exchanged real and imaginary parts also look like complex conjugates.
@@ -216,21 +215,22 @@ def _looked_at(source: Looking, measurements: Mapping[str, Measurement], name: s
     backwards = not how and run_backwards(measurements[name].frequency_hz, measurements[name].values)
     near = [*nearest_states(seen), *(state for state in (held, fitted) if state is not None)]
     told, offsets = _channels(seen, near, reach[0], backwards=backwards)
-    # Places are looked for below; without a better finding this remains.
-    uneven = {key: told.pop(key) for key in list(told) if key[0] == "places"}
+    # Places are looked for below; without a better finding these remain.
+    uneven = [each for each in told if each.kind is Kind.PLACES]
+    told = [each for each in told if each.kind is not Kind.PLACES]
     if not told and how:
-        return OfJob({("sideways", how): sideways_text(inputs, how, name)})
+        return OfJob([sideways_finding(inputs, how, name)])
     if not told and seen.reference:
-        told |= other_tables(seen) or little_in_common(seen, measurements)
-        if ("unlike",) in told and (text := stretched_text(measurements[name], seen)):
-            told = {("stretched",): text}
-        elif ("unlike",) in told and (text := rescaled_text(seen, seen.misfit, further=1.5)):
-            told = {("rescaled",): text}
+        told = other_tables(seen) or little_in_common(seen, measurements)
+        if Kind.UNLIKE in kinds_of(told) and (text := stretched_text(measurements[name], seen)):
+            told = [Finding(text=text, kind=Kind.STRETCHED)]
+        elif Kind.UNLIKE in kinds_of(told) and (text := rescaled_text(seen, seen.misfit, further=1.5)):
+            told = [Finding(text=text, kind=Kind.RESCALED)]
     told = placed(seen, told)
     if not told and held is not None:
-        told |= _beside_tight(seen, held, reach)
+        told = _beside_tight(seen, held, reach)
         if not told and fitted is not None:
-            told |= _beside_fitted(seen, fitted) or _foreign(seen, held)
+            told = _beside_fitted(seen, fitted) or _foreign(seen, held)
     return OfJob(told or uneven, offsets)
 
 
@@ -239,8 +239,8 @@ def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: 
 
     Nothing is calibrated from a job that loose bolts explain.
     """
-    calibration, kinds = source.inputs.campaign.calibration, {kind for kind, *_ in first.told}
-    if calibration is None or calibration.job != name or kinds - {"unlike", "alone", "coordinates", "places"}:
+    calibration, kinds = source.inputs.campaign.calibration, kinds_of(first.told)
+    if calibration is None or calibration.job != name or kinds - {Kind.UNLIKE, Kind.ALONE, Kind.COORDINATES, Kind.PLACES}:
         return source, first
     seen = Seen.of(source, name, measurements[name])
     calibrated = None if tighter_text(seen, measurements) or looser(seen, seen.misfit) else roughly_calibrated(source, measurements[name])
@@ -248,15 +248,15 @@ def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: 
         return source, first
     again, after = _looked_at(calibrated, measurements, name), Seen.of(calibrated, name, measurements[name])
     # Nothing found is no all-clear while the FRFs of another excitation are not fitted.
-    if not again.told and ("coordinates" in kinds or any(db > LEAST_DIFFERENCE for db in after.by_excitation.values())):
+    if not again.told and (Kind.COORDINATES in kinds or any(db > LEAST_DIFFERENCE for db in after.by_excitation.values())):
         return calibrated, first
     if unit := of_other_unit_text(seen, after):
-        return calibrated, OfJob({("springs",): unit})
+        return calibrated, OfJob([Finding(text=unit, kind=Kind.SPRINGS)])
     lowered = lowered_text(seen, after)
-    return calibrated, replace(again, told=again.told | {("lowered",): lowered}) if lowered else again
+    return calibrated, replace(again, told=[*again.told, Finding(text=lowered, kind=Kind.LOWERED)]) if lowered else again
 
 
-def _channels(seen: Seen, near: list[Complexes], movable: Floats | float, *, backwards: bool) -> tuple[Told, tuple[Offset, ...]]:
+def _channels(seen: Seen, near: list[Complexes], movable: Floats | float, *, backwards: bool) -> tuple[list[Finding], tuple[Offset, ...]]:
     """Exchanged channels, and factors and phases of the others relative to the nearest states.
 
     A factor is reported only if it exceeds the change of level by one loosened bolt, ``movable`` ((R,) or one value for all) [dB]. If the
@@ -278,8 +278,9 @@ def _channels(seen: Seen, near: list[Complexes], movable: Floats | float, *, bac
     if not any(o.power or o.delay or o.conjugate or o.reversed for o in offsets):
         opposite = turned(seen.measured, seen.states)
         offsets = tuple(replace(o, reversed=o.response in opposite) for o in offsets)
-    told = offset_texts(inputs, offsets, seen.job)
-    return told | {("exchanged", *cycles): exchanged_text(inputs, cycles, seen.job) for cycles in by_sensors(inputs, exchanges)}, offsets
+    cycled = by_sensors(inputs, exchanges)
+    found = [Finding(text=exchanged_text(inputs, cycles, seen.job), kind=Kind.EXCHANGED, cycles=cycles) for cycles in cycled]
+    return [*offset_findings(inputs, offsets, seen.job), *found], offsets
 
 
 def _fit(seen: Seen) -> Complexes | None:
@@ -300,36 +301,39 @@ def _fit_exchanged(seen: Seen, exchanged: Complexes, *, further: float = 1.1) ->
     return _fit(seen.reading(exchanged)) if now <= further * as_stated else None
 
 
-def _beside_tight(seen: Seen, tight: Complexes, reach: tuple[Floats | float, Floats | float]) -> Told:
+def _beside_tight(seen: Seen, tight: Complexes, reach: tuple[Floats | float, Floats | float]) -> list[Finding]:
     """Single responses far from the reference job (``tight``, (F, R)) in shape or level, by more than one bolt can cause.
 
     ``reach`` is that limit, see ``reach_of_one``; distances must be twice as large, because the model has errors.
     """
     reference = str(seen.inputs.campaign.update.reference)
     away, every = off_level(seen.inputs, seen.measured, tight, reference, seen.job, reach[0]), apart(seen.measured, tight)
-    alone = single_responses(seen.inputs, every, f"its FRF in {reference}", seen.job)
-    far = {i for i in range(every.size) if CLEARLY * every[i] > np.broadcast_to(reach[1], every.shape)[i]}
-    return {key: text for key, text in alone.items() if key[1] in far} | {("level", i): text for i, text in away.items()}
+    found = [Finding(text=text, kind=Kind.LEVEL, responses=(i,)) for i, text in away.items()]
+    limit, off = np.broadcast_to(reach[1], every.shape), {k for i in away for k in (i, *same_sensor(seen.inputs, i))}
+    # A dead channel differs in shape, too; its level says more.
+    far = [i for i in outlying(every) if CLEARLY * every[i] > limit[i] and i not in off]
+    return single_responses(seen.inputs, every, far, f"its FRF in {reference}", seen.job) + found
 
 
-def _beside_fitted(seen: Seen, fitted: Complexes) -> Told:
+def _beside_fitted(seen: Seen, fitted: Complexes) -> list[Finding]:
     """Sensors far from the state of the bolts that fits best (``fitted``, (F, R)), at every hammer point, if that explains the others."""
     every = apart(seen.measured, fitted)
-    alone = single_responses(seen.inputs, every, "the state of the bolts that fits best", seen.job)
     if float(np.median(every)) > LEAST_DIFFERENCE:
-        return {}
+        return []
     # Errors of the model show at single hammer points, too.
-    return {key: text for key, text in alone.items() if all(("alone", k) in alone for k in same_sensor(seen.inputs, int(str(key[1]))))}
+    alone = set(outlying(every))
+    whole = [i for i in sorted(alone) if alone.issuperset(same_sensor(seen.inputs, i))]
+    return single_responses(seen.inputs, every, whole, "the state of the bolts that fits best", seen.job)
 
 
-def _foreign(seen: Seen, tight: Complexes) -> Told:
-    """Warning if no state of the model, the fitted one included, is near a measurement, although the tight state is explained."""
+def _foreign(seen: Seen, tight: Complexes) -> list[Finding]:
+    """Finding if no state of the model, the fitted one included, is near a measurement, although the tight state is explained."""
     least = seen.left
     if least <= max(UNLIKE, float(np.median(apart(tight, seen.model))) / CLEARLY):
-        return {}
+        return []
     text = (
         f"no tried state of the bolts comes near: the level misfit is {least:.1f} dB at best after a first, coarse fit (mean level of each "
         "response removed). Check whether it is the file of another structure or set-up, whether the hammer hit another point, and whether "
         "more changed than the bolts"
     )
-    return {("foreign",): text}
+    return [Finding(text=text, kind=Kind.FOREIGN)]

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, apart, outlying
 from lrbc_cli.campaign.identification.records import Measurement
-from lrbc_cli.campaign.looking.all_jobs import Told
 from lrbc_cli.campaign.looking.causes.coordinates import coordinates_texts, mirrored_text
 from lrbc_cli.campaign.looking.causes.held import held_text, idle_text, supports_text
 from lrbc_cli.campaign.looking.causes.moved import hammer_text, sensor_text
@@ -17,18 +18,19 @@ from lrbc_cli.campaign.looking.causes.rescaled import rescaled_text, softness_te
 from lrbc_cli.campaign.looking.causes.tightness import UNLIKE, looser, tighter_text
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.findings import Finding, Kind, kinds_of
 
 
-def placed(seen: Seen, told: Told) -> Told:
+def placed(seen: Seen, told: list[Finding]) -> list[Finding]:
     """Findings ``told`` of a job, replaced or completed by wrong places of hammer or sensors, or fixed nodes, if these explain it."""
-    away = apart(seen.measured, seen.states)
+    away, kinds = apart(seen.measured, seen.states), kinds_of(told)
     every = np.median(away, axis=1)
     # If all sensors are mirrored, some seem exchanged, and the others are far off, too.
-    involved = {i for kind in told if kind[0] == "exchanged" for cycle in kind[1:] if isinstance(cycle, tuple) for i in cycle}
+    involved = {i for each in told for cycle in each.cycles for i in cycle}
     rest = np.setdiff1d(np.arange(away.shape[1]), list(involved))
-    beyond = not told or ("unlike",) in told or (involved and (not rest.size or float(np.median(away[0, rest])) > LEAST_DIFFERENCE))
+    beyond = not told or Kind.UNLIKE in kinds or (involved and (not rest.size or float(np.median(away[0, rest])) > LEAST_DIFFERENCE))
     if seen.reference and beyond and float(every[0]) > LEAST_DIFFERENCE and (mirrored := mirrored_text(seen)):
-        return {("mirrored",): mirrored}
+        return [Finding(text=mirrored, kind=Kind.MIRRORED)]
     # The bolts may be in a state that was not tried, so misfits up to ``UNLIKE`` are accepted.
     # In the reference job no bolt is loose, so a smaller misfit is examined already.
     # With a calibrated model a single hammer point may be wrong.
@@ -36,36 +38,31 @@ def placed(seen: Seen, told: Told) -> Told:
     calibrated = seen.reference and bool(seen.source.start)
     far = bool(uneven) if calibrated else float(every.min()) > (LEAST_DIFFERENCE if seen.reference else UNLIKE)
     # Single responses stand out, too, if their hammer point is wrong.
-    others = {key for key in told if key[0] != "alone" or not calibrated or int(seen.inputs.input_of[int(str(key[1]))]) not in uneven}
+    struck_there = [each for each in told if each.kind is Kind.ALONE and calibrated and uneven.issuperset(_struck(seen, each.responses))]
     struck = _of_one_blow(seen, told)
-    if ("unlike",) in told or struck or (not others and far):
+    if Kind.UNLIKE in kinds or struck or (len(struck_there) == len(told) and far):
         if text := hammer_text(seen, away):
-            return {("hammer",): text}
+            return [Finding(text=text, kind=Kind.HAMMER)]
         if struck:
-            return {("hammer",): struck}
+            return [Finding(text=struck, kind=Kind.HAMMER)]
         if seen.reference and (text := held_text(seen, float(every[0]))):
-            return {("held",): text}
+            return [Finding(text=text, kind=Kind.HELD)]
         # Where springs are at wrong nodes, supports are no cause of their own.
-        if seen.reference and ("unlike",) in told and not seen.inputs.springs_doubt:
-            told = told | {("unlike",): told["unlike",] + supports_text(seen)}
-    if not seen.reference:
-        return told
-    told = _stated(seen, told)
-    elsewhere = {key: sensor_text(seen, int(str(key[1]))) for key in told if key[0] == "alone"}
-    # After a calibration, a response with small motion stands out by errors of the model alone.
-    weak = {
-        key
-        for key, where in elsewhere.items()
-        if seen.source.start and not where and apart(seen.measured, seen.model)[int(str(key[1]))] <= UNLIKE
-    }
-    return {key: text + elsewhere.get(key, "") for key, text in told.items() if key not in weak}
+        if seen.reference and Kind.UNLIKE in kinds and not seen.inputs.springs_doubt:
+            told = [replace(each, text=each.text + supports_text(seen)) if each.kind is Kind.UNLIKE else each for each in told]
+    return _stated(seen, told) if seen.reference else told
 
 
-def _of_one_blow(seen: Seen, told: Told) -> str:
+def _struck(seen: Seen, responses: Sequence[int]) -> set[int]:
+    """Numbers of the excitations of responses."""
+    return set(seen.inputs.input_of[list(responses)].tolist())
+
+
+def _of_one_blow(seen: Seen, told: list[Finding]) -> str:
     """Warning if the single responses that differ are most of those of one excitation and none of another; else empty."""
-    alone = [int(str(key[1])) for key in told if key[0] == "alone"]
+    alone = [i for each in told if each.kind is Kind.ALONE for i in each.responses]
     away, input_of = seen.by_excitation, seen.inputs.input_of
-    if not alone or len(away) < 2 or len(own := set(input_of[alone].tolist())) > 1:
+    if not alone or len(away) < 2 or len(own := _struck(seen, alone)) > 1:
         return ""
     at = own.pop()
     if 2 * len(alone) <= int((input_of == at).sum()):
@@ -78,40 +75,47 @@ def _of_one_blow(seen: Seen, told: Told) -> str:
     )
 
 
-def _stated(seen: Seen, told: Told) -> Told:
+def _stated(seen: Seen, told: list[Finding]) -> list[Finding]:
     """Findings of the reference job with those of wrong coordinates, which replace other findings of the same sensors."""
-    if not {kind for kind, *_ in told} <= {"unlike", "alone"}:
+    if kinds_of(told) <= {Kind.UNLIKE, Kind.ALONE}:
+        found, left = coordinates_texts(seen, unlike=Kind.UNLIKE in kinds_of(told))
+        elsewhere = {i for responses in found for i in responses}
+        explained = bool(found) and float(np.median(left)) <= UNLIKE
+        told = [
+            *(Finding(text=text, kind=Kind.COORDINATES, responses=responses) for responses, text in found.items()),
+            *(each for each in told if not elsewhere.intersection(each.responses) and not (explained and each.kind is Kind.UNLIKE)),
+        ]
+    alone = [i for each in told if each.kind is Kind.ALONE for i in each.responses]
+    if not alone:
         return told
-    found, left = coordinates_texts(seen, unlike=("unlike",) in told)
-    elsewhere = {i for responses in found for i in responses}
-    kept = {
-        key: text
-        for key, text in told.items()
-        if key[1:] not in {(i,) for i in elsewhere} and not (found and key == ("unlike",) and float(np.median(left)) <= UNLIKE)
-    }
-    return {("coordinates", *responses): text for responses, text in found.items()} | kept
+    every = apart(seen.measured, seen.model)
+    better = {i: text for i in alone if (text := sensor_text(seen, i))}
+    # After a calibration, a response with small motion stands out by errors of the model alone.
+    kept = [i for i in alone if i in better or not seen.source.start or every[i] > UNLIKE]
+    told = [each for each in told if each.kind is not Kind.ALONE]
+    return told + single_responses(seen.inputs, every, kept, "the model", better=better)
 
 
-def little_in_common(seen: Seen, measurements: Mapping[str, Measurement]) -> Told:
-    """Warnings if the tight state is not explained although neither factors nor exchanged sensors were found.
+def little_in_common(seen: Seen, measurements: Mapping[str, Measurement]) -> list[Finding]:
+    """Findings if the tight state is not explained although neither factors nor exchanged sensors were found.
 
     ``measurements`` of all jobs: another one may be nearer to the tight model.
     """
     inputs, every = seen.inputs, apart(seen.measured, seen.model)
     own = every[inputs.used]
     typical = float(np.median(every))
-    told: Told = {}
+    told = list[Finding]()
     if typical > LEAST_DIFFERENCE:
-        text = rescaled_text(seen, typical)
-        if text is not None:
-            return {("rescaled",): text}
+        if text := rescaled_text(seen, typical):
+            return [Finding(text=text, kind=Kind.RESCALED)]
         if idle := idle_text(seen):
-            return {("idle",): idle}
+            return [Finding(text=idle, kind=Kind.IDLE)]
     if float(np.median(own)) > UNLIKE:
         far = f"level misfits of {min(own):.1f} to {max(own):.1f} dB at the start values (mean level of each response removed)"
         far += _uneven_text(seen)
         if tighter := tighter_text(seen, measurements):
-            return {("unlike",): f"measured and computed FRFs differ: {far}. {tighter}{looser(seen, typical)}"}
+            text = f"measured and computed FRFs differ: {far}. {tighter}{looser(seen, typical)}"
+            return [Finding(text=text, kind=Kind.NOT_TIGHT)]
         causes = "the springs whose places are warned of may be the reason; otherwise " if inputs.springs_doubt else ""
         causes += (
             "check the mass sum (units of the model), the material of each part, damping, start values, places and directions of hammer "
@@ -119,8 +123,10 @@ def little_in_common(seen: Seen, measurements: Mapping[str, Measurement]) -> Tol
         )
         if free := looser(seen, typical):
             causes = f"this is the reference job{free}. Set update.reference to a tight job, or measure it again; otherwise {causes}"
-        told["unlike",] = f"measured and computed FRFs have little in common: {far}. {causes[:1].upper()}{causes[1:]}"
-    return told | single_responses(inputs, every, "the model")
+        text = f"measured and computed FRFs have little in common: {far}. {causes[:1].upper()}{causes[1:]}"
+        told = [Finding(text=text, kind=Kind.UNLIKE)]
+    # Each on its own: ``placed`` looks for the place of each.
+    return told + single_responses(inputs, every, outlying(every), "the model", few=every.size)
 
 
 def _uneven_text(seen: Seen, *, uneven: float = 1.5) -> str:
@@ -132,18 +138,38 @@ def _uneven_text(seen: Seen, *, uneven: float = 1.5) -> str:
     return f", mostly those of {name} ({worst[1]:.1f} dB, others up to {others[0][1]:.1f} dB: check excitation.{name} first)"
 
 
-def single_responses(inputs: Inputs, every: Floats, of: str, job: str | None = None) -> Told:
-    """Warnings about single responses with a large distance ``every`` (R,) [dB] from ``of``; relative to the reference job if ``job``."""
-    told: Told = {}
-    for i in outlying(every):
-        response = inputs.responses[i].name
-        causes = f"Check the place and the component of responses.{response} (lrbc check --picture), and that the channel is not another"
-        causes += " sensor's"
+def single_responses(
+    inputs: Inputs,
+    every: Floats,
+    alone: Sequence[int],
+    of: str,
+    job: str | None = None,
+    *,
+    better: Mapping[int, str] = MappingProxyType({}),
+    few: int = 2,
+) -> list[Finding]:
+    """Findings of the responses ``alone``, whose distances ``every`` (R,) [dB] from ``of`` are large.
+
+    Relative to the reference job if ``job``. Those without a ``better`` place, a clause for each, are one finding if more than ``few``.
+    """
+    plain = [i for i in alone if i not in better]
+    groups = [[i] for i in alone if i in better] + ([plain] if len(plain) > few else [[i] for i in plain])
+    typical = f"(mean level removed), the median of all responses is {float(np.median(every)):.1f} dB"
+    found = []
+    for group in groups:
+        names = ", ".join(inputs.responses[i].name for i in group)
+        if len(group) == 1:
+            differ, sizes, sensor, it, record = "differs", f"{every[group[0]]:.1f}", "its sensor was", "it", "its record"
+            causes = (
+                f"the place and the component of responses.{names} (lrbc check --picture), and that the channel is not another sensor's"
+            )
+        else:
+            differ, sizes = "differ", f"{every[group].min():.1f} to {every[group].max():.1f}"
+            sensor, it, record = "their sensors were", "them", "their records"
+            causes = "places and components of these responses (lrbc check --picture), and that the channels are not those of other sensors"
         if job is not None:
-            causes = "Check whether its sensor was dead, overloaded or moved, or another one was connected. Measure it again, or remove "
-            causes += f"its record from the file of {job}"
-        told["alone", i] = (
-            f"{response} differs from {of} by {every[i]:.1f} dB (mean level removed), the median of all responses is "
-            f"{float(np.median(every)):.1f} dB. {causes}"
-        )
-    return told
+            causes = f"whether {sensor} dead, overloaded or moved, or another one was connected. Measure {it} again, or remove {record} "
+            causes += f"from the file of {job}"
+        text = f"{names} {differ} from {of} by {sizes} dB {typical}. Check {causes}{better.get(group[0], '')}"
+        found.append(Finding(text=text, kind=Kind.ALONE, responses=tuple(group)))
+    return found

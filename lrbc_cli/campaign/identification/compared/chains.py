@@ -11,7 +11,7 @@ from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.model.factors import SOUND_SPEED
 from lrbc_cli.updating.statistics.chain.echo import second_blow
-from lrbc_cli.updating.statistics.chain.modal import other_chain
+from lrbc_cli.updating.statistics.chain.modal import ChainFault, other_chain
 from lrbc_cli.updating.statistics.lines import line_noise, noise_shares
 
 
@@ -115,8 +115,8 @@ def coherence_doubt(
     )
 
 
-def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference: str) -> str | None:
-    """Warning if a job was measured with another window, filter or clock than the reference job, or hit twice; else None.
+def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference: str) -> ChainFault | None:
+    """Fault if a job was measured with another window, filter or clock than the reference job, or hit twice; else None.
 
     Parameters
     ----------
@@ -129,8 +129,9 @@ def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference:
     if own.values.shape != tight.values.shape or unlike(own.frequency_hz, tight.frequency_hz):
         return None
     names, air = [response.name for response in inputs.responses], SOUND_SPEED in inputs.recipe.names
-    blow = second_blow(own.frequency_hz, own.values, tight.values, reference, inputs.statistics.echo)
-    return blow or other_chain(own.frequency_hz, own.values, tight.values, reference, names, inputs.statistics.modal, air=air)
+    if blow := second_blow(own.frequency_hz, own.values, tight.values, reference, inputs.statistics.echo):
+        return ChainFault("blow", blow)
+    return other_chain(own.frequency_hz, own.values, tight.values, reference, names, inputs.statistics.modal, air=air)
 
 
 def soft_tip(own: Measurement, *, low: float = 0.75, share: float = 0.9, least: float = 0.1) -> tuple[float, float] | None:

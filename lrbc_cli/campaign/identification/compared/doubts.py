@@ -8,13 +8,21 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import by_sensors, exchanged, exchanged_text, off_level, outlying
-from lrbc_cli.campaign.identification.compared.offsets import by_hammer, factor_text, factors_of, largest_text, offset_texts, quantities_of
+from lrbc_cli.campaign.identification.compared.offsets import (
+    by_hammer,
+    factor_text,
+    factors_of,
+    largest_text,
+    offset_findings,
+    quantities_of,
+)
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.gains import Gains
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.errors import DataError, listing
+from lrbc_cli.findings import Kind, kinds_of
 from lrbc_cli.updating.comparison.scale import grouped, misses_unit
 from lrbc_cli.updating.judging.evidence import Doubt
 from lrbc_cli.updating.judging.reference import ReferenceState
@@ -151,7 +159,7 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     offsets = factors_of(inputs, result.measurement, states)
     offsets = tuple(offset for offset in offsets if offset.response not in involved)
     swapped = "; ".join(exchanged_text(inputs, cycles, result.name) for cycles in by_sensors(inputs, exchanges))
-    units = offset_texts(inputs, offsets, result.name)
+    units = offset_findings(inputs, offsets, result.name)
     compared = f"{compared_text(inputs, result)}; {largest_text(inputs, offsets, result.misfit_final)}"
     if reference is not None and reference.explained:
         wide = too_wide((result.measurement.frequency_hz, result.measurement.values[:, inputs.used]), rule=inputs.statistics.resolution)
@@ -160,8 +168,8 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
         coarse = "" if fault else coarse_text(reference, inputs.method.rule)
         compared += f"; {coarse or own_fault_text(inputs, result.misfit_final, reference.job, fault)}"
     job = inputs.campaign.jobs[result.name]
-    found = [*([swapped] if swapped else []), *units.values()]
-    if gains is not None and not any(kind in {"units", "places"} for kind, *_ in units):
+    found = [*([swapped] if swapped else []), *map(str, units)]
+    if gains is not None and kinds_of(units).isdisjoint({Kind.UNITS, Kind.PLACES}):
         found.append((gain_text if gains.shared else level_text)(inputs, result.name, gains))
     noise = noise_level(result.measurement, job, inputs.used)
     # In a relative comparison the model discrepancy cancels, so the misfit need not reach the noise.
@@ -258,9 +266,9 @@ def calibration_doubts(
 
     The states (F, R) are FRFs of the model without the identified gains.
     """
-    units = offset_texts(inputs, factors_of(inputs, measurement, states), job)
-    found = list(units.values())
-    if gains is not None and not any(kind in {"units", "places"} for kind, *_ in units):
+    units = offset_findings(inputs, factors_of(inputs, measurement, states), job)
+    found = list(map(str, units))
+    if gains is not None and kinds_of(units).isdisjoint({Kind.UNITS, Kind.PLACES}):
         found.append(level_text(inputs, job, gains))
     noise = noise_level(measurement, inputs.campaign.jobs[job], inputs.used)
     further = [unreached(misfit[1], noise), worsened(*misfit, noise)]

@@ -11,6 +11,7 @@ from lrbc_cli.campaign.identification.compared.likeness import MOST_LEFT, outlyi
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import listing
+from lrbc_cli.findings import Finding, Kind
 from lrbc_cli.updating.comparison.scale import LEAST_OFFSET, LEAST_REACH, MOST_REACH, Common, Known, Offset, grouped, moved, offsets_of
 
 #: Least share of the band over which a constant factor can be distinguished from errors of the model.
@@ -176,51 +177,55 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
     return text, cause + (f"jobs.{job}.format.unit: {unit}, or {own}" if unit and len(common.responses) == count else own)
 
 
-def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> dict[tuple[object, ...], str]:
-    """Warnings about factors, signs, delays and conjugates, by kind and responses (to merge equal ones of several jobs); may be empty."""
+def offset_findings(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list[Finding]:
+    """Findings of factors, signs, delays and conjugates; may be empty."""
     firm = {offset.response for offset in offsets if offset.named and trusted(offset, offsets)}
     compared, known = [o.response for o in offsets], {o.response: o for o in offsets if not o.power}
     differing = by_hammer(inputs, {i: o.db for i, o in known.items()}, {i: o.half for i, o in known.items()})
     # A factor without which most of the misfit remains is neither unit nor gain.
     shared = [common for common in grouped(offsets, quantities_of(inputs)) if firm.intersection(common.responses)]
     placed = [common for common in shared if not causes_of(inputs, common, compared) and differing.intersection(common.responses)]
-    found: dict[tuple[object, ...], str] = {
-        ("units", *common.responses): "probably not in the model's units: " + "; ".join(factor_text(inputs, common, compared, job))
+    found = [
+        Finding(
+            text="probably not in the model's units: " + "; ".join(factor_text(inputs, common, compared, job)),
+            kind=Kind.UNITS,
+            responses=common.responses,
+        )
         for common in shared
         if common not in placed
-    }
+    ]
     if placed:
-        own = sorted(i for common in placed for i in common.responses)
-        found["places", *own] = (
+        own = tuple(sorted(i for common in placed for i in common.responses))
+        text = (
             f"FRFs are higher or lower than the model's at all lines ({sizes_text(inputs, differing, known)}), but not by one factor of "
             f"each sensor: no sensitivity depends on the hammer point. Check places and directions of {_names(inputs, own, len(offsets))}, "
             "and of the hammer points (lrbc check --picture)"
         )
+        found.append(Finding(text=text, kind=Kind.PLACES, responses=own))
     tail = sign_tail(inputs)
-    turned = [o.response for o in offsets if o.reversed]
-    if turned:
+    if turned := tuple(o.response for o in offsets if o.reversed):
         what = "the hammer or of all sensors" if len(turned) == len(offsets) else "the sensor"
-        found["reversed", *turned] = (
+        text = (
             f"probably reversed sign: {_names(inputs, turned, len(offsets))}: measured phases are 180 degrees from the model's. Possible "
             f"cause: the direction of {what}. Write jobs.{job}.scale: {_factors(inputs, job, turned, -1.0)}{tail}"
         )
-    late = [o for o in offsets if o.delay]
-    if late:
+        found.append(Finding(text=text, kind=Kind.REVERSED, responses=turned))
+    if late := [o for o in offsets if o.delay]:
         delay = float(np.median([o.delay for o in late]))
         word, side = ("late", "behind") if delay > 0 else ("early", "ahead of")
-        delayed = [o.response for o in late]
-        names = _names(inputs, delayed, len(offsets))
-        found[word, *delayed] = (
-            f"probably {word}: {names}: sensors {1e3 * abs(delay):.3g} ms {side} the hammer (measured phases leave the model's by 360 "
-            f"degrees every {abs(1.0 / delay):.3g} Hz). Possible causes: another front end, filter or trigger. Let the analyser correct "
-            "the delay of its channels, and export again; the calibration is sensitive to the delay"
+        delayed = tuple(o.response for o in late)
+        text = (
+            f"probably {word}: {_names(inputs, delayed, len(offsets))}: sensors {1e3 * abs(delay):.3g} ms {side} the hammer (measured "
+            f"phases leave the model's by 360 degrees every {abs(1.0 / delay):.3g} Hz). Possible causes: another front end, filter or "
+            "trigger. Let the analyser correct the delay of its channels, and export again; the calibration is sensitive to the delay"
         )
-    mirrored = [o.response for o in offsets if o.conjugate]
-    if mirrored:
-        found["conjugate", *mirrored] = (
+        found.append(Finding(text=text, kind=Kind.LATE if delay > 0 else Kind.EARLY, responses=delayed))
+    if mirrored := tuple(o.response for o in offsets if o.conjugate):
+        text = (
             f"phases probably of opposite sign: {_names(inputs, mirrored, len(offsets))}: measured is the complex conjugate of computed. "
             f"Possible cause: the convention exp(-i omega t). Conjugate the FRF file: imaginary parts, or phases, times -1{tail}"
         )
+        found.append(Finding(text=text, kind=Kind.CONJUGATE, responses=mirrored))
     return found
 
 
@@ -229,17 +234,19 @@ def sign_tail(inputs: Inputs) -> str:
     return "" if inputs.method.residual.phase else "; no effect on the fit, which uses magnitudes in dB"
 
 
-def sideways_text(inputs: Inputs, how: str, job: str) -> str:
-    """Warning about phases 90 degrees from the model's; ``how`` as returned by ``likeness.sideways``, not empty."""
+def sideways_finding(inputs: Inputs, how: str, job: str) -> Finding:
+    """Finding of phases 90 degrees from the model's; ``how`` as returned by ``likeness.sideways``, not empty."""
     tail = sign_tail(inputs)
     if how == "exchanged":
-        return (
-            "real and imaginary parts are probably exchanged: phases of all responses are 90 degrees minus the model's. Exchange the two "
-            f"columns of each FRF in the file, or list them in their order under jobs.{job}.format.columns{tail}"
+        return Finding(
+            text="real and imaginary parts are probably exchanged: phases of all responses are 90 degrees minus the model's. Exchange the "
+            f"two columns of each FRF in the file, or list them in their order under jobs.{job}.format.columns{tail}",
+            kind=Kind.PARTS,
         )
-    return (
-        "all phases are probably 90 degrees from the model's, levels are not affected. Possible causes: phases that refer to a sine, an "
-        f"integration of phases alone. Export the FRFs as real and imaginary parts of response over force{tail}"
+    return Finding(
+        text="all phases are probably 90 degrees from the model's, levels are not affected. Possible causes: phases that refer to a sine, "
+        f"an integration of phases alone. Export the FRFs as real and imaginary parts of response over force{tail}",
+        kind=Kind.SIDEWAYS,
     )
 
 

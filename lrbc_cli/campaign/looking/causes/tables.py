@@ -10,6 +10,7 @@ from lrbc_cli.arrays import Bools, Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, apart, levels, spread
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.places import POWERS
+from lrbc_cli.findings import Finding, Kind
 
 #: Changes of all springs relative to the model [decades]: wider than the ratios of materials, in small steps.
 _SOFTER = np.linspace(-1.5, 1.5, 31)
@@ -21,11 +22,11 @@ _NEARER, _ALIKE = 0.7, 1.5
 _LEAST_LEVEL, _OFF_LEVEL = 4.0, 2.0
 
 
-def other_tables(seen: Seen) -> dict[tuple[object, ...], str]:
-    """Warning if a factor of a unit on one or all tables of springs, or another material, explains the tight state; else empty."""
+def other_tables(seen: Seen) -> list[Finding]:
+    """Finding if a factor of a unit on one or all tables of springs, or another material, explains the tight state; else empty."""
     before = float(np.median(apart(seen.measured, seen.model)))
     if before <= LEAST_DIFFERENCE:
-        return {}
+        return []
     # Factors between units are tried, too: springs that are practically free or clamped fit equally well with them.
     powers = np.array([-2, -1, 1, 2, *POWERS])
     unit, ways = np.isin(powers, POWERS), []
@@ -52,7 +53,7 @@ def other_tables(seen: Seen) -> dict[tuple[object, ...], str]:
         if np.abs(seen.parameters.initial[where] + moved).max() < 1.0:
             keys = ", ".join(f"parameters.{name}.initial: 0" for name in names)
             wrong, fix = "wrong start value, the table is right", f"Write {keys}"
-        return {("table",): f"{wrong}: {found} (mean level of each response removed). {fix}"}
+        return [Finding(text=f"{wrong}: {found} (mean level of each response removed). {fix}", kind=Kind.TABLE)]
     return _material(seen, before)
 
 
@@ -98,26 +99,25 @@ def _moved(seen: Seen, where: Integers, powers: Floats) -> tuple[Floats, Floats]
     return np.median(spread(difference, 1), axis=1), np.nanmedian(difference, axis=(1, 2))
 
 
-def _material(seen: Seen, before: float) -> dict[tuple[object, ...], str]:
-    """Warning if stiffness and mass of the model are wrong by the same factor; else empty.
+def _material(seen: Seen, before: float) -> list[Finding]:
+    """Finding if stiffness and mass of the model are wrong by the same factor; else empty.
 
     Then the springs and the level of the FRFs deviate relative to the model by the inverse of that factor.
     """
     where = [np.arange(at.start, at.stop) for group, at, _ in seen.parameters.placed if group.kind == "stiffness"]
     if not where:
-        return {}
+        return []
     left, level = _moved(seen, np.concatenate(where), _SOFTER[:, None])
     best = int(np.argmin(left))
     off = float(level[best])
     if left[best] > min(MOST_LEFT, CLEARLY * before) or abs(off) < _LEAST_LEVEL or abs(20.0 * _SOFTER[best] - off) > _OFF_LEVEL:
-        return {}
+        return []
     factor, size = 10.0 ** (abs(off) / 20.0), "large" if off > 0.0 else "small"
-    return {
-        ("material",): (
-            f"stiffness and mass of the model are probably both about {factor:.2g} times too {size}: measured FRFs are {abs(off):.1f} dB "
-            f"{'above' if off > 0.0 else 'below'} the model's, and correcting both reduces the level misfit from {before:.1f} to "
-            f"{left[best]:.1f} dB (mean level of each response removed). Possible causes: another material (2.9 and 3 are steel for "
-            "aluminium), another thickness. Correct modulus and density in the FE model (compare the mass sum with the weight of the "
-            "structure), and export it again"
-        )
-    }
+    text = (
+        f"stiffness and mass of the model are probably both about {factor:.2g} times too {size}: measured FRFs are {abs(off):.1f} dB "
+        f"{'above' if off > 0.0 else 'below'} the model's, and correcting both reduces the level misfit from {before:.1f} to "
+        f"{left[best]:.1f} dB (mean level of each response removed). Possible causes: another material (2.9 and 3 are steel for "
+        "aluminium), another thickness. Correct modulus and density in the FE model (compare the mass sum with the weight of the "
+        "structure), and export it again"
+    )
+    return [Finding(text=text, kind=Kind.MATERIAL)]

@@ -7,6 +7,7 @@ filter turns the phases of its channel against those of the others; bolts do not
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -177,6 +178,20 @@ def same_modes(own: FittedModes, other: FittedModes, rule: ModalRule = MODAL) ->
     return [(i, int(k)) for i, k in enumerate(best) if mac[i, k] > rule.alike and mac[:, k].argmax() == i]
 
 
+class ChainFault(NamedTuple):
+    """Difference between the measuring chains of two jobs.
+
+    Attributes
+    ----------
+    kind : str
+        ``blow``: hit twice; ``window``, ``lines`` (counted from another first line), ``clock``, ``filter``.
+    text : str
+    """
+
+    kind: str
+    text: str
+
+
 def other_chain(
     frequency_hz: Floats,
     own: Complexes,
@@ -186,8 +201,8 @@ def other_chain(
     rule: ModalRule = MODAL,
     *,
     air: bool = False,
-) -> str | None:
-    """Message on a job measured with another window, clock or filter than the reference job, as its modes show; None if not.
+) -> ChainFault | None:
+    """Whether a job was measured with another window, clock or filter than the reference job, as its modes show; None if not.
 
     Parameters
     ----------
@@ -211,13 +226,17 @@ def other_chain(
     pairs = same_modes(one, other, rule)
     first, second = ([pair[i] for pair in pairs] for i in (0, 1))
     length = 1.0 / float(steps.mean())
-    window = _window(one.decay[first], other.decay[second], length, reference, rule) or _window_by_curve(
-        one, other, length, reference, rule
-    )
-    least = rule.clock_in_air if air else rule.clock
-    window = window or _moved(one.frequency_hz[first], other.frequency_hz[second], float(steps.mean()), reference, rule)
-    window = window or _clock(one.frequency_hz[first], other.frequency_hz[second], reference, rule, least)
-    return window or _filter(one, other, reference, [name for name, there in zip(names, held, strict=True) if there], rule)
+    least, step = rule.clock_in_air if air else rule.clock, float(steps.mean())
+    frequencies = one.frequency_hz[first], other.frequency_hz[second]
+    window = _window(one.decay[first], other.decay[second], length, reference, rule)
+    if text := window or _window_by_curve(one, other, length, reference, rule):
+        return ChainFault("window", text)
+    if text := _moved(*frequencies, step, reference, rule):
+        return ChainFault("lines", text)
+    if text := _clock(*frequencies, reference, rule, least):
+        return ChainFault("clock", text)
+    text = _filter(one, other, reference, [name for name, there in zip(names, held, strict=True) if there], rule)
+    return None if text is None else ChainFault("filter", text)
 
 
 def _window(own: Floats, tight: Floats, length: float, reference: str, rule: ModalRule) -> str | None:

@@ -1,0 +1,139 @@
+"""Findings of measurements alone for ``lrbc check``: lines, digits, coherence, phases, and the measuring chain of each job."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.campaign.identification.compared.chains import chain_doubt, coherence_doubt, noise_doubt, soft_tip
+from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.errors import listing
+from lrbc_cli.findings import Finding, Kind
+from lrbc_cli.updating.statistics.lines import covers, few_digits, few_resonances, normalised, phaseless, too_wide, unresolved
+
+
+def of_file(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[Finding]:
+    """Findings of few resonances in the band (reference job only), few digits, normalised FRFs, and single blows."""
+    few = few_resonances(measurement.frequency_hz, measurement.values[:, inputs.used], inputs.statistics.resonances)
+    if few is not None and name == inputs.campaign.update.reference and covers(measurement.frequency_hz, inputs.campaign.reduction.band):
+        yield Finding(place=f"job {name}", text=_few_text(inputs, measurement, few))
+    file = inputs.campaign.jobs[name].first.name
+    if rounded := few_digits(measurement.values):
+        which = ", ".join(f"{inputs.responses[i].name} ({error:.1f} dB)" for i, error in rounded.items())
+        text = (
+            f"numbers with too few digits; errors of the levels: {which}. Export it again in exponential format with five digits of each "
+            "number, also of small ones (1.2345e-03)"
+        )
+        yield Finding(place=file, text=text, kind=Kind.DIGITS, responses=tuple(rounded))
+    if top := normalised(measurement.values):
+        text = (
+            f"every record has its largest magnitude at {top:.6g}: each was normalised to its own peak, so the levels between sensors are "
+            "lost. Export the FRFs as response over force, without normalisation"
+        )
+        yield Finding(place=file, text=text, kind=Kind.NORMALISED)
+    yield from _single(inputs, name, measurement)
+
+
+def _single(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[Finding]:
+    """Finding of a coherence of 1 at every line, as of a single blow, whatever the noise."""
+    table, told = measurement.coherence, np.isfinite(measurement.coherence)
+    ones = np.flatnonzero(told.any(axis=0) & (~told | (table == 1.0)).all(axis=0))
+    if ones.size and inputs.campaign.jobs[name].averages > 1:
+        text = (
+            f"the coherence of {listing([inputs.responses[i].name for i in ones], 6)} is 1 at every line, as for a single blow, and says "
+            "nothing about the noise. Average three blows or more, or remove the coherence from the file; for one blow write "
+            f"jobs.{name}.averages: 1"
+        )
+        yield Finding(place=inputs.campaign.jobs[name].first.name, text=text, kind=Kind.BLOW, responses=tuple(ones.tolist()))
+
+
+def _few_text(inputs: Inputs, measurement: Measurement, count: int) -> str:
+    """Text that the band is too narrow for verdicts, with the range of the file; ``count`` is the number of resonances."""
+    axis, (low, high) = measurement.frequency_hz, inputs.campaign.reduction.band
+    step = float(np.median(np.diff(axis))) if axis.size > 1 else 0.0
+    ends = axis[0] - step * measurement.left_out[0], axis[-1] + step * measurement.left_out[1]
+    wider = f"the file contains {ends[0]:.6g} to {ends[1]:.6g} Hz" if sum(measurement.left_out) else "measure a wider band"
+    return (
+        f"{count or 'no'} resonance{'' if count == 1 else 's'} in the band from {low:g} to {high:g} Hz, at least three are needed: a "
+        f"loosened bolt shifts each one differently, and so few do not show which bolt it was. Widen reduction.band ({wider})"
+    )
+
+
+def unclear(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[Finding]:
+    """Findings of jobs whose lines do not resolve the peaks, or whose coherence is low from some frequency on; one per cause."""
+    rule, causes, told = inputs.statistics.resolution, dict[str, list[str]](), list[Finding]()
+    if soft := {name: edge for name, found in readable.items() if (edge := soft_tip(found)) is not None}:
+        ends, worst = [hz for hz, _ in soft.values()], max(own for _, own in soft.values())
+        text = (
+            f"the coherence is {worst:.2f} or less from {min(ends):.4g} Hz on: the force of the hammer probably does not reach that far. "
+            "Measure with a harder tip, or let reduction.band end there"
+        )
+        told.append(Finding(place=_jobs(list(soft)), text=text))
+    peaks = {name: (found.frequency_hz, found.values[:, inputs.used]) for name, found in readable.items() if name not in soft}
+    for name, own in peaks.items():
+        # If the lines cover part of the band only, another warning says so, and consequences (as of rad/s for Hz) are omitted.
+        if covers(own[0], inputs.campaign.reduction.band) and (wide := too_wide(own, rule=rule)):
+            causes.setdefault(wide.cause, []).append(name)
+    for names in causes.values():
+        those = [peaks[name] for name in names]
+        if together := too_wide(*those, rule=rule):
+            text = together.text
+            if few := _few(inputs, those):
+                text = f"probably noise of {few}: {together.fall}, most of them there; check the channel, and measure it again"
+            told.append(
+                Finding(place=_jobs(names), text=f"{text}, or expect wide intervals, other local minima of the cost, and no all-clear")
+            )
+    return told
+
+
+def _jobs(names: Sequence[str]) -> str:
+    return f"job{'s' if len(names) > 1 else ''} {', '.join(names)}"
+
+
+def _few(inputs: Inputs, those: Sequence[tuple[Floats, Complexes]]) -> str:
+    """Names of the responses (at most a third) without which the peaks of the others are resolved; empty if there are none."""
+    rule = inputs.statistics.resolution
+    sharp = np.sum([[unresolved(hz, own[:, [r]], rule).sharp.size for r in range(inputs.used.size)] for hz, own in those], axis=0)
+    order = np.argsort(-sharp, kind="stable")
+    for count in range(1, order.size // 3 + 1):
+        if (
+            2 * sharp[order[:count]].sum() > sharp.sum()
+            and too_wide(*((hz, own[:, order[count:]]) for hz, own in those), rule=rule) is None
+        ):
+            return ", ".join(inputs.responses[inputs.used[r]].name for r in sorted(order[:count]))
+    return ""
+
+
+def without_phases(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[Finding]:
+    """Finding of jobs whose FRFs have no phases; else empty."""
+    bare = {name: found for name, own in readable.items() if (found := phaseless(own.values))}
+    if not bare:
+        return []
+    names = [inputs.responses[i].name for i in sorted({i for found in bare.values() for i in found})]
+    files = [inputs.campaign.jobs[name].first.name for name in bare]
+    text = (
+        f"no phases: every value of {', '.join(names)} is real and positive. Export complex FRFs (real and imaginary parts, or magnitudes "
+        "with phases): without phases, reversed or exchanged sensors, delays and windows are not found"
+    )
+    return [Finding(place=", ".join(files), text=text)]
+
+
+def other_chains(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[Finding]:
+    """Findings of jobs measured with another chain than the reference job, or with more noise, without knowledge of the bolts."""
+    reference = inputs.campaign.update.reference or ""
+    tight, found = readable.get(reference), list[Finding]()
+    for name, own in readable.items():
+        if tight is None or name == reference:
+            continue
+        place = f"job {name}"
+        if fault := chain_doubt(inputs, own, tight, reference):
+            text = f"{fault.text} (the result repeats this unless the identified bolts explain it)"
+            found.append(Finding(place=place, text=text, kind=Kind.CHAIN, detail=fault.kind))
+        if noise := noise_doubt(own, tight, reference):
+            found.append(Finding(place=place, text=noise, kind=Kind.NOISE))
+        if incoherent := coherence_doubt(inputs, own, tight, reference):
+            found.append(Finding(place=place, text=incoherent))
+    return found
