@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.campaign.beside import passed_over, unnamed
+from lrbc_cli.campaign.findings import Finding, Kind, kinds_of, once
 from lrbc_cli.campaign.identification.compared.copies import Earlier, pasted
 from lrbc_cli.campaign.identification.matching import called
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
@@ -26,7 +27,6 @@ from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import GB, limit_of, reduction_cost
 from lrbc_cli.config.settings import EveryLine, JobConfig
 from lrbc_cli.errors import LrbcError, NumericalError
-from lrbc_cli.findings import Finding, Kind, kinds_of, once
 from lrbc_cli.model.coupling import asymmetry, coupling_of
 from lrbc_cli.model.dofs import COMPONENTS
 from lrbc_cli.reduction.solve import pardiso

@@ -11,6 +11,7 @@ import pytest
 from campaigns import Folder
 
 import lrbc_cli as lrbc
+from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared.doubts import (
     coarse_text,
     noise_level,
@@ -22,7 +23,6 @@ from lrbc_cli.campaign.identification.compared.offsets import offset_findings, t
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.jobs.evidence import guessed_text
 from lrbc_cli.campaign.reading.doubts import springs
-from lrbc_cli.findings import Finding, Kind
 from lrbc_cli.model.units import SI
 from lrbc_cli.updating.comparison.scale import Offset
 from lrbc_cli.updating.judging.reference import ReferenceState

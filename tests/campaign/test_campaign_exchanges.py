@@ -7,10 +7,10 @@ from dataclasses import replace
 import pytest
 from samples import sample
 
+from lrbc_cli.campaign.findings import Finding, Kind, once
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.looking.all_jobs import pooled
 from lrbc_cli.campaign.looking.exchanges import _exchange, _nested, exchanged_files, mistitled
-from lrbc_cli.findings import Finding, Kind, once
 
 
 @pytest.mark.parametrize(

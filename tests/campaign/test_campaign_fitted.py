@@ -11,6 +11,7 @@ import pytest
 from looking import seen
 from samples import reduced_cache, sample
 
+from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared.likeness import apart
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.looking import first_look
@@ -19,7 +20,6 @@ from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, strike_
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reduced.stage import FrfSource, obtain_reduction
 from lrbc_cli.config.settings import JobConfig
-from lrbc_cli.findings import Finding, Kind
 
 HZ = np.arange(40.0, 500.0, 2.0)
 S = 2j * np.pi * HZ

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from looking import seen
 
+from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared.likeness import by_sensors, exchanged_text
 from lrbc_cli.campaign.looking.all_jobs import pooled
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
-from lrbc_cli.findings import Finding, Kind
 
 
 def campaign(reference: str = "tight") -> Any:

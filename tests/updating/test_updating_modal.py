@@ -45,7 +45,7 @@ def test_a_window_in_one_of_two_measurements(end):
     assert told / 100 == pytest.approx(end, rel=0.2)
     other = other_chain(F, tight, own, "windowed", NAMES)
     assert other is not None
-    assert "set for windowed" in other
+    assert "set for windowed" in other.text
 
 
 OTHER_SHAPES = np.random.default_rng(8).standard_normal((6, 5))

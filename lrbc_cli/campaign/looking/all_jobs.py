@@ -10,10 +10,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared.likeness import same_sensor
 from lrbc_cli.campaign.identification.compared.offsets import offset_findings, sign_tail
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.findings import Finding, Kind
 from lrbc_cli.updating.comparison.scale import (
     ALIKE,
     LEAST_ALIKE,

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.campaign.findings import Finding, Kind, kinds_of
 from lrbc_cli.campaign.identification.compared.likeness import (
     CLEARLY,
     LEAST_DIFFERENCE,
@@ -55,7 +56,6 @@ from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, reduction_cost
 from lrbc_cli.campaign.reduced.stage import ReductionStage, require_baselines
 from lrbc_cli.errors import DataError, LrbcError
-from lrbc_cli.findings import Finding, Kind, kinds_of
 from lrbc_cli.reduction.build import reduce_model
 from lrbc_cli.updating.comparison.scale import Offset
 

@@ -9,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from lrbc_cli.arrays import Floats
+from lrbc_cli.campaign.findings import Finding, Kind, kinds_of
 from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, apart, outlying
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.causes.coordinates import coordinates_texts, mirrored_text
@@ -18,7 +19,6 @@ from lrbc_cli.campaign.looking.causes.rescaled import rescaled_text, softness_te
 from lrbc_cli.campaign.looking.causes.tightness import UNLIKE, looser, tighter_text
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.findings import Finding, Kind, kinds_of
 
 
 def placed(seen: Seen, told: list[Finding]) -> list[Finding]:

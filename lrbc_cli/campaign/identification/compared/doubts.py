@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.campaign.findings import Kind, kinds_of
 from lrbc_cli.campaign.identification.compared.likeness import by_sensors, exchanged, exchanged_text, off_level, outlying
 from lrbc_cli.campaign.identification.compared.offsets import (
     by_hammer,
@@ -22,7 +23,6 @@ from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.errors import DataError, listing
-from lrbc_cli.findings import Kind, kinds_of
 from lrbc_cli.updating.comparison.scale import grouped, misses_unit
 from lrbc_cli.updating.judging.evidence import Doubt
 from lrbc_cli.updating.judging.reference import ReferenceState

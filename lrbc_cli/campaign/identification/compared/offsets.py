@@ -7,11 +7,11 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared.likeness import MOST_LEFT, outlying, same_sensor
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import listing
-from lrbc_cli.findings import Finding, Kind
 from lrbc_cli.updating.comparison.scale import LEAST_OFFSET, LEAST_REACH, MOST_REACH, Common, Known, Offset, grouped, moved, offsets_of
 
 #: Least share of the band over which a constant factor can be distinguished from errors of the model.

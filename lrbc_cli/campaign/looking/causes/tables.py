@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from lrbc_cli.arrays import Bools, Floats, Integers
+from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, apart, levels, spread
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.places import POWERS
-from lrbc_cli.findings import Finding, Kind
 
 #: Changes of all springs relative to the model [decades]: wider than the ratios of materials, in small steps.
 _SOFTER = np.linspace(-1.5, 1.5, 31)
