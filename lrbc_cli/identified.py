@@ -5,6 +5,7 @@ The page of `lrbc report` draws its own figures.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -96,18 +97,23 @@ def profile_figure(record: JobRecord) -> Any:
 
 
 def task(
-    inputs: Inputs, job: str, measurement: Measurement | None, reference: Identified | None
+    inputs: Inputs, job: str, measurement: Measurement | None, reference: Identified | None, identified: Callable[[str], Identified]
 ) -> tuple[Inputs, ReferenceState | None, dict[str, Measurement]]:
-    """Arguments of an identification: inputs that contain the job, the reference state, and measurements already in memory."""
+    """Arguments of an identification: inputs that contain the job, the reference state, and measurements already in memory.
+
+    The reference job is taken from ``identified`` if none is given and this is another job.
+    """
     given.made_by("job", job, str, "the name of a job (a measurement is the next argument)")
     if measurement is not None:
         given.made_by("measurement", measurement, Measurement, "the value returned by measurement or read")
     if reference is not None:
         given.made_by("reference", reference, Identified, "the value returned by identify for the reference job")
-    known = {} if measurement is None else {job: measurement}
-    if reference is not None:
-        known[reference.name] = reference.identification.measurement
+    known, tight = {} if measurement is None else {job: measurement}, inputs.campaign.update.reference
     if measurement is None:
         inputs.campaign.require_job(job)
+    if reference is None and tight is not None and job != tight:
+        reference = identified(tight)
+    if reference is not None:
+        known[reference.name] = reference.identification.measurement
     own = inputs if job in inputs.campaign.jobs else with_job(inputs, job)
     return own, None if reference is None else reference.record.state, known

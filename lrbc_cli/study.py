@@ -68,6 +68,7 @@ class Study:
         self._stage: ReductionStage | None = None
         self._source: FrfSource | None = None
         self._start: Parameterisation | None = None
+        self._tight: Identified | None = None
         self._writes = True
 
     def __repr__(self) -> str:
@@ -221,7 +222,7 @@ class Study:
         measurement : Measurement or None
             Used instead of the job's file, see ``measurement``.
         reference : Identified or None
-            The reference job, from which changes are counted; None: values are identified directly, as for the reference job itself.
+            The reference job, from which changes are counted; None: that of the campaign, which is then identified first, once.
         baselines : sequence of Identified
             Further jobs with all bolts tight; their scatter moves the threshold.
 
@@ -230,16 +231,21 @@ class Study:
         ConfigError, DataError, NumericalError
             If the job is unknown, its measurement is unusable, or the optimisation fails.
         """
-        inputs, before, known = task(self.inputs, job, measurement, reference)
+        inputs, before, known = task(self.inputs, job, measurement, reference, self._reference)
         found = identify(inputs, self.source, job, before, known)
         evidence = evidence_of(inputs, found).beside(copied_baseline(inputs, job, found.measurement))
         others = {other.name: other.record for other in baselines}
         record = result_record(inputs, self.source.stage, found, evidence, others)
         return Identified(name=job, identification=found, evidence=evidence, record=record)
 
+    def _reference(self, name: str) -> Identified:
+        if self._tight is None:
+            self._tight = self.identify(name)
+        return self._tight
+
     def fit(self, job: str, measurement: Measurement | None = None, *, reference: Identified | None = None) -> Fit:
         """The cost that ``identify`` minimises, with its final weights, and its minimum: for studies of the search."""
-        inputs, before, known = task(self.inputs, job, measurement, reference)
+        inputs, before, known = task(self.inputs, job, measurement, reference, self._reference)
         return fit(inputs, self.source, job, before, known)
 
     def calibrate(self, *, force: bool = False, accept: bool = False) -> tuple[CalibrationRecord, bool]:
@@ -295,7 +301,7 @@ class Study:
     def use_calibration(self, wanted: bool = True) -> None:
         """Apply the factors of the stored calibration to the model if it still fits, or (``wanted=False``) return to the exported model."""
         self.inputs = with_stored_calibration(self._exported, calibration=wanted)
-        self._stage = self._source = self._start = None
+        self._stage = self._source = self._start = self._tight = None
 
     def update(self, jobs: Sequence[str] = (), *, force: bool = False, **options: Any) -> Outcome:
         """Identify and judge jobs and write their results, as `lrbc update` does; results that are still valid are kept.
@@ -342,8 +348,7 @@ class Study:
         """
         changed, scatter = changed_rule(self.inputs.method.rule, rule), scatter_of_records(other.record for other in baselines)
         given.made_by("found", found, Identified, "what identify returned")
-        role = role_of(self.inputs.campaign.update, found.name)
-        return judge(found.evidence, changed, role, scatter, found.identification.reference)
+        return judge(found.evidence, changed, role_of(self.inputs.campaign.update, found.name), scatter, found.identification.reference)
 
     def plan(
         self,

@@ -128,6 +128,8 @@ def test_unknowns_by_group_or_all_at_once(study: Study) -> None:
 def test_identifying_gives_what_update_writes(study: Study, frame_once: Folder) -> None:
     tight = study.identify("tight")
     loose = study.identify("loose-2", reference=tight)
+    # Without a reference: that of the campaign, identified once.
+    assert study.identify("loose-2").probability_loose == study.identify("loose-2").probability_loose == loose.probability_loose
     for found in (tight, loose):
         written = frame_once.result(found.name)
         assert found.status == written["status"]

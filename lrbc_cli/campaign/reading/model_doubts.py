@@ -352,14 +352,17 @@ def _one_place(model: FeModel, responses: Sequence[tuple[str, int]], astray: Col
     Responses whose place is in doubt (``astray``) are left out, because their nearest node is meaningless.
     """
     seen: dict[tuple[object, ...], str] = {}
+    pairs = []
     for i, ((name, own), row) in enumerate(zip(responses, _columns(model.L.T.tocsc(), scaled=False), strict=True)):
         first = seen.setdefault((row, int(model.output_power[i]), own), name)
         if first != name and not {first, name} & set(astray):
-            what = "place or the excitation" if model.B.shape[1] > 1 else "place"
-            yield (
-                f"responses {first} and {name} are the same DOF of the model, for the same hammer point: correct the {what} of the wrong "
-                f"one (responses.{first} or responses.{name}), or remove one of them"
-            )
+            pairs.append(f"{first} and {name}")
+    if pairs:
+        what = "place or the excitation" if model.B.shape[1] > 1 else "place"
+        yield (
+            f"responses {listing(pairs, 8)} are the same DOF of the model, for the same hammer point: correct the {what} of the wrong one "
+            f"{'' if len(pairs) == 1 else 'of each pair '}under responses, or remove it"
+        )
 
 
 def _terms_twice(model: FeModel, groups: Sequence[TermGroup]) -> Iterator[str]:

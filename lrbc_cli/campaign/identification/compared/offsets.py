@@ -166,6 +166,12 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
             own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-options[0][1] / 20.0))}"
             return text, f"{likely} {' or '.join(cause for *_, cause in options)}. Write {own}"
         causes.append(f"{cause} (then scale: {_factors(inputs, job, common.responses, 10.0 ** (-tenfold / 20.0))})")
+    if not causes and some and abs(offset.db - tenfold) <= MOST_REACH:
+        ten = _factors(inputs, job, common.responses, 10.0 ** (-tenfold / 20.0))
+        return text, (
+            f"{likely} a sensitivity or a range ten times off (then write jobs.{job}.scale: {ten}), or a sensitivity or a gain that is not "
+            f"known here (then {own})"
+        )
     if not causes:
         return text, f"{likely} a sensitivity, a gain or a unit that is not known here. Check it, then write {own}"
     known = next(known for known in recognised if known.cause)
