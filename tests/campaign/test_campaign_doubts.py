@@ -22,6 +22,7 @@ from lrbc_cli.campaign.identification.compared.doubts import (
 from lrbc_cli.campaign.identification.compared.offsets import offset_findings, trusted
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.jobs.evidence import guessed_text
+from lrbc_cli.campaign.looking.unexplained import single_responses
 from lrbc_cli.campaign.reading.doubts import springs
 from lrbc_cli.model.units import SI
 from lrbc_cli.updating.comparison.scale import Offset
@@ -123,6 +124,29 @@ def test_of_g_and_a_factor_of_ten_several_sensors_share_g() -> None:
     assert "FRFs in g/N or a sensitivity or a range ten times off. Write jobs.tight.scale: {a1-h1: 9.80665" in several.text
     (alone,) = hammered(a1h1=g - 0.1, a1h2=g - 0.1)
     assert "a sensitivity or a range ten times off or FRFs in g/N. Write jobs.tight.scale: {a1-h1: 10" in alone.text
+
+
+def test_nearly_ten_times_is_told_beside_another_sensitivity() -> None:
+    """The model is off by a decibel, too: a scale of 0.11 alone would be advice to write its error into the file."""
+    (near,) = hammered(a1h1=19.1, a1h2=19.1)
+    assert "ten times off (then write jobs.tight.scale: {a1-h1: 0.1, a1-h2: 0.1}), or a sensitivity or a gain" in near.text
+    assert "(then jobs.tight.scale: {a1-h1: 0.110917, a1-h2: 0.110917})" in near.text
+    (far,) = hammered(a1h1=17.0, a1h2=17.0)
+    assert "ten times" not in far.text
+
+
+def test_several_single_responses_are_one_finding() -> None:
+    inputs: Any = SimpleNamespace(responses=[SimpleNamespace(name=f"a{k}") for k in range(8)])
+    every = np.array([1.0, 9.0, 2.0, 11.0, 1.0, 10.0, 1.5, 2.0])
+    told = single_responses(inputs, every, [1, 3, 5], "the model")
+    assert [each.responses for each in told] == [(1, 3, 5)]
+    assert told[0].text.startswith(
+        "a1, a3, a5 differ from the model by 9.0 to 11.0 dB (mean level removed), the median of all responses is"
+    )
+    # One with a place of its own, and two without, remain sentences of their own.
+    told = single_responses(inputs, every, [1, 3, 5], "its FRF in tight", "loose", better={3: "; at node 7"})
+    assert [each.responses for each in told] == [(3,), (1,), (5,)]
+    assert told[0].text.endswith("remove its record from the file of loose; at node 7")
 
 
 def test_what_is_found_is_told_apart_by_kind_and_responses(frame: Folder) -> None:
