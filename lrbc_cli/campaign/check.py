@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
-from lrbc_cli.campaign.beside import passed_over, unnamed
+from lrbc_cli.campaign.beside import passed_over, taken_twice, unnamed
 from lrbc_cli.campaign.identification.compared.chains import chain_doubt, coherence_doubt, noise_doubt, soft_tip
 from lrbc_cli.campaign.identification.compared.copies import Earlier, pasted
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
@@ -220,10 +220,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
             continue
         first = held.setdefault(tuple(measurement.hashes.values()), name)
         if first != name:
-            out.warnings.append(
-                f"job {name}: the same measurement as {first}. Check whether another file was meant; a repeat must be measured again. "
-                f"Write its own file under jobs.{name}.frf"
-            )
+            out.warnings += taken_twice(inputs.campaign, first, name)
         elif copied := earlier.copied(measurement, names):
             out.warnings.append(f"job {name}: {copied}. Write its own file under jobs.{name}.frf")
         earlier.add(name, measurement)
