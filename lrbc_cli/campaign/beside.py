@@ -26,11 +26,13 @@ def passed_over(campaign: Campaign) -> list[str]:
 def unnamed(campaign: Campaign, *, most: int = 3) -> list[str]:
     """Warnings about files in the folders of the measurements, with the same endings, that no job names (without watched folder)."""
     own = namesakes(campaign)
-    found = [
-        f"job {job} reads {', '.join(shown(file) for file in campaign.jobs[job].all_files)}, but no job uses {shown(path)}, which bears its "
-        f"name. Check which one was meant: for {shown(path)} write jobs.{job}.frf: {_relative(campaign, path)}"
-        for job, path in own.items()
-    ]
+    found = []
+    for job, path in own.items():
+        given = ", ".join(shown(file) for file in campaign.jobs[job].all_files)
+        found.append(
+            f"job {job} reads {given}, but no job uses {shown(path)}, which bears its name. Check which one was meant: for "
+            f"{shown(path)} write jobs.{job}.frf: {_relative(campaign, path)}"
+        )
     for folder, there in _unused(campaign).items():
         if beside := [shown(path) for path in there if path not in own.values()]:
             found.append(f"no job uses {listing(beside, most)} in {folder}: if that is a measurement, add a job for it")

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.campaign.reading.dof_source import added_nodes, numbering, order_doubt, unfitting
+from lrbc_cli.campaign.reading.doubts.chosen import require_apart, require_own
 from lrbc_cli.campaign.reading.doubts.coupled import coupled_doubt
 from lrbc_cli.campaign.reading.doubts.numbering import require_whole
 from lrbc_cli.campaign.reading.doubts.rigid import digits_doubt, places_doubt, symmetry_doubt
@@ -31,7 +32,7 @@ from lrbc_cli.campaign.reading.factors import (
     without_springs,
 )
 from lrbc_cli.campaign.reading.groups import GroupReader, TermGroup, Terms
-from lrbc_cli.campaign.reading.model_doubts import doubts, fixed_dofs, require_apart, require_mass, require_own, require_roles, slips
+from lrbc_cli.campaign.reading.model_doubts import doubts, fixed_dofs, require_mass, require_roles, slips
 from lrbc_cli.campaign.reading.places import (
     beside_nodes,
     coordinates_file,
