@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from contextlib import suppress
 from pathlib import Path
 
@@ -24,8 +25,54 @@ def passed_over(campaign: Campaign) -> list[str]:
 
 def unnamed(campaign: Campaign, *, most: int = 3) -> list[str]:
     """Warnings about files in the folders of the measurements, with the same endings, that no job names (without watched folder)."""
-    if campaign.watch is not None:
+    own = namesakes(campaign)
+    found = []
+    for job, path in own.items():
+        given = ", ".join(shown(file) for file in campaign.jobs[job].all_files)
+        found.append(
+            f"job {job} reads {given}, but no job uses {shown(path)}, which bears its name. Check which one was meant: for "
+            f"{shown(path)} write jobs.{job}.frf: {_relative(campaign, path)}"
+        )
+    for folder, there in _unused(campaign).items():
+        if beside := [shown(path) for path in there if path not in own.values()]:
+            found.append(f"no job uses {listing(beside, most)} in {folder}: if that is a measurement, add a job for it")
+    return found
+
+
+def namesakes(campaign: Campaign) -> dict[str, Path]:
+    """Unused files that bear exactly the name of a job whose own files bear other names, by job."""
+    unused = {path.stem.casefold(): path for there in _unused(campaign).values() for path in there}
+    return {name: unused[name.casefold()] for name in campaign.jobs if name.casefold() in unused and not _bears_name(campaign, name)}
+
+
+def taken_twice(campaign: Campaign, first: str, second: str) -> list[str]:
+    """Warning about two jobs with the same measurement, to be corrected where the file bears the name of the other job.
+
+    Empty if another warning names the file that was meant (``namesakes``).
+    """
+    if {first, second} & set(namesakes(campaign)):
         return []
+    wrong, right = (first, second) if _bears_name(campaign, second) and not _bears_name(campaign, first) else (second, first)
+    return [
+        f"job {wrong}: the same measurement as {right}. Check whether another file was meant; a repeat must be measured again. "
+        f"Write its own file under jobs.{wrong}.frf"
+    ]
+
+
+def _bears_name(campaign: Campaign, job: str) -> bool:
+    """Whether a file of a job begins with its name, as in ``state-1.uff`` or ``state-1_h2.uff``, but not ``state-12.uff``."""
+    begins = re.compile(re.escape(job) + r"(?![^\W_])", re.IGNORECASE)
+    return any(begins.match(file.stem) for file in campaign.jobs[job].all_files)
+
+
+def _relative(campaign: Campaign, path: Path) -> str:
+    return Path(os.path.relpath(path, campaign.path.parent)).as_posix()
+
+
+def _unused(campaign: Campaign) -> dict[Path, list[Path]]:
+    """Files in each folder of measurements, with the same endings, that no job names; empty with a watched folder."""
+    if campaign.watch is not None:
+        return {}
     # realpath, since `resolve` fails on links that lead to themselves.
     known = {os.path.realpath(path) for path, _ in input_files(campaign)}
     results = os.path.realpath(campaign.output)
@@ -36,16 +83,13 @@ def unnamed(campaign: Campaign, *, most: int = 3) -> list[str]:
     for file in files:
         if file.parent not in missing:
             kinds.setdefault(file.parent, set()).add(file.suffix.lower())
-    found = []
+    found: dict[Path, list[Path]] = {}
     for folder, suffixes in kinds.items():
         with suppress(OSError):
             # Files written by this program are no measurements.
             entries = () if os.path.realpath(folder) == results else folder.iterdir()
             there = sorted(path for path in entries if path.suffix.lower() in suffixes and path.is_file())
-            beside = [shown(path) for path in there if os.path.realpath(path) not in known and not path.name.startswith(HIDDEN)]
-            if beside:
-                named = listing(beside, most)
-                found.append(f"no job uses {named} in {folder}: if that is a measurement, add a job for it")
+            found[folder] = [path for path in there if os.path.realpath(path) not in known and not path.name.startswith(HIDDEN)]
     return found
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.campaign.beside import passed_over, unnamed
+from lrbc_cli.campaign.beside import passed_over, taken_twice, unnamed
 from lrbc_cli.campaign.findings import Finding, Kind, kinds_of, once
 from lrbc_cli.campaign.identification.compared.copies import Earlier, pasted
 from lrbc_cli.campaign.identification.matching import called
@@ -227,10 +227,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         first = held.setdefault(tuple(measurement.hashes.values()), name)
         place, own = f"job {name}", list[str]()
         if first != name:
-            own.append(
-                f"the same measurement as {first}. Check whether another file was meant; a repeat must be measured again. Write its own "
-                f"file under jobs.{name}.frf"
-            )
+            out.warn(*taken_twice(inputs.campaign, first, name))
         elif copied := earlier.copied(measurement, names):
             own.append(f"{copied}. Write its own file under jobs.{name}.frf")
         earlier.add(name, measurement)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import itertools
 
+import grillage
 import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from lrbc_cli.campaign.reading.doubts.rigid import digits_doubt, places_doubt
+from lrbc_cli.campaign.reading.doubts.rigid import components_doubt, digits_doubt, places_doubt
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
 
 SHAPE = (5, 4, 3)
@@ -99,6 +100,7 @@ def test_models_that_are_right_are_not_doubted(kind):
     build, labels = MODELS[kind]
     xyz = places()
     K, dofs = build(xyz), table(xyz, labels)
+    assert components_doubt(K, dofs, "dofs.csv") is None
     assert places_doubt(K, dofs, "dofs.csv") is None
     assert digits_doubt(K, K.data, dofs.component) is None
     # Nor where some nodes are held, by springs in all directions, or fixed.
@@ -132,8 +134,45 @@ def test_exchanged_rotations_are_told(one, other):
     xyz, labels = places(), [{one: other, other: one}.get(label, label) for label in COMPONENTS[:6]]
     text = places_doubt(frame(xyz), table(xyz, labels), "dofs.csv")
     assert text is not None
-    assert "the components of the rotations are probably exchanged" in text
+    assert "the components in dofs.csv are probably exchanged" in text
     assert text.endswith(f"Exchange {one} and {other} in dofs.csv")
+
+
+@pytest.mark.parametrize(
+    ("said", "so"),
+    [
+        ("ROTX ROTY ROTZ UX UY UZ", "UX, UY, UZ, ROTX, ROTY, ROTZ in place of ROTX, ROTY, ROTZ, UX, UY, UZ"),
+        ("UX ROTX UY ROTY UZ ROTZ", "UY, UZ, ROTX, ROTY in place of ROTX, UY, ROTY, UZ"),
+        ("UX UY UZ ROTY ROTZ ROTX", "ROTX, ROTY, ROTZ in place of ROTY, ROTZ, ROTX"),
+        ("UY UX UZ ROTX ROTY ROTZ", ""),
+    ],
+)
+def test_components_in_another_order_are_told(said, so):
+    """Other orders of the six components within each node."""
+    K, dofs = frame(places()), table(places(), tuple(said.split()))
+    text = components_doubt(K, dofs, "dofs.csv") or places_doubt(K, dofs, "dofs.csv")
+    assert text is not None
+    assert text.endswith(f"Write {so} in dofs.csv" if so else "Exchange UX and UY in dofs.csv")
+
+
+@pytest.mark.parametrize("said", ["UZ ROTX ROTY", "ROTX UZ ROTY", "ROTY ROTX UZ", "ROTX ROTY UZ", "ROTY UZ ROTX"])
+def test_components_of_a_grillage_in_another_order_are_told(said):
+    right, names = ("UZ", "ROTX", "ROTY"), said.split()
+    x, y = grillage.DX * np.arange(grillage.NX), grillage.DY * np.arange(grillage.NY)
+    xyz = np.array([(a, b, 0.0) for b in y for a in x])
+    text = components_doubt(sp.csc_array(grillage.matrices()[0]), table(xyz, tuple(names)), "dofs.csv")
+    old = [name for name, other in zip(names, right, strict=True) if name != other]
+    new = [other for name, other in zip(names, right, strict=True) if name != other]
+    fix = f"Exchange {' and '.join(sorted(old))}" if len(old) == 2 else f"Write {', '.join(new)} in place of {', '.join(old)}"
+    assert (text or "").endswith(f"{fix} in dofs.csv" if old else "")
+    assert (text is None) is (not old)
+
+
+def test_springs_at_every_node_are_no_other_order():
+    """A bed of springs holds every node in z, so that the only translation without forces is another one."""
+    K, dofs = frame(places()), table(places(), COMPONENTS[:6])
+    bed = sp.diags_array(np.where(dofs.component == "UZ", K.diagonal().max(), 0.0))
+    assert components_doubt(sp.csc_array(K + bed), dofs, "dofs.csv") is None
 
 
 @pytest.mark.parametrize("kind", MODELS)

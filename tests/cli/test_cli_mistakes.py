@@ -958,7 +958,20 @@ MISTAKES = [
     ),
     Mistake("loose reference", "frame", config(("reference: tight", "reference: loose-2")), 0, "taken as the tight state", "Give a job"),
     Mistake(
-        "one file twice", "frame", config(("frf/loose-all.csv", "frf/loose-2.csv")), 0, "the same measurement as loose-2", "its own file"
+        "one file twice",
+        "frame",
+        config(("frf/loose-all.csv", "frf/loose-2.csv")),
+        0,
+        "no job uses loose-all.csv, which bears its name",
+        "write jobs.loose-all.frf: data/frf/loose-all.csv",
+    ),
+    Mistake(
+        "the file of a later job",
+        "frame",
+        all_of(config(("frf/loose-2.csv", "frf/loose-all.csv")), lambda f: (f.data / FRFS[1]).unlink()),
+        0,
+        "job loose-2: the same measurement as loose-all",
+        "its own file under jobs.loose-2.frf",
     ),
     Mistake(
         "a copy", "frame", lambda f: shutil.copy(f.data / FRFS[1], f.data / FRFS[2]), 0, "the same measurement as loose-2", "its own file"
@@ -1948,6 +1961,17 @@ def test_a_calibration_leaves_the_springs_of_the_matrix_as_they_are(tmp_path: Pa
     done = lrbc("run", folder.config, "--cache", tmp_path / "cache", "--fail-on-loose")
     assert done.code == 6, done.stderr
     assert "b5-loose: B5 loose" in done.stdout
+
+
+def test_a_file_with_the_name_of_a_job_is_the_only_fix(tmp_path: Path) -> None:
+    folder = make_frame(tmp_path)
+    folder.replace("frf/loose-2.csv", "frf/loose-all.csv")
+    told = lrbc("check", folder.config, "--cache", reduced_cache("frame")).stdout
+    assert "write jobs.loose-2.frf: data/frf/loose-2.csv" in told
+    assert "jobs.loose-all.frf" not in told
+    (folder.data / "frf" / "loose-all.csv").rename(folder.data / "frf" / "loose-2_h1.csv")
+    folder.config.write_text(folder.config.read_text().replace("frf/loose-all.csv", "frf/loose-2_h1.csv"))
+    assert "add a job for it" in lrbc("check", folder.config, "--cache", reduced_cache("frame")).stdout
 
 
 def test_results_beside_the_measurements_are_no_measurements(tmp_path: Path) -> None:

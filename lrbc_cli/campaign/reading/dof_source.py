@@ -330,8 +330,11 @@ def _at_rest(K: sp.csc_array, component: np.ndarray) -> float:
 def _other_orders(dofs: DofTable) -> list[tuple[str, Integers]]:
     """Usual orders of rows, as permutations of the table."""
     rank = np.array([COMPONENTS.index(label) if label in COMPONENTS else len(COMPONENTS) for label in dofs.component.tolist()])
+    by_node = np.lexsort((dofs.component, rank, dofs.node))
+    inside = bool(np.array_equal(dofs.node[by_node], dofs.node))
+    ranked = ", ".join(sorted(dict.fromkeys(dofs.component.tolist()), key=lambda label: (*COMPONENTS, label).index(label)))
     return [
-        ("node by node", np.lexsort((dofs.component, rank, dofs.node))),
+        (f"{ranked} in each node" if inside else "node by node", by_node),
         ("component by component", np.lexsort((dofs.node, dofs.component, rank))),
     ]
 

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.campaign.reading.dof_source import added_nodes, numbering, order_doubt, unfitting
+from lrbc_cli.campaign.reading.doubts.chosen import require_apart, require_own
 from lrbc_cli.campaign.reading.doubts.coupled import coupled_doubt
 from lrbc_cli.campaign.reading.doubts.numbering import require_whole
-from lrbc_cli.campaign.reading.doubts.rigid import digits_doubt, places_doubt, symmetry_doubt
+from lrbc_cli.campaign.reading.doubts.rigid import components_doubt, digits_doubt, places_doubt, symmetry_doubt
 from lrbc_cli.campaign.reading.doubts.settings import guesses
 from lrbc_cli.campaign.reading.drift import check_drift, load_shift
 from lrbc_cli.campaign.reading.edges import by_edges
@@ -31,9 +32,10 @@ from lrbc_cli.campaign.reading.factors import (
     without_springs,
 )
 from lrbc_cli.campaign.reading.groups import GroupReader, TermGroup, Terms
-from lrbc_cli.campaign.reading.model_doubts import doubts, fixed_dofs, require_apart, require_mass, require_own, require_roles, slips
+from lrbc_cli.campaign.reading.model_doubts import doubts, fixed_dofs, require_mass, require_roles, slips
 from lrbc_cli.campaign.reading.places import (
     beside_nodes,
+    components_place,
     coordinates_file,
     exchanged_axes,
     exchanged_text,
@@ -403,9 +405,10 @@ def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, ND
         K, M, acoustic = (K[:, ~fixed][~fixed], M[:, ~fixed][~fixed], acoustic[~fixed])
     if reader.dofs is not None and source.dofs is not None:
         reader.units_doubt = require_metres(K, M, reader.dofs, reader.campaign)
-        order = order_doubt(K, reader.dofs, source.dofs)
         table = found.name if (found := coordinates_file(reader.campaign)) else ""
-        wrong = order or places_doubt(K, reader.dofs, table) or coupled_doubt(K, M, reader.dofs, table)
+        labels = components_place(reader.campaign)
+        order = components_doubt(K, reader.dofs, labels) or order_doubt(K, reader.dofs, source.dofs)
+        wrong = order or places_doubt(K, reader.dofs, table, labels) or coupled_doubt(K, M, reader.dofs, table)
         reader.misplaced = wrong is not None
         fewer = digits_doubt(K, first.matrix.data, reader.dofs.component)
         half = None if order else symmetry_doubt(K, reader.dofs)

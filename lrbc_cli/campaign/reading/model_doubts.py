@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign.reading.dof_source import MANY
+from lrbc_cli.campaign.reading.doubts.chosen import part_of_stiffness
 from lrbc_cli.campaign.reading.doubts.materials import massless_part
 from lrbc_cli.campaign.reading.doubts.names import sorted_names
 from lrbc_cli.campaign.reading.doubts.numbering import numbering_doubts
@@ -21,10 +19,8 @@ from lrbc_cli.campaign.reading.doubts.springs import half_grounded, held_springs
 from lrbc_cli.campaign.reading.groups import TermGroup
 from lrbc_cli.config import Campaign, ModelConfig
 from lrbc_cli.config.explain import suggestion
-from lrbc_cli.config.fields import MatrixRef
 from lrbc_cli.config.structure import ProportionalDamping
-from lrbc_cli.errors import DataError, LrbcError, listing
-from lrbc_cli.io.matrices.read import matrix_names
+from lrbc_cli.errors import DataError, listing
 from lrbc_cli.model.dofs import COMPONENTS, DofLabels, DofTable, PointTable
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.problem.vectors import highest_omega
@@ -35,13 +31,6 @@ PENALTY = 1e30
 
 #: Loss factor that no bolted structure reaches; larger values are probably in per cent.
 LARGE_LOSS = 0.5
-
-#: Usual names of matrices in files of several.
-_NAMES = {
-    "stiffness": ("k", "stiffness", "kaa", "kgg"),
-    "mass": ("m", "mass", "maa", "mgg"),
-    "damping": ("c", "d", "damping", "baa", "bgg"),
-}
 
 #: Number of digits in which equal entries agree.
 _DIGITS = 9
@@ -122,66 +111,6 @@ def require_mass(M: sp.csc_array, C: sp.csc_array, dofs: DofTable, source: Model
             )
 
 
-def require_own(campaign: Campaign) -> None:
-    """Refuse one matrix for two operators of ``model``.
-
-    Raises
-    ------
-    ConfigError
-        Names the other matrices of the file, if there are any.
-    """
-    model, seen = campaign.model, dict[str, str]()
-    for name in ("stiffness", "mass", "damping"):
-        ref = getattr(model, name)
-        first = seen.setdefault(repr(ref), name) if isinstance(ref, MatrixRef) else name
-        if first != name:
-            raise campaign.error(
-                f"model.{first} and model.{name} give the same matrix",
-                "model",
-                name,
-                expected="a separate matrix for each",
-                found=ref.path.name + (f"#{ref.group}" if ref.group else ""),
-                hint=_own_matrix(campaign, name, ref)
-                + ("; damping proportional to the stiffness is {structure: {beta: ...}}" if name == "damping" else ""),
-            )
-
-
-def _own_matrix(campaign: Campaign, name: str, ref: MatrixRef) -> str:
-    """Hint with the key for the right matrix, if one file contains several."""
-    held = list[str]()
-    with suppress(LrbcError):
-        held = [found for found in matrix_names(ref.path) if found is not None]
-    others = [found for found in held if found != ref.group]
-    if not others:
-        return "give its own file"
-    likely = (found for found in others if found.rpartition("/")[2].casefold() in _NAMES[name])
-    file = Path(os.path.relpath(ref.path, campaign.path.parent)).as_posix()
-    return f"write model.{name}: {file}#{next(likely, 'NAME')}; the file contains {listing(held, 8)}"
-
-
-def require_apart(source: ModelConfig, **matrices: sp.csc_array) -> None:
-    """Refuse the last of ``matrices`` (by key of ``model``) if it contains the numbers of another one.
-
-    Raises
-    ------
-    DataError
-    """
-    *others, (name, own) = matrices.items()
-    for other, matrix in others:
-        if own.nnz == 0 or own.nnz != matrix.nnz or abs(own - matrix).max() > 10.0**-_DIGITS * abs(own).max():
-            continue
-        ref, first = getattr(source, name), getattr(source, other)
-        raise DataError(
-            f"model.{name}: {ref.path.name} contains the same numbers as model.{other} ({first.path.name})",
-            file=ref.path,
-            place=ref.group,
-            expected=f"the {name} matrix",
-            found=f"the {other} matrix again",
-            hint=f"check whether the {other} was exported twice. Export the {name} matrix, and give its file"
-            + ("; damping proportional to mass or stiffness is {structure: {alpha: ..., beta: ...}}" if name == "damping" else ""),
-        )
-
-
 def fixed_dofs(K: sp.csc_array, M: sp.csc_array) -> tuple[NDArray[np.bool_], str]:
     """(n,) mask of fixed DOFs, exported as rows of zeros or with a penalty (Abaqus: 1e36), and a note on them."""
     empty = (np.abs(K).sum(axis=0) == 0) & (np.abs(M).sum(axis=0) == 0) & (np.abs(K).sum(axis=1) == 0) & (np.abs(M).sum(axis=1) == 0)
@@ -239,6 +168,7 @@ def slips(
         Responses whose places are in doubt.
     """
     yield from setting_slips(campaign)
+    yield from part_of_stiffness(campaign, model, dofs)
     yield from numbering_doubts(model, dofs)
     yield from _damping(campaign, model)
     yield from _one_place(model, responses, astray)

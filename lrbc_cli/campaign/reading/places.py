@@ -64,6 +64,14 @@ def coordinates_file(campaign: Campaign) -> Path | None:
     return source.nodes if isinstance(source, DofSource) else source
 
 
+def components_place(campaign: Campaign) -> str:
+    """Name of the file of the component of each row, or the key that states it."""
+    source = campaign.model.dofs
+    if isinstance(source, DofSource):
+        return "model.dofs.components" if source.components else (source.map or campaign.model.stiffness.path).name
+    return "model.dofs" if source is None else source.name
+
+
 def extents(xyz: Floats) -> str:
     """Bounding box of points [m] in words."""
     low, high = xyz.min(axis=0), xyz.max(axis=0)

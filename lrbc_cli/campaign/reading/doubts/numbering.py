@@ -46,7 +46,8 @@ def numbering_doubts(model: FeModel, dofs: DofTable | None) -> Iterator[str]:
     """Warnings if mass or damping connect most nodes with nodes beyond the neighbours of their neighbours in the stiffness matrix.
 
     All matrices of one mesh connect nodes of common elements. Neighbours of neighbours are allowed, because an entry of the stiffness may
-    vanish by chance, as between far corners of two right-angled triangles. Single masses and dampers may connect any nodes.
+    vanish by chance, as between far corners of two right-angled triangles. Single masses and dampers may connect any nodes. Nodes without
+    stiffness have no neighbours and say nothing.
 
     Parameters
     ----------
@@ -56,9 +57,12 @@ def numbering_doubts(model: FeModel, dofs: DofTable | None) -> Iterator[str]:
     """
     if model.size < LEAST_DOFS:
         return
-    node = _nodes(model.size, dofs)
+    node = node_of_rows(model.size, dofs)
     meshed = _graph(model.K, node)
-    some = spaced(meshed.shape[0], _NODES)
+    stiff = np.diff(meshed.indptr) > 0
+    if not stiff.any():
+        return
+    some = np.flatnonzero(stiff)[spaced(int(stiff.sum()), _NODES)]
     reached = (meshed[some] @ meshed).tocoo()
     # In a small or dense model all nodes are neighbours.
     if reached.nnz > MOST_FILLED * reached.shape[0] * reached.shape[1]:
@@ -68,7 +72,7 @@ def numbering_doubts(model: FeModel, dofs: DofTable | None) -> Iterator[str]:
         joined = _graph(matrix, node)[some].tocoo()
         # The flat index of each pair of nodes.
         pairs = joined.row * np.int64(joined.shape[1]) + joined.col
-        beyond = (joined.col != some[joined.row]) & ~np.isin(pairs, known)
+        beyond = (joined.col != some[joined.row]) & stiff[joined.col] & ~np.isin(pairs, known)
         strange = np.unique(joined.row[beyond]).size
         if 2 * strange > some.size:
             yield (
@@ -78,7 +82,7 @@ def numbering_doubts(model: FeModel, dofs: DofTable | None) -> Iterator[str]:
             )
 
 
-def _nodes(size: int, dofs: DofTable | None) -> Integers:
+def node_of_rows(size: int, dofs: DofTable | None) -> Integers:
     """(n,) index of the node of each row; structure and air are separate, as they may use the same numbers."""
     if dofs is None:
         return np.arange(size)

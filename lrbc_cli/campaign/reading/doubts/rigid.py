@@ -1,17 +1,18 @@
-"""Tests by rigid motions, which must cause no forces: coordinates of another model, too few digits, wrong diagonal, half structures."""
+"""Tests by rigid motions, which must cause no forces: coordinates of another model, permuted components, rounding, half structures."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from lrbc_cli.arrays import Bools, Floats
-from lrbc_cli.campaign.reading.dof_source import FEW, LEAST_DOFS, MOST_FILLED
+from lrbc_cli.arrays import Bools, Floats, spaced
+from lrbc_cli.campaign.reading.dof_source import FEW, LEAST_DOFS, MANY, MOST_FILLED
 from lrbc_cli.campaign.reading.places import EXCHANGES
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, COMPONENTS, DofTable
@@ -59,7 +60,7 @@ def _has_digits(size: Floats, digits: int) -> bool:
     return size.size > 0 and bool(np.all(np.abs(scaled - np.round(scaled)) <= 1e-6))
 
 
-def places_doubt(K: sp.csc_array, dofs: DofTable, table: str, *, most: float = 0.1) -> str | None:
+def places_doubt(K: sp.csc_array, dofs: DofTable, table: str, labels: str = "", *, most: float = 0.1) -> str | None:
     """Warning if a rigid rotation causes forces at DOFs where a translation causes none, so the coordinates are wrong; else None.
 
     A stretched, mirrored or exchanged axis makes the rotation a uniform strain, with forces on surfaces only. Only translational rows are
@@ -71,8 +72,8 @@ def places_doubt(K: sp.csc_array, dofs: DofTable, table: str, *, most: float = 0
     K : (n, n) csc_array
     dofs : DofTable
         Of n rows.
-    table : str
-        Name of its file.
+    table, labels : str
+        Name of the file of the coordinates and, if another, the place of the components.
     most : float
         Largest share of loaded DOFs in a correct model, at springs and constraints.
     """
@@ -96,17 +97,79 @@ def places_doubt(K: sp.csc_array, dofs: DofTable, table: str, *, most: float = 0
             ways[f"all rotated by {way}90 degrees about {name}"] = xyz
     fit = next((way for way, xyz in ways.items() if max(_turned(K, dofs, xyz, rows).values()) <= most), None)
     forces = f"a rigid rotation about {axis} causes forces at {shares[axis]:.0%} of the DOFs where a translation causes none"
-    for one, other in combinations(COMPONENTS[3:], 2):
-        component = np.where(dofs.component == one, other, np.where(dofs.component == other, one, dofs.component))
-        if fit is None and max(_turned(K, replace(dofs, component=component), dofs.xyz, rows).values()) <= most:
-            return f"the components of the rotations are probably exchanged: {forces}, with {one} and {other} exchanged it does not. " + (
-                f"Exchange {one} and {other} in {table}"
-            )
+    if fit is None and (text := _relabelled(K, dofs, labels or table, most)):
+        return text
     return f"the coordinates of the nodes are probably not those of the stiffness matrix: {forces}" + (
         f"; with {fit} it does not. Correct the coordinates in {table}, or the components if these are wrong"
         if fit
         else f". Give in {table} the nodes of the model that was exported, in its axes"
     )
+
+
+def components_doubt(K: sp.csc_array, dofs: DofTable, labels: str, *, most: float = 0.1) -> str | None:
+    """Warning if what the table calls a translation causes forces nearly everywhere, and does not with the components permuted; else None.
+
+    Parameters
+    ----------
+    K : (n, n) csc_array
+    dofs : DofTable
+        Of n rows.
+    labels : str
+        Place of the components.
+    most : float
+        See ``places_doubt``.
+    """
+    if dofs.size < LEAST_DOFS or K.nnz > MOST_FILLED * dofs.size**2:
+        return None
+    if all(share >= FEW for _, share in _motions(K, dofs, COMPONENTS[:3]).values()):
+        return None
+    return _relabelled(K, dofs, labels, most)
+
+
+def _motions(K: sp.csc_array, dofs: DofTable, labels: Sequence[str], *, share: float = 1e-6) -> dict[str, tuple[Bools, float]]:
+    """For each component: (n,) rows at rest when all DOFs of that name move by 1, and their share of these DOFs.
+
+    Rotations load their own rows; other rows they load at the borders of a regular mesh only.
+    """
+    found, sizes = {}, np.abs(K)
+    for label in labels:
+        own = dofs.component == label
+        force, size = np.abs(K.real @ own.astype(float)), sizes @ own.astype(float)
+        rest = force <= share * size
+        if size[own].any():
+            found[label] = rest, float(rest[own & (size > 0.0)].mean())
+    return found
+
+
+def _relabelled(K: sp.csc_array, dofs: DofTable, table: str, most: float, *, some: int = 2000) -> str | None:
+    """Text on the permutation of the components with which rigid motions cause no forces, of several the smallest; None without one.
+
+    A sample of ``some`` rows suffices.
+    """
+    motions = _motions(K, dofs, COMPONENTS)
+    names = [str(label) for label in dict.fromkeys(dofs.component.tolist()) if label in motions]
+    shifts = [label for label in names if label in COMPONENTS[:3]]
+    for way in sorted(permutations(names), key=lambda way: sum(map(str.__ne__, way, names)))[1:]:
+        # By the table's names: the components that would be translations.
+        moved = [name for name, new in zip(names, way, strict=True) if new in shifts]
+        if any(motions[name][1] <= MANY for name in moved):
+            continue
+        rows = np.flatnonzero(np.all([motions[name][0] for name in moved], axis=0) & np.isin(dofs.component, moved))
+        if rows.size < LEAST_DOFS / 10:
+            continue
+        anew = dict(zip(names, way, strict=True))
+        other = replace(dofs, component=np.array([anew.get(label, label) for label in dofs.component.tolist()]))
+        sample = np.isin(np.arange(dofs.size), rows[spaced(rows.size, some)])
+        if max(_turned(K, other, dofs.xyz, sample).values(), default=1.0) > most:
+            continue
+        old, new = ([each for each, other in zip(one, two, strict=True) if each != other] for one, two in ((names, way), (way, names)))
+        order, both = f"{', '.join(new)} in place of {', '.join(old)}", " and ".join(sorted(old))
+        so, fix = (order, f"Write {order}") if len(old) > 2 else (f"{both} exchanged", f"Exchange {both}")
+        return (
+            f"the components in {table} are probably exchanged: rigid motions cause forces where they should cause none; with {so} they do "
+            f"not. {fix} in {table}"
+        )
+    return None
 
 
 def require_single_diagonal(K: sp.csc_array, component: NDArray[np.str_], file: Path, place: str | None) -> None:
