@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from lrbc_cli.campaign.reading.doubts.astray import beside_their_springs, renumbered_text, reversed_order, stray_springs
-from lrbc_cli.campaign.reading.places import AT_NODE, EXCHANGES, NearPoint, exchanged_axes
+from lrbc_cli.campaign.reading.doubts.points import NearPoint, beside_nodes, exchanged_axes
+from lrbc_cli.campaign.reading.places import EXCHANGES
 from lrbc_cli.io.text.bushings import BushingTable
 from lrbc_cli.model.dofs import DofTable, PointTable
 from lrbc_cli.model.selection import nearest, spacing
@@ -107,9 +109,8 @@ def test_exchanged_axes_of_a_table_or_of_the_points(axes: str) -> None:
         found = []
         for place in BOX[[3, 10, 14, 23]] + offset:
             dof, distance = nearest(table, place, "UX") or (0, np.inf)
-            size = spacing(table, dof)
             found.append(
-                NearPoint(place=place, component="UX", warning="beside" if distance > AT_NODE * size else "", away=distance / size)
+                NearPoint(key="a", place=place, component="UX", node=int(table.node[dof]), distance=distance, size=spacing(table, dof))
             )
         return found
 
@@ -119,6 +120,33 @@ def test_exchanged_axes_of_a_table_or_of_the_points(axes: str) -> None:
     assert exchanged_axes(right, points(right, 0.0)) == ""
     assert exchanged_axes(right, points(right, 0.01)) == ""
     assert exchanged_axes(dofs, points(dofs, 0.0)[:1]) == ""
+
+
+def test_points_beside_nodes_from_another_origin_or_counted_backwards() -> None:
+    """Most points, but not all; with no offset at all they were told to lie at nodes."""
+    dofs = DofTable(node=np.arange(BOX.shape[0]), component=np.full(BOX.shape[0], "UX"), xyz=BOX)
+
+    def told(move: Callable[[np.ndarray], np.ndarray]) -> tuple[list[str], bool]:
+        found = []
+        for number, place in enumerate(BOX[[3, 10, 13, 22, 1]]):
+            moved = place if number == 4 else move(place)
+            dof, distance = nearest(dofs, moved, "UX") or (0, np.inf)
+            size = spacing(dofs, dof)
+            key = f"responses.a{number}"
+            found.append(NearPoint(key=key, place=moved, component="UX", node=dof, distance=distance, size=size))
+        return beside_nodes(dofs, found, 1.0)
+
+    turned = np.array([1.0, 1.0, -1.0])
+    assert told(lambda place: place) == ([], False)
+    (text,), moved = told(lambda place: place * turned + [0.0, 0.0, 0.9])
+    assert moved
+    assert "with z counted from the other side they lie at nodes. Write 0.9 - z for z in `near`" in text
+    (text,), moved = told(lambda place: place - [0.3, 0.125, 0.0])
+    assert moved
+    assert "with (0.3, 0.125, 0) added to each" in text
+    (text,), moved = told(lambda place: place + 0.02)
+    assert not moved
+    assert text.startswith("4 points of hammer and sensors lie beside the nodes: responses.a0 34.6 mm, ")
 
 
 @pytest.mark.parametrize("step", [-1, 1])

@@ -18,6 +18,7 @@ from lrbc_cli.campaign.reading.dof_source import added_nodes, numbering, order_d
 from lrbc_cli.campaign.reading.doubts.chosen import require_apart, require_own
 from lrbc_cli.campaign.reading.doubts.coupled import coupled_doubt
 from lrbc_cli.campaign.reading.doubts.numbering import require_whole
+from lrbc_cli.campaign.reading.doubts.points import beside_nodes, exchanged_axes, exchanged_text, require_unit
 from lrbc_cli.campaign.reading.doubts.rigid import components_doubt, digits_doubt, places_doubt, symmetry_doubt
 from lrbc_cli.campaign.reading.doubts.settings import guesses
 from lrbc_cli.campaign.reading.drift import check_drift, load_shift
@@ -33,16 +34,7 @@ from lrbc_cli.campaign.reading.factors import (
 )
 from lrbc_cli.campaign.reading.groups import GroupReader, TermGroup, Terms
 from lrbc_cli.campaign.reading.model_doubts import doubts, fixed_dofs, require_mass, require_roles, slips
-from lrbc_cli.campaign.reading.places import (
-    beside_nodes,
-    components_place,
-    coordinates_file,
-    exchanged_axes,
-    exchanged_text,
-    extents,
-    require_metres,
-    require_unit,
-)
+from lrbc_cli.campaign.reading.places import components_place, coordinates_file, extents, require_metres
 from lrbc_cli.campaign.reading.reach import require_frequencies, require_reach
 from lrbc_cli.campaign.reading.reader import Parts, Point
 from lrbc_cli.config import Campaign

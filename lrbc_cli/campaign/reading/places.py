@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +15,7 @@ from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import DofSource, ProportionalDamping
 from lrbc_cli.errors import DataError, listing
 from lrbc_cli.model.dofs import DofTable
-from lrbc_cli.model.selection import coincident, nearest, pitch, spacing
+from lrbc_cli.model.selection import pitch
 from lrbc_cli.model.units import SI, USUAL_SYSTEMS, parse_system
 
 #: Largest possible wave speed in a mesh, ``sqrt(K_ii / M_ii)`` times the node spacing [m/s]: in diamond it is 18 km/s, and the estimate is
@@ -156,129 +154,6 @@ def counted(names: Sequence[tuple[str, str]], some: Sequence[int]) -> str:
             every = "both" if count == 2 else f"all {count}"
             told.append(f"{every} {kind}s" if len(own) == count else f"{len(own)} of {count} {kind}s ({listing(own, 6)})")
     return " and ".join(told)
-
-
-@dataclass(frozen=True, kw_only=True)
-class NearPoint:
-    """A point given by coordinates [m], its component, and a warning if it is not at a node.
-
-    ``away`` is the distance to the nearest node over the node spacing; above 1 the coordinates are probably wrong.
-    """
-
-    place: Floats
-    component: str
-    warning: str
-    away: float
-
-
-def shared_place(key: str, dofs: DofTable, dof: int) -> list[str]:
-    """Warning if other nodes lie at the place of a DOF that ``near`` found, as where two parts are joined; else empty."""
-    others = coincident(dofs, dof)
-    if not others:
-        return []
-    nodes = ", ".join(str(node) for node in (int(dofs.node[dof]), *others))
-    return [
-        f"{key}: nodes {nodes} lie at the same place, and `near` takes the first. If they belong to several parts, write "
-        f"{{node:, component: {dofs.component[dof]}}} for the part that is meant"
-    ]
-
-
-def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> tuple[list[str], bool]:
-    """Warnings about points that are not at nodes; a single one if another origin (a side or the middle of the model) explains all.
-
-    Parameters
-    ----------
-    dofs : DofTable
-    points : sequence of NearPoint
-    unit : float
-        Length unit of the campaign [m].
-
-    Returns
-    -------
-    list of str
-    bool
-        Whether another origin explains all.
-    """
-    told = [point.warning for point in points if point.warning]
-    if len(told) < 2 or 2 * len(told) <= len(points):
-        return told, False
-    low, high = dofs.xyz.min(axis=0), dofs.xyz.max(axis=0)
-    # Accept a shift that puts all points at nodes, or the only one that puts all within a mesh size.
-    fits: list[tuple[float, tuple[float, ...]]] = []
-    for shift in product(*(sorted({0.0, a, 0.5 * (a + b), b}) for a, b in zip(low.tolist(), high.tolist(), strict=True))):
-        away = []
-        for point in points:
-            dof, distance = nearest(dofs, (point.place + shift).tolist(), point.component) or (0, np.inf)
-            size = spacing(dofs, dof)
-            away.append(distance / size if size > 0.0 else np.inf)
-        if max(away) <= 1.0:
-            fits.append((max(away), shift))
-    fits.sort()
-    if not fits or (fits[0][0] > AT_NODE and len(fits) > 1):
-        return told, False
-    added = ", ".join(f"{value / unit:g}" for value in fits[0][1])
-    text = (
-        f"{len(told)} of {len(points)} points of hammer and sensors lie beside the nodes; with ({added}) added to each of them they lie at "
-        "nodes. The coordinates were probably measured from another origin than that of the model: add this offset to each `near` of "
-        "excitation and responses"
-    )
-    return [text], True
-
-
-def exchanged_axes(dofs: DofTable, points: Sequence[NearPoint]) -> str:
-    """The two axes (of ``EXCHANGES``) whose exchange brings the points to nodes, most of which lie beside them; empty if there are none.
-
-    The farthest point comes to a node, or within a mesh size if points as stated are farther; clearly nearer than by any other exchange.
-    """
-    if len(points) < 2 or 2 * sum(bool(point.warning) for point in points) <= len(points):
-        return ""
-    ways = []
-    for axes, order in EXCHANGES.items():
-        found = [nearest(dofs, point.place[order].tolist(), point.component) for point in points]
-        ways.append((max(np.inf if one is None else one[1] / (spacing(dofs, one[0]) or 1.0) for one in found), axes))
-    (best, axes), (second, _), _ = sorted(ways)
-    stated = max(point.away for point in points)
-    near = best <= AT_NODE or (best <= 1.0 < stated)
-    return axes if near and best < CLEARLY_NEARER * min(second, stated) else ""
-
-
-def exchanged_text(axes: str, points: Sequence[NearPoint], campaign: Campaign, *, of_table: bool) -> str:
-    """Warning about exchanged axes: of the DOF table if the bolts, too, fit with them exchanged, else of the points."""
-    file = coordinates_file(campaign)
-    table = "model.dofs" if file is None else file.name
-    count = sum(bool(point.warning) for point in points)
-    start = f"{count} of {len(points)} points of hammer and sensors lie beside the nodes; with {axes} exchanged all lie at nodes"
-    if of_table:
-        return f"{start}, and the bolts at their springs. {axes} are probably exchanged in the DOF table: exchange these columns of {table}"
-    return f"{start}. Exchange {axes} in each `near` of excitation and responses or, if all else is right, these columns of {table}"
-
-
-def require_unit(dofs: DofTable, points: Sequence[NearPoint], file: Path) -> None:
-    """Refuse hammer and sensors whose nearest node is the same for all, if the ratio of two length units puts them at different nodes.
-
-    Raises
-    ------
-    DataError
-    """
-    if len(points) < 2 or len(_nodes_at(dofs, points, 1.0, np.inf)) != 1:
-        return
-    for times in (1000.0, 100.0, 10.0, 25.4, 1.0 / 0.0254):
-        if len(_nodes_at(dofs, points, times, AT_NODE)) > 1:
-            raise DataError(
-                f"all {len(points)} points of hammer and sensors fall on one node; multiplied by {times:.4g} they lie at nodes",
-                file=file,
-                place="excitation and responses",
-                expected="places in the unit of length of the model and of `units`",
-                found="probably places in a larger unit",
-                hint=f"multiply each `near` of excitation and responses by {times:.4g}",
-            )
-
-
-def _nodes_at(dofs: DofTable, points: Sequence[NearPoint], times: float, share: float) -> set[int]:
-    """Nodes at which the points times a factor lie, within ``share`` of the node spacing; empty if one point is at no node."""
-    found = [nearest(dofs, (times * point.place).tolist(), point.component) for point in points]
-    near = [dof for dof, distance in filter(None, found) if distance <= share * spacing(dofs, dof)]
-    return {int(dofs.node[dof]) for dof in near} if len(near) == len(points) else set()
 
 
 def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign: Campaign) -> str | None:

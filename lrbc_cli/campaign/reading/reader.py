@@ -14,8 +14,8 @@ from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.reading.dof_source import Numbering, aligned
+from lrbc_cli.campaign.reading.doubts.points import NearPoint, shared_place
 from lrbc_cli.campaign.reading.joints import HELD
-from lrbc_cli.campaign.reading.places import AT_NODE, NearPoint, shared_place
 from lrbc_cli.campaign.reading.triangles import whole
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.fields import MatrixRef, OperatorRef
@@ -421,15 +421,16 @@ class ModelReader:
         if found is None:
             raise campaign.error("no DOF has this component", *keys, "component", expected=f"one of {components}", found=point.component)
         dof, distance = found
-        size = spacing(table, dof)
         self.warn(*shared_place(".".join(keys), table, dof))
         text = f"node {table.node[dof]} {point.component}, {1e3 * distance:.2f} mm from the given point"
-        beside = (
-            f"{'.'.join(keys)}: the nearest node {table.node[dof]} is {1e3 * distance:.1f} mm away (mesh size {1e3 * size:.0f} mm); "
-            "such an offset can add 1 to 2 dB of misfit. Give an interpolated row ({matrix:} or {vector:})"
+        self.near[keys] = NearPoint(
+            key=".".join(keys),
+            place=np.array(place),
+            component=point.component,
+            node=int(table.node[dof]),
+            distance=distance,
+            size=spacing(table, dof),
         )
-        away, warning = distance / size if size else 0.0, beside if distance > AT_NODE * size else ""
-        self.near[keys] = NearPoint(place=np.array(place), component=point.component, warning=warning, away=away)
         return dof, text
 
     def point(self, dof: int) -> Point:
