@@ -19,7 +19,7 @@ from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
 from lrbc_cli.campaign.looking.alone import of_file, other_chains, unclear, without_phases
 from lrbc_cli.campaign.looking.axes import other_lines, without_coherence
-from lrbc_cli.campaign.looking.exchanges import exchanged_files, mistitled
+from lrbc_cli.campaign.looking.exchanges import exchanged_files, foreign_titles, mistitled
 from lrbc_cli.campaign.looking.first_look import FirstLook, first_look
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import loss_factor, undamped_text
@@ -270,6 +270,7 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     out.found += [*([] if misread else unclear(inputs, readable)), *without_phases(inputs, readable)]
     compared = {name: found for name, found in usable.items() if name not in look.doubted}
     out.found += other_chains(inputs, compared)
+    out.warn(*foreign_titles(inputs, readable))
     out.warn(*(mistitled(inputs, readable) or [text for text in (exchanged_files(inputs, compared),) if text]))
     if Kind.RESCALED in kinds_of(look.found):
         out.found = [each for each in out.found if each.kind is not Kind.GUESSED]

@@ -10,7 +10,7 @@ from samples import sample
 from lrbc_cli.campaign.findings import Finding, Kind, once
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.looking.all_jobs import pooled
-from lrbc_cli.campaign.looking.exchanges import _exchange, _nested, exchanged_files, mistitled
+from lrbc_cli.campaign.looking.exchanges import _exchange, _nested, exchanged_files, foreign_titles, mistitled
 
 
 @pytest.mark.parametrize(
@@ -73,6 +73,28 @@ def test_what_files_say_of_themselves(titles: dict[str, str], expected: list[str
     told = mistitled(inputs, {name: replace(own, titles=(titles.get(name, ""),)) for name, own in measured.items()})
     assert len(told) == len(expected)
     assert all(part in text for part, text in zip(expected, told, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("title", "told"),
+    [
+        ("Cover plate, loose-2", True),
+        ("", False),
+        ("Frame on the stand loose-2, B07 by hand", False),
+        ("frame on the bench  loose-2", False),
+    ],
+)
+def test_the_title_of_another_structure(title: str, told: bool) -> None:
+    inputs = sample("frame")
+    first = read_measurement(inputs, inputs.campaign.jobs["tight"], "tight")
+    names = ["tight", "loose-2", "loose-all", "loose-4", "loose-5"]
+    jobs = {name: inputs.campaign.jobs["tight"] for name in names}
+    inputs = replace(inputs, campaign=inputs.campaign.model_copy(update={"jobs": jobs}))
+    titles = {name: f"Frame on the stand {name}" for name in names} | {"loose-2": title}
+    found = foreign_titles(inputs, {name: replace(first, titles=(titles[name],)) for name in names})
+    assert ([text.partition(":")[0] for text in found] == ["job loose-2"]) == told
+    # Each file has a title of its own: nothing to compare with.
+    assert foreign_titles(inputs, {name: replace(first, titles=(f"{number} of May",)) for number, name in enumerate(names)}) == []
 
 
 def of(kind: Kind, text: str, *responses: int) -> Finding:

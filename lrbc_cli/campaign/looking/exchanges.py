@@ -6,6 +6,7 @@ The more bolts are removed, the more a measurement differs from that of the tigh
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import combinations, pairwise
 
@@ -82,6 +83,32 @@ def mistitled(inputs: Inputs, measurements: Mapping[str, Measurement]) -> list[s
             f"not. Check jobs.{name}.frf and jobs.{other}.frf"
         )
     return told
+
+
+def foreign_titles(inputs: Inputs, measurements: Mapping[str, Measurement], *, least: int = 3) -> list[str]:
+    """Warnings about jobs whose file lacks most words of the title that nearly all other files share, as one of another structure.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    measurements : mapping
+        By job.
+    least : int
+        Least number of jobs with that title, without the name of the job; at least three quarters of all must have it.
+    """
+    stated = {name: found.titles[0].strip() for name, found in measurements.items() if found.titles and found.titles[0].strip()}
+    titles = {name: " ".join(title.lower().replace(name.lower(), " ").split()) for name, title in stated.items()}
+    usual, count = max(Counter(titles.values()).items(), key=lambda item: item[1], default=("", 0))
+    words = set(re.findall(r"\w+", usual))
+    if count < max(least, 0.75 * len(titles)) or not words:
+        return []
+    other = next(name for name, title in titles.items() if title == usual)
+    return [
+        f"job {name}: {inputs.campaign.jobs[name].first.name} is titled {stated[name]!r}, but the file of {other} {stated[other]!r}, and "
+        f"those of the other jobs alike. Check whether it is the file of another structure or set-up, and correct jobs.{name}.frf"
+        for name, title in titles.items()
+        if 2 * len(words.intersection(re.findall(r"\w+", title))) < len(words)
+    ]
 
 
 def _nested(removed: Mapping[str, frozenset[str]]) -> list[str]:

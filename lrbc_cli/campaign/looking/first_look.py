@@ -240,13 +240,17 @@ def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: 
     Nothing is calibrated from a job that loose bolts explain.
     """
     calibration, kinds = source.inputs.campaign.calibration, kinds_of(first.told)
-    if calibration is None or calibration.job != name or kinds - {Kind.UNLIKE, Kind.ALONE, Kind.COORDINATES, Kind.PLACES}:
+    tried = {Kind.UNLIKE, Kind.ALONE, Kind.COORDINATES, Kind.PLACES, Kind.STRETCHED}
+    if calibration is None or calibration.job != name or kinds - tried:
         return source, first
     seen = Seen.of(source, name, measurements[name])
     calibrated = None if tighter_text(seen, measurements) or looser(seen, seen.misfit) else roughly_calibrated(source, measurements[name])
     if calibrated is None:
         return source, first
     again, after = _looked_at(calibrated, measurements, name), Seen.of(calibrated, name, measurements[name])
+    # A calibration takes a wrong clock for another stiffness, so only a place that it shows is told instead.
+    if Kind.STRETCHED in kinds and not kinds_of(again.told) & {Kind.COORDINATES, Kind.HAMMER, Kind.HAMMERS, Kind.EXCHANGED}:
+        return source, first
     # Nothing found is no all-clear while the FRFs of another excitation are not fitted.
     if not again.told and (Kind.COORDINATES in kinds or any(db > LEAST_DIFFERENCE for db in after.by_excitation.values())):
         return calibrated, first

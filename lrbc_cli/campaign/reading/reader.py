@@ -420,18 +420,11 @@ class ModelReader:
         found = nearest(table, place, point.component)
         if found is None:
             raise campaign.error("no DOF has this component", *keys, "component", expected=f"one of {components}", found=point.component)
-        dof, distance = found
-        self.warn(*shared_place(".".join(keys), table, dof))
-        text = f"node {table.node[dof]} {point.component}, {1e3 * distance:.2f} mm from the given point"
-        self.near[keys] = NearPoint(
-            key=".".join(keys),
-            place=np.array(place),
-            component=point.component,
-            node=int(table.node[dof]),
-            distance=distance,
-            size=spacing(table, dof),
-        )
-        return dof, text
+        (dof, distance), key = found, ".".join(keys)
+        node, size = int(table.node[dof]), spacing(table, dof)
+        self.warn(*shared_place(key, table, dof))
+        self.near[keys] = NearPoint(key=key, place=np.array(place), component=point.component, node=node, distance=distance, size=size)
+        return dof, f"node {node} {point.component}, {1e3 * distance:.2f} mm from the given point"
 
     def point(self, dof: int) -> Point:
         """Node and direction of a DOF; None if unknown."""
