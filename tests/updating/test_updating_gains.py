@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lrbc_cli.updating.statistics.chain.echo import second_blow
+from lrbc_cli.updating.statistics.chain.echo import differing_blows, second_blow
 from lrbc_cli.updating.statistics.residuals import DataResidual, ResidualOptions
 
 LINES, RESPONSES = 200, 3
@@ -78,3 +78,28 @@ def test_a_second_blow_in_either_job(size):
     assert "the hammer probably hit a second time in this job, 20" in told
     assert f"ms later and {size:.0%} as hard" in told
     assert "the hammer probably hit a second time in tight" in str(second_blow(hz, own, tight * twice, "tight"))
+
+
+def test_blows_of_two_states_are_not_noise() -> None:
+    """Half of the blows are those of another state: a low coherence, and smooth lines. Noise makes both rough."""
+    hz, rng = np.linspace(20.0, 400.0, 381), np.random.default_rng(4)
+
+    def state(shift: float) -> np.ndarray:
+        poles = np.array([70.0, 150.0, 260.0, 330.0]) * shift
+        return np.stack([(hz[:, None] ** 2 / (poles**2 - hz[:, None] ** 2 + 0.04j * poles * hz[:, None])).sum(axis=1)] * 3, axis=1)
+
+    def averaged(blows: list[np.ndarray], noise: float) -> tuple[np.ndarray, np.ndarray]:
+        each = np.array(blows)
+        each = each + noise * np.abs(each) * (rng.standard_normal(each.shape) + 1j * rng.standard_normal(each.shape)) / np.sqrt(2.0)
+        mean = each.mean(axis=0)
+        return mean, np.abs(mean) ** 2 / (np.abs(each) ** 2).mean(axis=0)
+
+    tight, loose = state(1.0), state(0.9)
+    mixed = differing_blows(*averaged([tight] * 4 + [loose] * 4, 0.02), 8)
+    assert mixed is not None
+    assert "the blows probably differ from each other" in mixed
+    for blows, noise in (([tight] * 8, 0.02), ([tight] * 8, 0.8)):
+        assert differing_blows(*averaged(blows, noise), 8) is None
+    values, coherence = averaged([tight] * 4 + [loose] * 4, 0.02)
+    assert differing_blows(values, np.full_like(coherence, np.nan), 8) is None
+    assert differing_blows(values, coherence, 1) is None
