@@ -26,6 +26,7 @@ class Kind(Enum):
     LATE = auto()
     EARLY = auto()
     CONJUGATE = auto()
+    CUT = auto()
     PARTS = auto()
     SIDEWAYS = auto()
     STRETCHED = auto()
