@@ -27,6 +27,7 @@ class Kind(Enum):
     EARLY = auto()
     CONJUGATE = auto()
     CUT = auto()
+    FILTERED = auto()
     PARTS = auto()
     SIDEWAYS = auto()
     STRETCHED = auto()

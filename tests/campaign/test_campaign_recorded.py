@@ -1,4 +1,4 @@
-"""Faults of recording that all responses share: a lost beginning."""
+"""Faults of recording: a lost beginning, a filter of all responses, a resonance of a mounting."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 from looking import measurement, seen
 
-from lrbc_cli.campaign.looking.causes.recorded import cut_text
+from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings
 
 HZ = np.arange(30.0, 500.0)
 
@@ -46,3 +46,39 @@ def test_responses_that_the_model_has_late_too_are_right() -> None:
     late = modal() * np.exp(-2j * np.pi * HZ * 0.006)[:, None]
     assert told(late, late) == ""
     assert told(late, modal()) != ""
+
+
+def found(values: np.ndarray, model: np.ndarray, job: str = "tight") -> list[str]:
+    """Every two responses are of one sensor."""
+    responses = tuple(SimpleNamespace(name=f"a{i}", node=i // 2, direction=0) for i in range(values.shape[1]))
+    inputs = SimpleNamespace(responses=responses, campaign=SimpleNamespace(update=SimpleNamespace(reference="tight")))
+    return [each.text for each in filter_findings(seen(values, model[None], hz=HZ, inputs=inputs, job=job))]
+
+
+def other_model(values: np.ndarray) -> np.ndarray:
+    """The same a little softer, as errors of a model leave it."""
+    return np.stack([np.interp(0.98 * HZ, HZ, column) for column in values.T], axis=1)
+
+
+HIGH = 1.0 / (1.0 + np.sqrt(2.0) * 100.0 / (1j * HZ) + (100.0 / (1j * HZ)) ** 2)[:, None]
+
+
+def test_a_filter_of_all_responses_is_named_with_its_corner() -> None:
+    values = modal()
+    model = other_model(values)
+    assert found(values, model) == []
+    assert found(values[::-1], model) == []
+    (text,) = found(values * HIGH, model, "state-1")
+    assert "all responses probably passed a high-pass filter of order 2 with its corner near 90.1 Hz" in text
+    (text,) = found(values / HIGH, model)
+    assert "the force probably passed a high-pass filter of order 2" in text
+
+
+def test_a_sensor_that_resonates_on_its_mounting_is_named() -> None:
+    values = modal()
+    ratio = HZ[:, None] / 300.0
+    moved = values.copy()
+    moved[:, 2:4] /= 1.0 - ratio**2 + 1j * ratio / 8.0
+    (text,) = found(moved, other_model(values))
+    assert text.startswith("a2, a3: levels rise towards 306 Hz")
+    assert "amplification about 8" in text

@@ -36,7 +36,7 @@ from lrbc_cli.campaign.looking.all_jobs import OfJob, of_all_jobs, pooled
 from lrbc_cli.campaign.looking.axes import stretched_text
 from lrbc_cli.campaign.looking.causes.damped import misdamped_text
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
-from lrbc_cli.campaign.looking.causes.recorded import cut_text
+from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings
 from lrbc_cli.campaign.looking.causes.rescaled import overdamped_text, rescaled_text
 from lrbc_cli.campaign.looking.causes.tables import other_tables
 from lrbc_cli.campaign.looking.causes.tightness import (
@@ -71,10 +71,13 @@ MOST_WORK = 6e11
 COARSE = 3e-2
 
 #: Kinds of findings about the interpretation of numbers, single responses, or exchanged records.
-_OF_NUMBERS = {Kind.READ, Kind.CUT, Kind.UNITS, Kind.LEVEL, Kind.ALONE, Kind.STRETCHED, Kind.FOREIGN, Kind.EXCHANGED, Kind.HAMMERS}
+_OF_NUMBERS = {
+    *(Kind.READ, Kind.CUT, Kind.FILTERED, Kind.UNITS, Kind.LEVEL, Kind.ALONE, Kind.STRETCHED, Kind.FOREIGN),
+    *(Kind.EXCHANGED, Kind.HAMMERS),
+}
 
 #: Kinds of findings in the reference job after which further jobs cannot be compared: wrong damping, or wrong places of hammer or sensors.
-_OF_MODEL = {Kind.CUT, Kind.DAMPING, Kind.HAMMERS, Kind.HAMMER, Kind.MIRRORED, Kind.IDLE}
+_OF_MODEL = {Kind.CUT, Kind.FILTERED, Kind.DAMPING, Kind.HAMMERS, Kind.HAMMER, Kind.MIRRORED, Kind.IDLE}
 
 #: Number of nearest states for which exchanged sensors are looked for.
 NEAREST = 4
@@ -223,6 +226,9 @@ def _looked_at(source: Looking, measurements: Mapping[str, Measurement], name: s
         return OfJob([sideways_finding(inputs, how, name)])
     if not told and (cut := cut_text(seen, measurements[name])):
         return OfJob([Finding(text=cut, kind=Kind.CUT)])
+    # A filter delays, too.
+    if kinds_of(told) <= {Kind.LATE, Kind.EARLY} and (passed := filter_findings(seen)):
+        return OfJob(passed)
     if not told and seen.reference:
         told = other_tables(seen) or little_in_common(seen, measurements)
         if Kind.UNLIKE in kinds_of(told) and (text := stretched_text(measurements[name], seen)):
