@@ -38,7 +38,7 @@ class Kind(Enum):
     EXCHANGED = auto()
     HAMMER = auto()
     HAMMERS = auto()
-    MIRRORED = auto()
+    ORIGIN = auto()
     PLACES = auto()
     # The model.
     GUESSED = auto()

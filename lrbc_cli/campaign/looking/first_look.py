@@ -77,7 +77,7 @@ _OF_NUMBERS = {
 }
 
 #: Kinds of findings in the reference job after which further jobs cannot be compared: wrong damping, or wrong places of hammer or sensors.
-_OF_MODEL = {Kind.CUT, Kind.FILTERED, Kind.DAMPING, Kind.HAMMERS, Kind.HAMMER, Kind.MIRRORED, Kind.IDLE}
+_OF_MODEL = {Kind.CUT, Kind.FILTERED, Kind.DAMPING, Kind.HAMMERS, Kind.HAMMER, Kind.ORIGIN, Kind.IDLE}
 
 #: Number of nearest states for which exchanged sensors are looked for.
 NEAREST = 4

@@ -12,11 +12,12 @@ from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.findings import Finding, Kind, kinds_of
 from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, apart, outlying
 from lrbc_cli.campaign.identification.records import Measurement
-from lrbc_cli.campaign.looking.causes.coordinates import coordinates_texts, mirrored_text
+from lrbc_cli.campaign.looking.causes.coordinates import coordinates_texts
 from lrbc_cli.campaign.looking.causes.held import held_text, idle_text, supports_text
 from lrbc_cli.campaign.looking.causes.moved import hammer_text, sensor_text
 from lrbc_cli.campaign.looking.causes.rescaled import rescaled_text, softness_text
 from lrbc_cli.campaign.looking.causes.tightness import UNLIKE, looser, tighter_text
+from lrbc_cli.campaign.looking.causes.together import together_text
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.inputs import Inputs
 
@@ -29,8 +30,8 @@ def placed(seen: Seen, told: list[Finding]) -> list[Finding]:
     involved = {i for each in told for cycle in each.cycles for i in cycle}
     rest = np.setdiff1d(np.arange(away.shape[1]), list(involved))
     beyond = not told or Kind.UNLIKE in kinds or (involved and (not rest.size or float(np.median(away[0, rest])) > LEAST_DIFFERENCE))
-    if seen.reference and beyond and float(every[0]) > LEAST_DIFFERENCE and (mirrored := mirrored_text(seen)):
-        return [Finding(text=mirrored, kind=Kind.MIRRORED)]
+    if seen.reference and beyond and (moved := together_text(seen)):
+        return [Finding(text=moved, kind=Kind.ORIGIN)]
     # The bolts may be in a state that was not tried, so misfits up to ``UNLIKE`` are accepted.
     # In the reference job no bolt is loose, so a smaller misfit is examined already.
     # With a calibrated model a single hammer point may be wrong.

@@ -76,51 +76,6 @@ def coordinates_texts(seen: Seen, *, unlike: bool) -> tuple[dict[tuple[int, ...]
     return told, left
 
 
-def mirrored_text(seen: Seen) -> str:
-    """Warning if all sensors together fit with one coordinate counted from the other side; else empty."""
-    inputs, dofs = seen.inputs, seen.inputs.dofs
-    if dofs is None or seen.work(LINES) > MOST_WORK:
-        return ""
-    ways, found = [way for axis in range(3) if (way := _mirrored(inputs, dofs, axis))], list[tuple[float, float, _Other]]()
-    for few, wider in gradually(seen):
-        found = []
-        with suppress(LrbcError):
-            each = iter(_misfits(few, [other for others in ways for other in others], float(np.abs(seen.model).max())))
-            for others in ways:
-                own = [i for other in others for i in other.responses]
-                before = float(np.median(apart(few.measured[:, own], few.model[:, own])))
-                after = float(np.median(np.concatenate([next(each) for _ in others])))
-                if wider * before > LEAST_DIFFERENCE and after <= wider * min(MOST_LEFT, CLEARLY * before):
-                    found.append((before, after, others[0]))
-        if not found:
-            return ""
-    before, after, first = found[0]
-    xyz = ", ".join(f"{value:.6g}" for value in dofs.xyz[first.dof] / inputs.campaign.unit_system.length)
-    return (
-        f"all sensors are probably stated with {first.how}: the mirrored places reduce the level misfit from {before:.1f} to "
-        f"{after:.1f} dB (mean level of each response removed). Correct the places of all responses: "
-        f"responses.{inputs.responses[first.responses[0]].name}: near: [{xyz}] and so on"
-    )
-
-
-def _mirrored(inputs: Inputs, dofs: DofTable, axis: int) -> list[_Other]:
-    """Mirrored places of all point sensors along one axis; empty if there are too few, or most stay where they are."""
-    found = []
-    for own, responses in _points(inputs).items():
-        alike = dofs.xyz[dofs.component == dofs.component[own]]
-        low, high = float(alike[:, axis].min()), float(alike[:, axis].max())
-        place = dofs.xyz[own].copy()
-        place[axis] = low + high - place[axis]
-        to = nearest(dofs, place.tolist(), str(dofs.component[own]))
-        if to is None:
-            return []
-        how = f"{_AXES[axis]} counted from the other side"
-        found.append(_Other(responses=tuple(responses), dof=to[0], how=how))
-    # Sensors on the mirror plane stay; if most do, the test is meaningless.
-    moved = sum(other.dof != own for own, other in zip(_points(inputs), found, strict=True))
-    return found if len(found) > 2 and 2 * moved > len(found) else []
-
-
 def _points(inputs: Inputs) -> dict[int, list[int]]:
     """Responses of each sensor that measures a single DOF, by DOF; distributed or interpolated sensors have no single place."""
     L, sensors = inputs.model.L.tocsr(), dict[int, list[int]]()
