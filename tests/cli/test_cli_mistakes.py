@@ -1202,6 +1202,22 @@ MISTAKES = [
         "with +0.2 m in Y added every bolt lies at terms",
     ),
     Mistake(
+        "bolts of a longer structure",
+        "frame",
+        numbers("model/bolts.csv", lambda r: (r - r.mean(axis=0)) * 1.5 + r.mean(axis=0)),
+        0,
+        "2 of 6 bolts cannot be judged (B1, B6)",
+        "the bolts file is probably that of another structure",
+    ),
+    Mistake(
+        "a bolt without a spring",
+        "plate",
+        text("bushings.csv", lambda t: "".join(line for line in t.splitlines(keepends=True) if not line.startswith("B4,"))),
+        0,
+        "1 of 6 bolts cannot be judged (B4): no term belongs to it",
+        "Add their springs to the tables of parameters.NAME.select",
+    ),
+    Mistake(
         "a measurement that no job names",
         "frame",
         lambda folder: shutil.copy(folder.data / FRFS[1], folder.data / "frf" / "monday.csv"),

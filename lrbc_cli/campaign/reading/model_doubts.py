@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator, Sequence
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from lrbc_cli.campaign.reading.dof_source import MANY
 from lrbc_cli.campaign.reading.doubts.chosen import part_of_stiffness
@@ -24,7 +25,7 @@ from lrbc_cli.errors import DataError, listing
 from lrbc_cli.model.dofs import COMPONENTS, DofLabels, DofTable, PointTable
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.problem.vectors import highest_omega
-from lrbc_cli.updating.unknowns.places import Edge, Joints, misplaced, spots
+from lrbc_cli.updating.unknowns.places import Edge, Joints, misplaced, pitch_of, spots
 
 #: Stiffness from which a diagonal entry is a penalty [N/m, or N/mm].
 PENALTY = 1e30
@@ -176,7 +177,7 @@ def slips(
     yield from held_springs(campaign, model, groups, dofs)
     yield from half_grounded(model, groups, dofs)
     yield from massless_part(model, dofs)
-    yield from _out_of_reach(groups, bolts)
+    yield from _out_of_reach(groups, bolts, dofs)
     yield from sorted_names(bolts)
 
 
@@ -338,8 +339,8 @@ def _reaching(groups: Sequence[TermGroup]) -> list[Edge | Joints]:
     return values
 
 
-def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None) -> Iterator[str]:
-    """Warning if terms do not reach most bolts, or would reach more with other axes or another origin of the bolts file."""
+def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None, dofs: DofTable | None) -> Iterator[str]:
+    """Warning if terms do not reach all bolts, with the likely cause: other axes, another origin, another structure, or missing springs."""
     elsewhere = misplaced_bolts(groups, bolts)
     if elsewhere is not None:
         yield (
@@ -349,14 +350,32 @@ def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None) -> Iter
         return
     values = _reaching(groups)
     found = spots(values, bolts.xyz) if bolts is not None and values else []
-    lost = [name for name, spot in zip(() if bolts is None else bolts.name, found, strict=False) if isinstance(spot, str)]
-    if 2 * len(lost) > len(found):
-        first = next(spot for spot in found if isinstance(spot, str))
-        yield (
-            f"{len(lost)} of {len(found)} bolts cannot be judged ({listing(lost, 6)}): {first} "
-            f"({lost[0]}). Look at them with `lrbc check --picture`, and correct the bolts file (order of its axes, origin) or "
-            "parameters.NAME.select"
-        )
+    lost = [k for k, spot in enumerate(found) if isinstance(spot, str)]
+    if bolts is None or not lost:
+        return
+    fix = (
+        "Look at them with `lrbc check --picture`, and correct the bolts file (order of its axes, origin, or the file of another "
+        "structure) or parameters.NAME.select"
+    )
+    if not any(isinstance(group, Edge) for group in values):
+        fix = "Add their springs to the tables of parameters.NAME.select, or remove these bolts from the bolts file"
+    elif dofs is not None and (beside := _beside_structure(bolts, lost, dofs)):
+        fix = f"{beside}: the bolts file is probably that of another structure. Give the one of this structure"
+    yield (
+        f"{len(lost)} of {len(found)} bolts cannot be judged ({listing([bolts.name[k] for k in lost], 6)}): {found[lost[0]]} "
+        f"({bolts.name[lost[0]]}). {fix}"
+    )
+
+
+def _beside_structure(bolts: PointTable, lost: Sequence[int], dofs: DofTable) -> str:
+    """Text that bolts lie further from all nodes of the structure, by more than half a pitch, than the others; empty if they do not."""
+    away = cKDTree(dofs.xyz[~dofs.is_acoustic]).query(bolts.xyz)[0]
+    others, half = np.delete(away, lost), 0.5 * pitch_of(bolts.xyz)
+    if not others.size or away[lost].min() <= others.max() + half:
+        return ""
+    least, most = 1e3 * away[lost].min(), 1e3 * away[lost].max()
+    lie = f"They lie {least:.3g} to {most:.3g}" if len(lost) > 1 else f"It lies {most:.3g}"
+    return f"{lie} mm from the nearest node of the structure, the others {1e3 * others.max():.3g} mm or less"
 
 
 def _columns(vectors: sp.csc_array, *, scaled: bool = True) -> list[tuple[bytes, bytes]]:
