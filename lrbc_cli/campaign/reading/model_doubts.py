@@ -7,7 +7,6 @@ from collections.abc import Collection, Iterator, Sequence
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from lrbc_cli.campaign.reading.dof_source import MANY
 from lrbc_cli.campaign.reading.doubts.chosen import part_of_stiffness
@@ -18,14 +17,16 @@ from lrbc_cli.campaign.reading.doubts.rigid import require_single_diagonal
 from lrbc_cli.campaign.reading.doubts.settings import setting_slips, start_slips
 from lrbc_cli.campaign.reading.doubts.springs import half_grounded, held_springs
 from lrbc_cli.campaign.reading.groups import TermGroup
+from lrbc_cli.campaign.reading.places import AT_NODE
 from lrbc_cli.config import Campaign, ModelConfig
 from lrbc_cli.config.explain import suggestion
 from lrbc_cli.config.structure import ProportionalDamping
 from lrbc_cli.errors import DataError, listing
 from lrbc_cli.model.dofs import COMPONENTS, DofLabels, DofTable, PointTable
 from lrbc_cli.model.fem import FeModel
+from lrbc_cli.model.selection import pitch
 from lrbc_cli.reduction.problem.vectors import highest_omega
-from lrbc_cli.updating.unknowns.places import Edge, Joints, misplaced, pitch_of, spots
+from lrbc_cli.updating.unknowns.places import Edge, Joints, misplaced, spots
 
 #: Stiffness from which a diagonal entry is a penalty [N/m, or N/mm].
 PENALTY = 1e30
@@ -340,7 +341,10 @@ def _reaching(groups: Sequence[TermGroup]) -> list[Edge | Joints]:
 
 
 def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None, dofs: DofTable | None) -> Iterator[str]:
-    """Warning if terms do not reach all bolts, with the likely cause: other axes, another origin, another structure, or missing springs."""
+    """Warning if terms do not reach bolts, with the likely cause: other axes, another origin, another structure, or missing springs.
+
+    A row may be longer than its edge, so up to half of the bolts of edges are tolerated, unless all lie off the plane of the structure.
+    """
     elsewhere = misplaced_bolts(groups, bolts)
     if elsewhere is not None:
         yield (
@@ -353,29 +357,31 @@ def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None, dofs: D
     lost = [k for k, spot in enumerate(found) if isinstance(spot, str)]
     if bolts is None or not lost:
         return
-    fix = (
-        "Look at them with `lrbc check --picture`, and correct the bolts file (order of its axes, origin, or the file of another "
-        "structure) or parameters.NAME.select"
-    )
     if not any(isinstance(group, Edge) for group in values):
         fix = "Add their springs to the tables of parameters.NAME.select, or remove these bolts from the bolts file"
-    elif dofs is not None and (beside := _beside_structure(bolts, lost, dofs)):
-        fix = f"{beside}: the bolts file is probably that of another structure. Give the one of this structure"
+    elif (aside := _off_plane(bolts, dofs)) > 0.0:
+        fix = (
+            f"All bolts of the file lie {1e3 * aside:.3g} mm or more off the plane of the structure, too: it is probably that of another "
+            "structure. Give the bolts file of this one"
+        )
+    elif 2 * len(lost) > len(found):
+        fix = "Look at them with `lrbc check --picture`, and correct the bolts file (order of its axes, origin) or parameters.NAME.select"
+    else:
+        return
     yield (
         f"{len(lost)} of {len(found)} bolts cannot be judged ({listing([bolts.name[k] for k in lost], 6)}): {found[lost[0]]} "
         f"({bolts.name[lost[0]]}). {fix}"
     )
 
 
-def _beside_structure(bolts: PointTable, lost: Sequence[int], dofs: DofTable) -> str:
-    """Text that bolts lie further from all nodes of the structure, by more than half a pitch, than the others; empty if they do not."""
-    away = cKDTree(dofs.xyz[~dofs.is_acoustic]).query(bolts.xyz)[0]
-    others, half = np.delete(away, lost), 0.5 * pitch_of(bolts.xyz)
-    if not others.size or away[lost].min() <= others.max() + half:
-        return ""
-    least, most = 1e3 * away[lost].min(), 1e3 * away[lost].max()
-    lie = f"They lie {least:.3g} to {most:.3g}" if len(lost) > 1 else f"It lies {most:.3g}"
-    return f"{lie} mm from the nearest node of the structure, the others {1e3 * others.max():.3g} mm or less"
+def _off_plane(bolts: PointTable, dofs: DofTable | None, *, flat: float = 1e-6) -> float:
+    """Least distance of the bolts from the plane of the structural nodes [m]; 0 if one lies in it, or the nodes are in no plane."""
+    xyz = np.zeros((0, 3)) if dofs is None else np.unique(dofs.xyz[~dofs.is_acoustic], axis=0)
+    if len(xyz) < 3:
+        return 0.0
+    _, sizes, axes = np.linalg.svd(xyz - xyz.mean(axis=0), full_matrices=False)
+    away = float(np.abs((bolts.xyz - xyz.mean(axis=0)) @ axes[2]).min())
+    return away if sizes[2] <= flat * sizes[0] and sizes[1] > flat * sizes[0] and away > AT_NODE * pitch(xyz) else 0.0
 
 
 def _columns(vectors: sp.csc_array, *, scaled: bool = True) -> list[tuple[bytes, bytes]]:
