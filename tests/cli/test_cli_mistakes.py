@@ -1202,6 +1202,22 @@ MISTAKES = [
         "with +0.2 m in Y added every bolt lies at terms",
     ),
     Mistake(
+        "bolts of a longer structure",
+        "frame",
+        numbers("model/bolts.csv", lambda r: (r - r.mean(axis=0)) * 1.5 + r.mean(axis=0) + [0.0, 0.0, 0.005]),
+        0,
+        "2 of 6 bolts cannot be judged (B1, B6)",
+        "All bolts of the file lie 5 mm or more off the plane of the structure, too: it is probably that of another structure",
+    ),
+    Mistake(
+        "a bolt without a spring",
+        "plate",
+        text("bushings.csv", lambda t: "".join(line for line in t.splitlines(keepends=True) if not line.startswith("B4,"))),
+        0,
+        "1 of 6 bolts cannot be judged (B4): no term belongs to it",
+        "Add their springs to the tables of parameters.NAME.select",
+    ),
+    Mistake(
         "a measurement that no job names",
         "frame",
         lambda folder: shutil.copy(folder.data / FRFS[1], folder.data / "frf" / "monday.csv"),
@@ -1961,6 +1977,13 @@ def test_a_calibration_leaves_the_springs_of_the_matrix_as_they_are(tmp_path: Pa
     done = lrbc("run", folder.config, "--cache", tmp_path / "cache", "--fail-on-loose")
     assert done.code == 6, done.stderr
     assert "b5-loose: B5 loose" in done.stdout
+
+
+def test_a_row_of_bolts_may_be_longer_than_its_edge(tmp_path: Path) -> None:
+    """As on the SoundBox, whose flange is longer than the panel."""
+    folder = make_frame(tmp_path)
+    numbers("model/bolts.csv", lambda r: (r - r.mean(axis=0)) * 1.5 + r.mean(axis=0))(folder)
+    assert "cannot be judged" not in lrbc("check", folder.config, "--cache", reduced_cache("frame")).stdout
 
 
 def test_a_file_with_the_name_of_a_job_is_the_only_fix(tmp_path: Path) -> None:

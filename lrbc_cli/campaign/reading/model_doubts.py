@@ -17,12 +17,14 @@ from lrbc_cli.campaign.reading.doubts.rigid import require_single_diagonal
 from lrbc_cli.campaign.reading.doubts.settings import setting_slips, start_slips
 from lrbc_cli.campaign.reading.doubts.springs import half_grounded, held_springs
 from lrbc_cli.campaign.reading.groups import TermGroup
+from lrbc_cli.campaign.reading.places import AT_NODE
 from lrbc_cli.config import Campaign, ModelConfig
 from lrbc_cli.config.explain import suggestion
 from lrbc_cli.config.structure import ProportionalDamping
 from lrbc_cli.errors import DataError, listing
 from lrbc_cli.model.dofs import COMPONENTS, DofLabels, DofTable, PointTable
 from lrbc_cli.model.fem import FeModel
+from lrbc_cli.model.selection import pitch
 from lrbc_cli.reduction.problem.vectors import highest_omega
 from lrbc_cli.updating.unknowns.places import Edge, Joints, misplaced, spots
 
@@ -176,7 +178,7 @@ def slips(
     yield from held_springs(campaign, model, groups, dofs)
     yield from half_grounded(model, groups, dofs)
     yield from massless_part(model, dofs)
-    yield from _out_of_reach(groups, bolts)
+    yield from _out_of_reach(groups, bolts, dofs)
     yield from sorted_names(bolts)
 
 
@@ -341,8 +343,11 @@ def _reaching(groups: Sequence[TermGroup]) -> list[Edge | Joints]:
     return values
 
 
-def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None) -> Iterator[str]:
-    """Warning if terms do not reach most bolts, or would reach more with other axes or another origin of the bolts file."""
+def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None, dofs: DofTable | None) -> Iterator[str]:
+    """Warning if terms do not reach bolts, with the likely cause: other axes, another origin, another structure, or missing springs.
+
+    A row may be longer than its edge, so up to half of the bolts of edges are tolerated, unless all lie off the plane of the structure.
+    """
     elsewhere = misplaced_bolts(groups, bolts)
     if elsewhere is not None:
         yield (
@@ -352,14 +357,34 @@ def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None) -> Iter
         return
     values = _reaching(groups)
     found = spots(values, bolts.xyz) if bolts is not None and values else []
-    lost = [name for name, spot in zip(() if bolts is None else bolts.name, found, strict=False) if isinstance(spot, str)]
-    if 2 * len(lost) > len(found):
-        first = next(spot for spot in found if isinstance(spot, str))
-        yield (
-            f"{len(lost)} of {len(found)} bolts cannot be judged ({listing(lost, 6)}): {first} "
-            f"({lost[0]}). Look at them with `lrbc check --picture`, and correct the bolts file (order of its axes, origin) or "
-            "parameters.NAME.select"
+    lost = [k for k, spot in enumerate(found) if isinstance(spot, str)]
+    if bolts is None or not lost:
+        return
+    if not any(isinstance(group, Edge) for group in values):
+        fix = "Add their springs to the tables of parameters.NAME.select, or remove these bolts from the bolts file"
+    elif (aside := _off_plane(bolts, dofs)) > 0.0:
+        fix = (
+            f"All bolts of the file lie {1e3 * aside:.3g} mm or more off the plane of the structure, too: it is probably that of another "
+            "structure. Give the bolts file of this one"
         )
+    elif 2 * len(lost) > len(found):
+        fix = "Look at them with `lrbc check --picture`, and correct the bolts file (order of its axes, origin) or parameters.NAME.select"
+    else:
+        return
+    yield (
+        f"{len(lost)} of {len(found)} bolts cannot be judged ({listing([bolts.name[k] for k in lost], 6)}): {found[lost[0]]} "
+        f"({bolts.name[lost[0]]}). {fix}"
+    )
+
+
+def _off_plane(bolts: PointTable, dofs: DofTable | None, *, flat: float = 1e-6) -> float:
+    """Least distance of the bolts from the plane of the structural nodes [m]; 0 if one lies in it, or the nodes are in no plane."""
+    xyz = np.zeros((0, 3)) if dofs is None else np.unique(dofs.xyz[~dofs.is_acoustic], axis=0)
+    if len(xyz) < 3:
+        return 0.0
+    _, sizes, axes = np.linalg.svd(xyz - xyz.mean(axis=0), full_matrices=False)
+    away = float(np.abs((bolts.xyz - xyz.mean(axis=0)) @ axes[2]).min())
+    return away if sizes[2] <= flat * sizes[0] and sizes[1] > flat * sizes[0] and away > AT_NODE * pitch(xyz) else 0.0
 
 
 def _columns(vectors: sp.csc_array, *, scaled: bool = True) -> list[tuple[bytes, bytes]]:
