@@ -8,7 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lrbc_cli.campaign.reading.doubts.astray import beside_their_springs, renumbered_text, reversed_order, stray_springs
+from lrbc_cli.campaign.reading.doubts.astray import (
+    beside_their_springs,
+    copied_names,
+    copied_text,
+    renumbered_text,
+    reversed_order,
+    stray_springs,
+)
 from lrbc_cli.campaign.reading.doubts.points import NearPoint, beside_nodes, exchanged_axes
 from lrbc_cli.campaign.reading.places import EXCHANGES
 from lrbc_cli.io.text.bushings import BushingTable
@@ -94,6 +101,33 @@ def test_springs_beside_their_bolts_are_no_mistyped_nodes() -> None:
     assert springs_of(11, 21, 32, 41, 51, 61, 71) == ""
     assert springs_of(10, 20, 30, 42, 50, 60, 70) == ""
     assert springs_of(10, 20, 30, 3, 4, 5, 70) == ""
+
+
+def named(*names: str) -> tuple[dict[int, str], str]:
+    """Springs found under another name, of one UZ spring at each of seven bolts of a row, whose lines have these names."""
+    bolts = PointTable(tuple(f"B{k}" for k in range(1, 8)), ROW)
+    table = BushingTable(
+        path=Path("bushings.csv"),
+        lines=tuple(range(2, 9)),
+        bolt=names,
+        node_a=np.arange(1, 8),
+        node_b=(None,) * 7,
+        component=("UZ",) * 7,
+        stiffness=np.ones(7),
+        axes=np.broadcast_to(np.eye(3), (7, 3, 3)),
+    )
+    found = copied_names(table, ROW, bolts)
+    return found, copied_text(table, found)
+
+
+def test_a_name_copied_down_is_told_apart_from_a_mistyped_node() -> None:
+    assert named("B1", "B2", "B3", "B3", "B5", "B6", "B7") == (
+        {3: "B4"},
+        "line 5: a spring of B3 at B4, which has none: write B4 there (the name was probably copied down)",
+    )
+    # Two names exchanged, and bolts without another line of their own, are other mistakes.
+    assert named("B1", "B2", "B4", "B3", "B5", "B6", "B7")[0] == {}
+    assert named("B1", "B2", "B3", "A4", "B5", "B6", "B7")[0] == {}
 
 
 #: A box of beams in three different sizes, with bolts along it.

@@ -1986,6 +1986,15 @@ def test_a_row_of_bolts_may_be_longer_than_its_edge(tmp_path: Path) -> None:
     assert "cannot be judged" not in lrbc("check", folder.config, "--cache", reduced_cache("frame")).stdout
 
 
+def test_a_name_of_a_bolt_copied_down_is_told_by_its_line_alone(tmp_path: Path) -> None:
+    folder = make_plate(tmp_path)
+    text("bushings.csv", lambda t: t.replace("B4,", "B3,"))(folder)
+    said = lrbc("check", folder.config).stdout
+    assert "springs of B3 at B4, which has none: write B4 there" in said
+    assert "cannot be judged" not in said
+    assert "mistyped" not in said
+
+
 def test_a_file_with_the_name_of_a_job_is_the_only_fix(tmp_path: Path) -> None:
     folder = make_frame(tmp_path)
     folder.replace("frf/loose-2.csv", "frf/loose-all.csv")

@@ -12,7 +12,14 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.campaign.reading.doubts.astray import beside_their_dofs, beside_their_springs, renumbered_text, stray_springs
+from lrbc_cli.campaign.reading.doubts.astray import (
+    beside_their_dofs,
+    beside_their_springs,
+    copied_names,
+    copied_text,
+    renumbered_text,
+    stray_springs,
+)
 from lrbc_cli.campaign.reading.joints import aside_text, bolts_of_terms, bushing_vectors, joint_notes, owners, require_free
 from lrbc_cli.campaign.reading.places import EXCHANGES, require_near
 from lrbc_cli.campaign.reading.reader import ModelReader, Parts
@@ -276,8 +283,11 @@ class GroupReader(ModelReader):
             self.table_exchanged = True
         elif astray:
             self.beside.setdefault(astray, []).append(file.name)
-        elif self.bolts is not None and (stray := stray_springs(table, places, self.bolts, self.dofs, self.unit.length)):
-            self.warn(f"{file.name}: {stray}")
+        elif self.bolts is not None:
+            copied = copied_names(table, places, self.bolts)
+            self.copied |= set(copied.values())
+            stray = stray_springs(table, places, self.bolts, self.dofs, self.unit.length, copied=copied)
+            self.warn(*(f"{file.name}: {text}" for text in (copied_text(table, copied), stray) if text))
         if len(set(zip(table.bolt, table.component, strict=True))) > len(set(table.bolt)):
             self.notes.append(
                 f"parameters {name}: springs of several components share one value for each bolt; the loss of one of them alone may stay "

@@ -154,6 +154,7 @@ def slips(
     dofs: DofTable | None,
     *,
     astray: Collection[str] = (),
+    copied: Collection[str] = (),
 ) -> Iterator[str]:
     """Warnings about contradictions in settings, damping, responses, terms, springs and bolts, each with its remedy.
 
@@ -168,6 +169,8 @@ def slips(
     dofs : DofTable or None
     astray : collection of str
         Responses whose places are in doubt.
+    copied : collection of str
+        Bolts whose springs were found under the name of another bolt.
     """
     yield from setting_slips(campaign)
     yield from part_of_stiffness(campaign, model, dofs)
@@ -178,7 +181,7 @@ def slips(
     yield from held_springs(campaign, model, groups, dofs)
     yield from half_grounded(model, groups, dofs)
     yield from massless_part(model, dofs)
-    yield from _out_of_reach(groups, bolts, dofs)
+    yield from _out_of_reach(groups, bolts, dofs, copied)
     yield from sorted_names(bolts)
 
 
@@ -343,7 +346,7 @@ def _reaching(groups: Sequence[TermGroup]) -> list[Edge | Joints]:
     return values
 
 
-def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None, dofs: DofTable | None) -> Iterator[str]:
+def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None, dofs: DofTable | None, copied: Collection[str]) -> Iterator[str]:
     """Warning if terms do not reach bolts, with the likely cause: other axes, another origin, another structure, or missing springs.
 
     A row may be longer than its edge, so up to half of the bolts of edges are tolerated, unless all lie off the plane of the structure.
@@ -357,7 +360,7 @@ def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None, dofs: D
         return
     values = _reaching(groups)
     found = spots(values, bolts.xyz) if bolts is not None and values else []
-    lost = [k for k, spot in enumerate(found) if isinstance(spot, str)]
+    lost = [k for k, spot in enumerate(found) if isinstance(spot, str) and bolts is not None and bolts.name[k] not in copied]
     if bolts is None or not lost:
         return
     if not any(isinstance(group, Edge) for group in values):
