@@ -1218,6 +1218,14 @@ MISTAKES = [
         "Add their springs to the tables of parameters.NAME.select",
     ),
     Mistake(
+        "a box that ends in the middle of the edge",
+        "frame",
+        config((EDGE, "      component: ROTY\n      box: [[-0.001, 0.001], [0.0, 0.17], [0, 0]]\n")),
+        0,
+        "left_edge.select.box ends at y = 0.17 in the middle of the edge: B4, B5, B6 lie beyond it",
+        "Write [0, 0.366667] for y",
+    ),
+    Mistake(
         "a measurement that no job names",
         "frame",
         lambda folder: shutil.copy(folder.data / FRFS[1], folder.data / "frf" / "monday.csv"),
@@ -1984,6 +1992,14 @@ def test_a_row_of_bolts_may_be_longer_than_its_edge(tmp_path: Path) -> None:
     folder = make_frame(tmp_path)
     numbers("model/bolts.csv", lambda r: (r - r.mean(axis=0)) * 1.5 + r.mean(axis=0))(folder)
     assert "cannot be judged" not in lrbc("check", folder.config, "--cache", reduced_cache("frame")).stdout
+
+
+def test_a_box_that_holds_its_whole_edge_is_long_enough(tmp_path: Path) -> None:
+    """Though the row of bolts is longer."""
+    folder = make_frame(tmp_path)
+    config((EDGE, "      component: ROTY\n      box: [[-0.001, 0.001], [0.0, 0.37], [0, 0]]\n"))(folder)
+    numbers("model/bolts.csv", lambda r: (r - r.mean(axis=0)) * 1.5 + r.mean(axis=0))(folder)
+    assert "cannot be judged" not in lrbc("check", folder.config).stdout
 
 
 def test_a_name_of_a_bolt_copied_down_is_told_by_its_line_alone(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.reading.dof_source import MANY
 from lrbc_cli.campaign.reading.doubts.chosen import part_of_stiffness
+from lrbc_cli.campaign.reading.doubts.cut import cut_edges
 from lrbc_cli.campaign.reading.doubts.materials import massless_part
 from lrbc_cli.campaign.reading.doubts.names import sorted_names
 from lrbc_cli.campaign.reading.doubts.numbering import numbering_doubts
@@ -181,7 +182,7 @@ def slips(
     yield from held_springs(campaign, model, groups, dofs)
     yield from half_grounded(model, groups, dofs)
     yield from massless_part(model, dofs)
-    yield from _out_of_reach(groups, bolts, dofs, copied)
+    yield from _out_of_reach(campaign, groups, bolts, dofs, copied)
     yield from sorted_names(bolts)
 
 
@@ -346,8 +347,10 @@ def _reaching(groups: Sequence[TermGroup]) -> list[Edge | Joints]:
     return values
 
 
-def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None, dofs: DofTable | None, copied: Collection[str]) -> Iterator[str]:
-    """Warning if terms do not reach bolts, with the likely cause: other axes, another origin, another structure, or missing springs.
+def _out_of_reach(
+    campaign: Campaign, groups: Sequence[TermGroup], bolts: PointTable | None, dofs: DofTable | None, copied: Collection[str]
+) -> Iterator[str]:
+    """Warnings if terms do not reach bolts, with the likely cause: other axes, origin or structure, missing springs, or a box too short.
 
     A row may be longer than its edge, so up to half of the bolts of edges are tolerated, unless all lie off the plane of the structure.
     """
@@ -361,6 +364,10 @@ def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None, dofs: D
     values = _reaching(groups)
     found = spots(values, bolts.xyz) if bolts is not None and values else []
     lost = [k for k, spot in enumerate(found) if isinstance(spot, str) and bolts is not None and bolts.name[k] not in copied]
+    if bolts is not None and dofs is not None:
+        cut = cut_edges(groups, bolts, lost, dofs, campaign.unit_system.length)
+        yield from dict.fromkeys(cut.values())
+        lost = [k for k in lost if k not in cut]
     if bolts is None or not lost:
         return
     if not any(isinstance(group, Edge) for group in values):
