@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.reading.dof_source import MANY
 from lrbc_cli.campaign.reading.doubts.chosen import part_of_stiffness
+from lrbc_cli.campaign.reading.doubts.coupled import one_way_text
 from lrbc_cli.campaign.reading.doubts.cut import cut_edges
 from lrbc_cli.campaign.reading.doubts.materials import massless_part
 from lrbc_cli.campaign.reading.doubts.names import sorted_names
@@ -41,7 +42,8 @@ _DIGITS = 9
 
 def doubts(model: FeModel) -> list[str]:
     """Warnings about the matrices, in words."""
-    m, found = model, []
+    m = model
+    found = [text] if (text := one_way_text(model)) else []
     if np.iscomplexobj(m.K.data) and loss_factor(m) < 0:
         found.append(
             "the imaginary part of the stiffness is negative: with exp(+i omega t) it adds energy. Write `conjugate: true` beside its file"
