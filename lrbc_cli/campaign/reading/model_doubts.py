@@ -17,7 +17,7 @@ from lrbc_cli.campaign.reading.doubts.names import sorted_names
 from lrbc_cli.campaign.reading.doubts.numbering import numbering_doubts
 from lrbc_cli.campaign.reading.doubts.rigid import require_single_diagonal
 from lrbc_cli.campaign.reading.doubts.settings import setting_slips, start_slips
-from lrbc_cli.campaign.reading.doubts.springs import half_grounded, held_springs
+from lrbc_cli.campaign.reading.doubts.springs import doubled_springs, half_grounded, held_springs
 from lrbc_cli.campaign.reading.groups import TermGroup
 from lrbc_cli.campaign.reading.places import AT_NODE
 from lrbc_cli.config import Campaign, ModelConfig
@@ -180,7 +180,7 @@ def slips(
     yield from numbering_doubts(model, dofs)
     yield from _damping(campaign, model)
     yield from _one_place(model, responses, astray)
-    yield from _terms_twice(model, groups)
+    yield from _terms_twice(model, groups, dofs, bolts)
     yield from held_springs(campaign, model, groups, dofs)
     yield from half_grounded(model, groups, dofs)
     yield from massless_part(model, dofs)
@@ -190,7 +190,12 @@ def slips(
 
 def misread(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | None) -> bool:
     """Whether there are warnings about damping, springs or start values, so that measurements cannot be compared with the model yet."""
-    told = (*_damping(campaign, model), *held_springs(campaign, model, groups, dofs), *start_slips(campaign).values())
+    told = (
+        *_damping(campaign, model),
+        *held_springs(campaign, model, groups, dofs),
+        *_terms_twice(model, groups, dofs, None),
+        *start_slips(campaign).values(),
+    )
     return bool(told)
 
 
@@ -303,21 +308,24 @@ def _one_place(model: FeModel, responses: Sequence[tuple[str, int]], astray: Col
         )
 
 
-def _terms_twice(model: FeModel, groups: Sequence[TermGroup]) -> Iterator[str]:
+def _terms_twice(model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | None, bolts: PointTable | None) -> Iterator[str]:
     """Warnings about groups that share terms, whose values cannot be distinguished."""
     left, right = _columns(model.terms.left), _columns(model.terms.right)
-    owner: dict[tuple[object, ...], str] = {}
-    shared: dict[tuple[str, str], int] = {}
+    owner: dict[tuple[object, ...], TermGroup] = {}
+    shared: dict[tuple[str, str], tuple[TermGroup, TermGroup, list[int]]] = {}
     for group in groups:
         for term in group.terms.tolist():
-            first = owner.setdefault((left[term], right[term], int(model.terms.power[term])), group.name)
-            if first != group.name:
-                shared[first, group.name] = shared.get((first, group.name), 0) + 1
-    for (first, second), count in shared.items():
-        yield (
-            f"parameters {first} and {second} contain the same {count} term{'s' if count > 1 else ''}, so their values cannot be "
-            "distinguished: remove these terms from one of the two selections"
-        )
+            first = owner.setdefault((left[term], right[term], int(model.terms.power[term])), group)
+            if first is not group:
+                shared.setdefault((first.name, group.name), (first, group, []))[2].append(term)
+    for first, second, terms in shared.values():
+        if dofs is not None and first.config.select.bushings is not None and second.config.select.bushings is not None:
+            yield doubled_springs(model, groups, (first, second), terms, dofs, bolts)
+        else:
+            yield (
+                f"parameters {first.name} and {second.name} contain the same {len(terms)} term{'s' if len(terms) > 1 else ''}, so their "
+                "values cannot be distinguished: remove these terms from one of the two selections"
+            )
 
 
 def misplaced_bolts(groups: Sequence[TermGroup], bolts: PointTable | None) -> str | None:
