@@ -10,8 +10,8 @@ import pytest
 
 from lrbc_cli.campaign.reading.doubts.astray import (
     beside_their_springs,
-    copied_names,
-    copied_text,
+    misnamed_springs,
+    misnamed_text,
     renumbered_text,
     reversed_order,
     stray_springs,
@@ -116,8 +116,8 @@ def named(*names: str) -> tuple[dict[int, str], str]:
         stiffness=np.ones(7),
         axes=np.broadcast_to(np.eye(3), (7, 3, 3)),
     )
-    found = copied_names(table, ROW, bolts)
-    return found, copied_text(table, found)
+    found = misnamed_springs(table, ROW, bolts)
+    return found, misnamed_text(table, found)
 
 
 def test_a_name_copied_down_is_told_apart_from_a_mistyped_node() -> None:

@@ -15,8 +15,8 @@ from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.reading.doubts.astray import (
     beside_their_dofs,
     beside_their_springs,
-    copied_names,
-    copied_text,
+    misnamed_springs,
+    misnamed_text,
     renumbered_text,
     stray_springs,
 )
@@ -284,10 +284,10 @@ class GroupReader(ModelReader):
         elif astray:
             self.beside.setdefault(astray, []).append(file.name)
         elif self.bolts is not None:
-            copied = copied_names(table, places, self.bolts)
-            self.copied |= set(copied.values())
-            stray = stray_springs(table, places, self.bolts, self.dofs, self.unit.length, copied=copied)
-            self.warn(*(f"{file.name}: {text}" for text in (copied_text(table, copied), stray) if text))
+            misnamed = misnamed_springs(table, places, self.bolts)
+            self.misnamed |= set(misnamed.values())
+            stray = stray_springs(table, places, self.bolts, self.dofs, self.unit.length, misnamed=misnamed)
+            self.warn(*(f"{file.name}: {text}" for text in (misnamed_text(table, misnamed), stray) if text))
         if len(set(zip(table.bolt, table.component, strict=True))) > len(set(table.bolt)):
             self.notes.append(
                 f"parameters {name}: springs of several components share one value for each bolt; the loss of one of them alone may stay "

@@ -230,7 +230,7 @@ class _Reader(GroupReader):
     def slips(self, model: FeModel, responses: list[Response], groups: list[TermGroup], bolts: PointTable | None) -> Iterator[str]:
         """Warnings about contradictions within the campaign."""
         named = [(response.name, response.input) for response in responses]
-        return slips(self.campaign, model, named, groups, bolts, self.dofs, astray=self.astray, copied=self.copied)
+        return slips(self.campaign, model, named, groups, bolts, self.dofs, astray=self.astray, misnamed=self.misnamed)
 
     def response(self, point: ResponseConfig, name: str, acoustic: NDArray[np.bool_]) -> tuple[sp.csc_array, Response]:
         """Output row (1, n) of one response, and its description."""

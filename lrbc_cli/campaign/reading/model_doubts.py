@@ -157,7 +157,7 @@ def slips(
     dofs: DofTable | None,
     *,
     astray: Collection[str] = (),
-    copied: Collection[str] = (),
+    misnamed: Collection[str] = (),
 ) -> Iterator[str]:
     """Warnings about contradictions in settings, damping, responses, terms, springs and bolts, each with its remedy.
 
@@ -172,7 +172,7 @@ def slips(
     dofs : DofTable or None
     astray : collection of str
         Responses whose places are in doubt.
-    copied : collection of str
+    misnamed : collection of str
         Bolts whose springs were found under the name of another bolt.
     """
     yield from setting_slips(campaign)
@@ -184,7 +184,7 @@ def slips(
     yield from held_springs(campaign, model, groups, dofs)
     yield from half_grounded(model, groups, dofs)
     yield from massless_part(model, dofs)
-    yield from _out_of_reach(campaign, groups, bolts, dofs, copied)
+    yield from _out_of_reach(campaign, groups, bolts, dofs, misnamed)
     yield from sorted_names(bolts)
 
 
@@ -358,7 +358,7 @@ def _reaching(groups: Sequence[TermGroup]) -> list[Edge | Joints]:
 
 
 def _out_of_reach(
-    campaign: Campaign, groups: Sequence[TermGroup], bolts: PointTable | None, dofs: DofTable | None, copied: Collection[str]
+    campaign: Campaign, groups: Sequence[TermGroup], bolts: PointTable | None, dofs: DofTable | None, misnamed: Collection[str]
 ) -> Iterator[str]:
     """Warnings if terms do not reach bolts, with the likely cause: other axes, origin or structure, missing springs, or a box too short.
 
@@ -373,7 +373,7 @@ def _out_of_reach(
         return
     values = _reaching(groups)
     found = spots(values, bolts.xyz) if bolts is not None and values else []
-    lost = [k for k, spot in enumerate(found) if isinstance(spot, str) and bolts is not None and bolts.name[k] not in copied]
+    lost = [k for k, spot in enumerate(found) if isinstance(spot, str) and bolts is not None and bolts.name[k] not in misnamed]
     if bolts is not None and dofs is not None:
         cut = cut_edges(groups, bolts, lost, dofs, campaign.unit_system.length)
         yield from dict.fromkeys(cut.values())

@@ -112,7 +112,7 @@ def renumbered_text(table: BushingTable, places: Floats, bolts: PointTable, dofs
     return ""
 
 
-def copied_names(table: BushingTable, places: Floats, bolts: PointTable) -> dict[int, str]:
+def misnamed_springs(table: BushingTable, places: Floats, bolts: PointTable) -> dict[int, str]:
     """Springs that bear the name of a bolt with another such spring, but lie at a bolt that the table does not have.
 
     Parameters
@@ -139,8 +139,8 @@ def copied_names(table: BushingTable, places: Floats, bolts: PointTable) -> dict
     }
 
 
-def copied_text(table: BushingTable, found: Mapping[int, str]) -> str:
-    """Warning about springs with the name of another bolt (``found``: of ``copied_names``); empty if there are none."""
+def misnamed_text(table: BushingTable, found: Mapping[int, str]) -> str:
+    """Warning about springs with the name of another bolt (``found``: of ``misnamed_springs``); empty if there are none."""
     at = "; ".join(
         f"line{'s' if len(springs) > 1 else ''} {listing([str(table.lines[k]) for k in springs], 6)}: "
         f"{'springs' if len(springs) > 1 else 'a spring'} of {table.bolt[springs[0]]} at {name}, which has none: write {name} there"
@@ -157,7 +157,7 @@ def stray_springs(
     dofs: DofTable,
     unit: float,
     *,
-    copied: Collection[int] = (),
+    misnamed: Collection[int] = (),
     times: float = 3.0,
 ) -> str:
     """Warning about a few springs far from their bolts while all others are at theirs; empty if there are none.
@@ -171,12 +171,12 @@ def stray_springs(
     dofs : DofTable
     unit : float
         Length unit of the file [m].
-    copied : collection of int
+    misnamed : collection of int
         Springs that are left out, because they bear the name of another bolt.
     times : float
         A spring is far if its distance exceeds this multiple of the largest among the others, and a quarter of that to the next bolt.
     """
-    known = [k for k, bolt in enumerate(table.bolt) if bolt in bolts.name and k not in copied]
+    known = [k for k, bolt in enumerate(table.bolt) if bolt in bolts.name and k not in misnamed]
     if len(bolts.name) < 3 or len(known) < 4:
         return ""
     own = bolts.xyz[[bolts.name.index(table.bolt[k]) for k in known]]
