@@ -12,7 +12,19 @@ from lrbc_cli.campaign.identification.compared.likeness import MOST_LEFT, outlyi
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import listing
-from lrbc_cli.updating.comparison.scale import LEAST_OFFSET, LEAST_REACH, MOST_REACH, Common, Known, Offset, grouped, moved, offsets_of
+from lrbc_cli.io.units import parse_unit
+from lrbc_cli.updating.comparison.scale import (
+    LEAST_OFFSET,
+    LEAST_REACH,
+    MOST_REACH,
+    Common,
+    Known,
+    Offset,
+    grouped,
+    moved,
+    offsets_of,
+    unit_near,
+)
 
 #: Least share of the band over which a constant factor can be distinguished from errors of the model.
 LEAST_BAND = 0.8
@@ -149,6 +161,14 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
         return text, cause + keys + (f", and jobs.{job}.format.unit: {unit}" if unit else "")
     if b:
         return text, f"{likely} a derivative or an integral with respect to time, perhaps of the input. Convert the FRF file"
+    if (stated := _stated_unit(inputs, job)) is not None and len(common.responses) == count:
+        if scaled := _scaled_twice(inputs, common, job, stated):
+            return text, f"{likely} {scaled}"
+        # The key replaces the unit in force, so the factor beside that unit is not the one to write.
+        right = unit_near(offset.db - stated[1], offset.half, quantity)
+        if right is not None and right != stated[0]:
+            return text, f"{likely} FRFs in {right}, not in {stated[0]}. Write jobs.{job}.format.unit: {right}"
+        unit = None
     own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-offset.db / 20.0))}"
     # A sensitivity with a digit too many or too few, of some sensors or in one job; a unit may explain the factor as well.
     tenfold = float(np.copysign(20.0, offset.db))
@@ -181,6 +201,26 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
         scales = (f"responses.{inputs.responses[i].name}.scale: {10.0 ** (known.db / 20.0):.6g}" for i in common.responses)
         return text, cause + ", ".join(scales)
     return text, cause + (f"jobs.{job}.format.unit: {unit}, or {own}" if unit and len(common.responses) == count else own)
+
+
+def _scaled_twice(inputs: Inputs, common: Common, job: str, stated: tuple[str, float]) -> str:
+    """Cause and fix if a factor is the one that the campaign states as scale beside a unit; else empty."""
+    offset, scale = common.offset, inputs.campaign.jobs[job].factor(inputs.responses[common.offset.response].name)
+    reach = min(max(offset.half, LEAST_REACH), MOST_REACH)
+    if abs(20.0 * np.log10(abs(scale)) - offset.db) > reach:
+        return ""
+    unit, key = f"jobs.{job}.format.unit: {stated[0]}", f"jobs.{job}.scale"
+    if abs(stated[1] - offset.db) <= reach:
+        return f"converted twice, by {unit} and by {key}: {scale:g}. Delete {key}, or else {unit}"
+    return f"{key}: {scale:g}, which FRFs with {unit} do not need. Delete {key}"
+
+
+def _stated_unit(inputs: Inputs, job: str) -> tuple[str, float] | None:
+    """Unit that the campaign states for the FRFs of a job, and its factor to SI [dB]; None if it states none."""
+    own = inputs.campaign.jobs[job]
+    layout = own.format_of(own.first)
+    unit = parse_unit(layout.unit) if layout is not None and layout.unit is not None else None
+    return None if unit is None or layout is None else (str(layout.unit), 20.0 * float(np.log10(unit.factor)))
 
 
 def offset_findings(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list[Finding]:
