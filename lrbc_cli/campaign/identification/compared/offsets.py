@@ -149,7 +149,7 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
     # With a wider interval, parts of the band differ, and one factor is less likely.
     likely = "probable cause:" if offset.half <= MOST_REACH else "possible cause:"
     causes = [known.cause for known in recognised if known.cause]
-    unit = next((known.unit for known in recognised if known.unit), None)
+    unit = None if _stated_unit(inputs, job) else next((known.unit for known in recognised if known.unit), None)
     other = moved(quantity, b)
     if b and other is not None:
         cause = f"{likely} {other}, not {quantity}{' and ' + causes[0] if causes else ''}. Write "
@@ -161,14 +161,8 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
         return text, cause + keys + (f", and jobs.{job}.format.unit: {unit}" if unit else "")
     if b:
         return text, f"{likely} a derivative or an integral with respect to time, perhaps of the input. Convert the FRF file"
-    if (stated := _stated_unit(inputs, job)) is not None and len(common.responses) == count:
-        if scaled := _scaled_twice(inputs, common, job, stated):
-            return text, f"{likely} {scaled}"
-        # The key replaces the unit in force, so the factor beside that unit is not the one to write.
-        right = unit_near(offset.db - stated[1], offset.half, quantity)
-        if right is not None and right != stated[0]:
-            return text, f"{likely} FRFs in {right}, not in {stated[0]}. Write jobs.{job}.format.unit: {right}"
-        unit = None
+    if len(common.responses) == count and (cause := _beside_unit(inputs, common, job)):
+        return text, f"{likely} {cause}"
     own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-offset.db / 20.0))}"
     # A sensitivity with a digit too many or too few, of some sensors or in one job; a unit may explain the factor as well.
     tenfold = float(np.copysign(20.0, offset.db))
@@ -203,16 +197,20 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
     return text, cause + (f"jobs.{job}.format.unit: {unit}, or {own}" if unit and len(common.responses) == count else own)
 
 
-def _scaled_twice(inputs: Inputs, common: Common, job: str, stated: tuple[str, float]) -> str:
-    """Cause and fix if a factor is the one that the campaign states as scale beside a unit; else empty."""
-    offset, scale = common.offset, inputs.campaign.jobs[job].factor(inputs.responses[common.offset.response].name)
-    reach = min(max(offset.half, LEAST_REACH), MOST_REACH)
-    if abs(20.0 * np.log10(abs(scale)) - offset.db) > reach:
+def _beside_unit(inputs: Inputs, common: Common, job: str) -> str:
+    """Cause and fix of a factor beside a unit that the campaign states: a scale as well, or another unit; empty if neither explains it."""
+    offset, response, stated = common.offset, inputs.responses[common.offset.response], _stated_unit(inputs, job)
+    if stated is None:
         return ""
-    unit, key = f"jobs.{job}.format.unit: {stated[0]}", f"jobs.{job}.scale"
-    if abs(stated[1] - offset.db) <= reach:
-        return f"converted twice, by {unit} and by {key}: {scale:g}. Delete {key}, or else {unit}"
-    return f"{key}: {scale:g}, which FRFs with {unit} do not need. Delete {key}"
+    (label, decibels), scale, key = stated, inputs.campaign.jobs[job].factor(response.name), f"jobs.{job}.scale"
+    reach, unit = min(max(offset.half, LEAST_REACH), MOST_REACH), f"jobs.{job}.format.unit: {label}"
+    if abs(20.0 * np.log10(abs(scale)) - offset.db) <= reach:
+        if abs(decibels - offset.db) <= reach:
+            return f"converted twice, by {unit} and by {key}: {scale:g}. Delete {key}, or else {unit}"
+        return f"{key}: {scale:g}, which FRFs with {unit} do not need. Delete {key}"
+    # The key replaces the unit in force, so the factor beside that unit is not the one to write.
+    right = unit_near(offset.db - decibels, offset.half, response.quantity)
+    return "" if right in (None, label) else f"FRFs in {right}, not in {label}. Write jobs.{job}.format.unit: {right}"
 
 
 def _stated_unit(inputs: Inputs, job: str) -> tuple[str, float] | None:
