@@ -316,7 +316,7 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     groups, along, no_lines = by_edges(campaign, groups, bolts)
     reader.notes += along
     lossy = partial(with_loss, campaign, acoustic)
-    extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M}, lossy)
+    extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M}, acoustic, lossy)
     model = FeModel(K=lossy(K), C=C, M=M, B=B, L=L, output_power=output_power, is_acoustic=acoustic, terms=terms, extras=extras)
     reader.warn(*no_lines, *left_behind(K, campaign), *doubts(model), *reader.slips(model, responses, groups, bolts))
     check_drift(campaign, bool(acoustic.any()))
