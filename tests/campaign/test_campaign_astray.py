@@ -17,7 +17,8 @@ from lrbc_cli.campaign.reading.doubts.astray import (
     stray_springs,
 )
 from lrbc_cli.campaign.reading.doubts.points import NearPoint, beside_nodes, exchanged_axes
-from lrbc_cli.campaign.reading.places import EXCHANGES
+from lrbc_cli.campaign.reading.places import EXCHANGES, require_near
+from lrbc_cli.errors import DataError
 from lrbc_cli.io.text.bushings import BushingTable
 from lrbc_cli.model.dofs import DofTable, PointTable
 from lrbc_cli.model.selection import nearest, spacing
@@ -211,3 +212,21 @@ def test_node_numbers_that_are_all_off_by_one(step: int) -> None:
     assert told(own) == ""
     # One mistyped node is no numbering.
     assert told(own - [step, 0, 0, 0]) == ""
+
+
+def test_bolts_in_polar_coordinates_are_no_millimetres() -> None:
+    """Springs at the bolts decide: divided by 1000 the places fit the model, too."""
+    angles = np.arange(0.0, 360.0, 30.0)
+    ring = 0.21 * np.column_stack([np.cos(np.deg2rad(angles)), np.sin(np.deg2rad(angles)), np.zeros(12)])
+    model, names = np.array([[-0.25, -0.25, 0.0], [0.25, 0.25, 0.01]]), [("bolt", f"B{k}") for k in range(12)]
+    polar = np.column_stack([np.full(12, 0.21), angles, np.zeros(12)])
+
+    def told(points: np.ndarray, own: np.ndarray | None, unit: float = 1.0) -> str:
+        with pytest.raises(DataError) as refused:
+            require_near(points, names, model, file=Path("bolts.csv"), own=own, unit=unit)
+        return str(refused.value.hint)
+
+    assert "with x as radius and y as angle in degrees they lie at their springs" in told(polar, ring)
+    assert "probably millimetres" in told(1000.0 * ring, ring)
+    assert told(1000.0 * ring[::-1], ring).startswith("correct the coordinates")
+    assert "probably millimetres" in told(1000.0 * ring, None)

@@ -1210,6 +1210,14 @@ MISTAKES = [
         "All bolts of the file lie 5 mm or more off the plane of the structure, too: it is probably that of another structure",
     ),
     Mistake(
+        "places of bolts as radius and angle",
+        "plate",
+        numbers("bolts.csv", lambda r: np.column_stack([np.hypot(r[:, 0], r[:, 1]), np.rad2deg(np.arctan2(r[:, 1], r[:, 0])), r[:, 2]])),
+        0,
+        "lie nearer to the springs of other bolts than to their own",
+        "with x as radius and y as angle in degrees they lie at their springs",
+    ),
+    Mistake(
         "a bolt without a spring",
         "plate",
         text("bushings.csv", lambda t: "".join(line for line in t.splitlines(keepends=True) if not line.startswith("B4,"))),

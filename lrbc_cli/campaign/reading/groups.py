@@ -160,7 +160,9 @@ class GroupReader(ModelReader):
             known = [self.dofs.xyz] if self.dofs else [f.group.xyz for f in found if f.group.xyz is not None]
             if known:
                 names = [("bolt", name) for name in bolts.name]
-                require_near(bolts.xyz, names, np.concatenate(known), file=file, known=self.dofs is not None)
+                all_of = np.concatenate(known)
+                own = _places_of(found, bolts.name)
+                require_near(bolts.xyz, names, all_of, file=file, known=self.dofs is not None, own=own, unit=self.unit.length)
         owned = [f for f in found if f.bolt is not None]
         if bolts is None or not owned:
             return bolts, [f.group for f in found]
@@ -295,6 +297,17 @@ class GroupReader(ModelReader):
             )
         grounded = {node is None for node in table.node_b}
         return vectors, places, table.bolt, grounded.pop() if len(grounded) == 1 else None
+
+
+def _places_of(found: Sequence[Terms], names: Sequence[str]) -> Floats | None:
+    """(m, 3) mean place of the terms that each bolt owns, NaN where it owns none; None if none of them owns any."""
+    places: dict[str, list[Floats]] = {}
+    for terms in found:
+        for k, name in enumerate(terms.bolt or ()):
+            if terms.group.xyz is not None:
+                places.setdefault(name, []).append(terms.group.xyz[k])
+    nowhere = [np.full(3, np.nan)]
+    return np.array([np.mean(places.get(name, nowhere), axis=0) for name in names]) if places.keys() & set(names) else None
 
 
 def _one_edge(xyz: Floats | None) -> bool:

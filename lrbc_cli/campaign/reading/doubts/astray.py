@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Bools, Floats
-from lrbc_cli.campaign.reading.places import CLEARLY_NEARER, EXCHANGES, MILLIMETRES
+from lrbc_cli.campaign.reading.places import CLEARLY_NEARER, EXCHANGES, MILLIMETRES, POLAR, of_polar
 from lrbc_cli.errors import listing
 from lrbc_cli.io.text.bushings import BushingTable
 from lrbc_cli.io.text.tables import ROUNDING
@@ -60,6 +60,7 @@ def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str
     ways = {
         "the places are probably in metres: multiply them by 1000": xyz / MILLIMETRES,
         "the places are probably in millimetres: divide them by 1000": xyz * MILLIMETRES,
+        POLAR: of_polar(xyz, unit),
         **{f"{axes} are probably exchanged: exchange these columns": xyz[:, order] for axes, order in EXCHANGES.items()},
     }
     # Or the names of the bolts are permuted.
