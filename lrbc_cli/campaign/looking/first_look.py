@@ -72,8 +72,9 @@ COARSE = 3e-2
 #: Kinds of findings about the interpretation of numbers, single responses, or exchanged records.
 _OF_NUMBERS = {Kind.READ, Kind.UNITS, Kind.LEVEL, Kind.ALONE, Kind.STRETCHED, Kind.FOREIGN, Kind.EXCHANGED, Kind.HAMMERS}
 
-#: Kinds of findings in the reference job after which further jobs cannot be compared: wrong damping, or wrong places of hammer or sensors.
-_OF_MODEL = {Kind.DAMPING, Kind.HAMMERS, Kind.HAMMER, Kind.MIRRORED, Kind.IDLE}
+#: Kinds of findings in the reference job after which further jobs cannot be compared: wrong damping or material, or wrong places of hammer
+#: or sensors.
+_OF_MODEL = {Kind.DAMPING, Kind.MATERIAL, Kind.HAMMERS, Kind.HAMMER, Kind.MIRRORED, Kind.IDLE}
 
 #: Number of nearest states for which exchanged sensors are looked for.
 NEAREST = 4
@@ -135,6 +136,10 @@ def first_look(
         found: dict[str, OfJob] = {}
         tight = measurements.get(reference or "")
         heard = {name: replace(measurements[name], values=_heard(inputs, name, measurements[name], tight)) for name in order}
+        calibration = inputs.campaign.calibration
+        if calibration is not None and calibration.job != reference and calibration.job in heard:
+            # Another job than the reference job is said to be tight, too: with the model fitted to it, the reference job shows if it is.
+            source = roughly_calibrated(source, heard[calibration.job]) or source
         for name in order:
             own = found[reference].told if reference in found else []
             if kinds_of(own) & _OF_MODEL:

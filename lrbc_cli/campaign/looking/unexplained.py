@@ -15,6 +15,7 @@ from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.causes.coordinates import coordinates_texts, mirrored_text
 from lrbc_cli.campaign.looking.causes.held import held_text, idle_text, supports_text
 from lrbc_cli.campaign.looking.causes.moved import hammer_text, sensor_text
+from lrbc_cli.campaign.looking.causes.parts import part_text
 from lrbc_cli.campaign.looking.causes.rescaled import rescaled_text, softness_text
 from lrbc_cli.campaign.looking.causes.tightness import UNLIKE, looser, tighter_text
 from lrbc_cli.campaign.looking.states import Seen
@@ -110,7 +111,9 @@ def little_in_common(seen: Seen, measurements: Mapping[str, Measurement]) -> lis
             return [Finding(text=text, kind=Kind.RESCALED)]
         if idle := idle_text(seen):
             return [Finding(text=idle, kind=Kind.IDLE)]
-    if float(np.median(own)) > UNLIKE:
+        if part := part_text(seen, typical):
+            return [Finding(text=part, kind=Kind.MATERIAL)]
+    if float(np.median(own)) > (LEAST_DIFFERENCE if seen.source.fitted_to not in (None, seen.job) else UNLIKE):
         far = f"level misfits of {min(own):.1f} to {max(own):.1f} dB at the start values (mean level of each response removed)"
         far += _uneven_text(seen)
         if tighter := tighter_text(seen, measurements):
