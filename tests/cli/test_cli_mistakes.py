@@ -1792,6 +1792,14 @@ MISTAKES = [
         "If files are exchanged, exchange jobs.tight-1.frf and jobs.",
     ),
     Mistake(
+        "a loose state as the reference job beside a calibration from a tight one",
+        "plate",
+        config(("reference: tight-1", "reference: b3-half-b4-loose")),
+        0,
+        "fit the tight model far better than b3-half-b4-loose",
+        "set update.reference to a tight job",
+    ),
+    Mistake(
         "x and y of the hammer exchanged",
         "frame",
         config(("[0.16, 0.12, 0.0]", "[0.12, 0.16, 0.0]")),

@@ -70,7 +70,7 @@ def _parts(seen: Seen, *, least: float = 0.02) -> Iterator[Bools]:
     model = seen.inputs.model
     structural = ~model.is_acoustic
     labels = np.full(model.size, -1)
-    labels[structural] = connected_components(model.K[structural][:, structural], directed=False)[1]
+    labels[structural] = connected_components(abs(model.K[structural][:, structural]), directed=False)[1]
     sizes = np.bincount(labels[structural]) if structural.any() else np.zeros(0)
     large = np.flatnonzero(sizes >= least * structural.sum())
     if large.size > 1:
