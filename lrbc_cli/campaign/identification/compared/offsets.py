@@ -140,10 +140,12 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
     unit = next((known.unit for known in recognised if known.unit), None)
     other = moved(quantity, b)
     if b and other is not None:
-        cause = f"{likely} {other}, not {quantity}{' and ' + causes[0] if causes else ''}. Write "
+        cause = f"{likely} {other}, not {quantity}{' and ' + causes[0] if causes else ''}. "
         keys = ", ".join(f"responses.{inputs.responses[i].name}.quantity: {other}" for i in common.responses)
-        if job != inputs.campaign.update.reference:
-            keys += f" (if all jobs contain it; otherwise export {job} again as {quantity})"
+        keys = f"quantity: {other} under each of these responses" if len(common.responses) > 4 else keys
+        cause += (
+            "Write " if job == inputs.campaign.update.reference else f"Export {job} again as {quantity} or, if all jobs contain it, write "
+        )
         whole = f"format.quantity: {other} in each job whose file states {quantity}"
         keys += f", and {whole if len(common.responses) == count else f'beside each labelled: {quantity}, if the files state that'}"
         return text, cause + keys + (f", and jobs.{job}.format.unit: {unit}" if unit else "")
