@@ -714,7 +714,7 @@ MISTAKES = [
         numbers(FRFS[1], integrated),
         0,
         "probable cause: velocity, not acceleration",
-        "otherwise export loose-2 again",
+        "Export loose-2 again as acceleration",
     ),
     Mistake(
         "three sensors in a ring",

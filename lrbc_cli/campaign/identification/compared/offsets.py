@@ -66,7 +66,7 @@ def quantities_of(inputs: Inputs) -> list[str]:
 
 
 def _names(inputs: Inputs, responses: Sequence[int], of: int) -> str:
-    names = ", ".join(inputs.responses[i].name for i in responses)
+    names = listing([inputs.responses[i].name for i in responses], 12)
     return f"all responses ({names})" if len(responses) == of and of > 1 else names
 
 
@@ -143,9 +143,8 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
         cause = f"{likely} {other}, not {quantity}{' and ' + causes[0] if causes else ''}. "
         keys = ", ".join(f"responses.{inputs.responses[i].name}.quantity: {other}" for i in common.responses)
         keys = f"quantity: {other} under each of these responses" if len(common.responses) > 4 else keys
-        cause += (
-            "Write " if job == inputs.campaign.update.reference else f"Export {job} again as {quantity} or, if all jobs contain it, write "
-        )
+        own = job != inputs.campaign.update.reference
+        cause += f"Export {job} again as {quantity} or, if all jobs contain it, write " if own else "Write "
         whole = f"format.quantity: {other} in each job whose file states {quantity}"
         keys += f", and {whole if len(common.responses) == count else f'beside each labelled: {quantity}, if the files state that'}"
         return text, cause + keys + (f", and jobs.{job}.format.unit: {unit}" if unit else "")
