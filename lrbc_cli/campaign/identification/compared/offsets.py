@@ -143,8 +143,8 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
         cause = f"{likely} {other}, not {quantity}{' and ' + causes[0] if causes else ''}. "
         keys = ", ".join(f"responses.{inputs.responses[i].name}.quantity: {other}" for i in common.responses)
         keys = f"quantity: {other} under each of these responses" if len(common.responses) > 4 else keys
-        own = job != inputs.campaign.update.reference
-        cause += f"Export {job} again as {quantity} or, if all jobs contain it, write " if own else "Write "
+        single = job != inputs.campaign.update.reference
+        cause += f"Export {job} again as {quantity} or, if all jobs contain it, write " if single else "Write "
         whole = f"format.quantity: {other} in each job whose file states {quantity}"
         keys += f", and {whole if len(common.responses) == count else f'beside each labelled: {quantity}, if the files state that'}"
         return text, cause + keys + (f", and jobs.{job}.format.unit: {unit}" if unit else "")
