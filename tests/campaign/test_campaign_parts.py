@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,7 +12,8 @@ import pytest
 import scipy.sparse as sp
 from looking import seen
 
-from lrbc_cli.campaign.looking.causes.parts import part_text
+from lrbc_cli.campaign.looking.causes.parts import lump_text, part_text
+from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import LowRankTerms
@@ -60,7 +63,7 @@ def frf(model: FeModel, springs: np.ndarray) -> np.ndarray:
     return np.array(found)
 
 
-def told(given: FeModel, true: FeModel) -> str:
+def told(given: FeModel, true: FeModel, cause: Callable[[Seen, float], str] = part_text) -> str:
     springs = np.array([3e6, 1e6, 2e6])
     dofs = DofTable(
         node=np.arange(2 * COUNT),
@@ -73,7 +76,7 @@ def told(given: FeModel, true: FeModel) -> str:
     parameters = SimpleNamespace(initial=initial, dynamic=lambda theta, s: np.tile(10.0**theta + 0j, (len(s), 1)))
     source = SimpleNamespace(inputs=inputs, known={b"work": 1.0})
     job = seen(frf(true, springs), frf(given, springs)[None], hz=HZ, source=source, parameters=parameters)
-    return part_text(job, job.misfit)
+    return cause(job, job.misfit)
 
 
 @pytest.mark.parametrize(
@@ -95,3 +98,12 @@ def test_nothing_is_said_of_right_parts_or_of_one() -> None:
     """Errors of some per cent are left to the calibration; a single part is examined elsewhere."""
     assert told(assembly(), assembly(1.05, 0.93)) == ""
     assert told(assembly(joined=True), assembly(2.9, joined=True)) == ""
+
+
+def test_a_mass_that_the_structure_does_not_have() -> None:
+    heavy = assembly()
+    heavy = replace(heavy, M=sp.csc_array(heavy.M + sp.diags_array(np.where(np.arange(2 * COUNT) == COUNT + 20, 25.0, 0.0))))
+    assert told(heavy, assembly(), lump_text).startswith(f"the mass matrix holds 25 kg at node {COUNT + 20} in addition to the mass")
+    # It is on the test bench, too; or there is none.
+    assert told(heavy, heavy, lump_text) == ""
+    assert told(assembly(), assembly(2.9), lump_text) == ""
