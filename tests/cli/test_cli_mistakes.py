@@ -714,7 +714,7 @@ MISTAKES = [
         numbers(FRFS[1], integrated),
         0,
         "probable cause: velocity, not acceleration",
-        "otherwise export loose-2 again",
+        "Export loose-2 again as acceleration",
     ),
     Mistake(
         "three sensors in a ring",
@@ -1806,6 +1806,14 @@ MISTAKES = [
         0,
         "fit the tight model far better than tight-1",
         "If files are exchanged, exchange jobs.tight-1.frf and jobs.",
+    ),
+    Mistake(
+        "a loose state as the reference job beside a calibration from a tight one",
+        "plate",
+        config(("reference: tight-1", "reference: b3-half-b4-loose")),
+        0,
+        "fit the tight model far better than b3-half-b4-loose",
+        "set update.reference to a tight job",
     ),
     Mistake(
         "x and y of the hammer exchanged",

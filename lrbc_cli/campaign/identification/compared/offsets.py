@@ -78,7 +78,7 @@ def quantities_of(inputs: Inputs) -> list[str]:
 
 
 def _names(inputs: Inputs, responses: Sequence[int], of: int) -> str:
-    names = ", ".join(inputs.responses[i].name for i in responses)
+    names = listing([inputs.responses[i].name for i in responses], 12)
     return f"all responses ({names})" if len(responses) == of and of > 1 else names
 
 
@@ -152,10 +152,11 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
     unit = None if _stated_unit(inputs, job) else next((known.unit for known in recognised if known.unit), None)
     other = moved(quantity, b)
     if b and other is not None:
-        cause = f"{likely} {other}, not {quantity}{' and ' + causes[0] if causes else ''}. Write "
+        cause = f"{likely} {other}, not {quantity}{' and ' + causes[0] if causes else ''}. "
         keys = ", ".join(f"responses.{inputs.responses[i].name}.quantity: {other}" for i in common.responses)
-        if job != inputs.campaign.update.reference:
-            keys += f" (if all jobs contain it; otherwise export {job} again as {quantity})"
+        keys = f"quantity: {other} under each of these responses" if len(common.responses) > 4 else keys
+        single = job != inputs.campaign.update.reference
+        cause += f"Export {job} again as {quantity} or, if all jobs contain it, write " if single else "Write "
         whole = f"format.quantity: {other} in each job whose file states {quantity}"
         keys += f", and {whole if len(common.responses) == count else f'beside each labelled: {quantity}, if the files state that'}"
         return text, cause + keys + (f", and jobs.{job}.format.unit: {unit}" if unit else "")
