@@ -11,8 +11,8 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.io.encoding import read_lines
 from lrbc_cli.io.text.sniff import TextTable, split
 
-#: A number of several digits without decimal sign or exponent.
-_BARE = re.compile(r"[+-]?\d{3,}")
+#: A number of four and more digits without decimal sign or exponent: phases in degrees, which noise scatters, have three at most.
+_BARE = re.compile(r"[+-]?\d{4,}")
 
 
 def require_points(table: TextTable, path: Path, *, least: int = 3) -> None:
@@ -35,7 +35,7 @@ def require_points(table: TextTable, path: Path, *, least: int = 3) -> None:
     size = np.abs(table.values)
     if len(size) < 3:
         return
-    high = (0.1 * size[1:-1] >= size[:-2]) & (0.1 * size[1:-1] >= size[2:]) & (size[1:-1] >= 100.0)
+    high = (0.1 * size[1:-1] >= size[:-2]) & (0.1 * size[1:-1] >= size[2:]) & (size[1:-1] >= 1000.0)
     high &= size[1:-1] == np.floor(size[1:-1])
     rows, columns = (at.tolist() for at in np.nonzero(high))
     if len(rows) < least:
