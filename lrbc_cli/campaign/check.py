@@ -229,7 +229,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         if first != name:
             out.warn(*taken_twice(inputs.campaign, first, name))
         elif copied := earlier.copied(measurement, names):
-            own.append(f"{copied}. Write its own file under jobs.{name}.frf")
+            own.append(f"{copied}. Give each of the two jobs its own file under jobs.JOB.frf")
         earlier.add(name, measurement)
         readable[name] = measurement
         records = sum(bool(np.isfinite(measurement.values[:, i]).any()) for i in range(len(inputs.responses)))

@@ -8,9 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lrbc_cli.campaign.reading.doubts.astray import beside_their_springs, renumbered_text, reversed_order, stray_springs
+from lrbc_cli.campaign.reading.doubts.astray import (
+    beside_their_springs,
+    misnamed_springs,
+    misnamed_text,
+    renumbered_text,
+    reversed_order,
+    stray_springs,
+)
 from lrbc_cli.campaign.reading.doubts.points import NearPoint, beside_nodes, exchanged_axes
-from lrbc_cli.campaign.reading.places import EXCHANGES
+from lrbc_cli.campaign.reading.places import EXCHANGES, require_near
+from lrbc_cli.errors import DataError
 from lrbc_cli.io.text.bushings import BushingTable
 from lrbc_cli.model.dofs import DofTable, PointTable
 from lrbc_cli.model.selection import nearest, spacing
@@ -96,6 +104,33 @@ def test_springs_beside_their_bolts_are_no_mistyped_nodes() -> None:
     assert springs_of(10, 20, 30, 3, 4, 5, 70) == ""
 
 
+def named(*names: str) -> tuple[dict[int, str], str]:
+    """Springs found under another name, of one UZ spring at each of seven bolts of a row, whose lines have these names."""
+    bolts = PointTable(tuple(f"B{k}" for k in range(1, 8)), ROW)
+    table = BushingTable(
+        path=Path("bushings.csv"),
+        lines=tuple(range(2, 9)),
+        bolt=names,
+        node_a=np.arange(1, 8),
+        node_b=(None,) * 7,
+        component=("UZ",) * 7,
+        stiffness=np.ones(7),
+        axes=np.broadcast_to(np.eye(3), (7, 3, 3)),
+    )
+    found = misnamed_springs(table, ROW, bolts)
+    return found, misnamed_text(table, found)
+
+
+def test_a_name_copied_down_is_told_apart_from_a_mistyped_node() -> None:
+    assert named("B1", "B2", "B3", "B3", "B5", "B6", "B7") == (
+        {3: "B4"},
+        "line 5: a spring of B3 at B4, which has none: write B4 there (the name was probably copied down)",
+    )
+    # Two names exchanged, and bolts without another line of their own, are other mistakes.
+    assert named("B1", "B2", "B4", "B3", "B5", "B6", "B7")[0] == {}
+    assert named("B1", "B2", "B3", "A4", "B5", "B6", "B7")[0] == {}
+
+
 #: A box of beams in three different sizes, with bolts along it.
 BOX = np.array([[x, y, z] for x in (0.0, 0.3, 0.6) for y in (0.0, 0.25) for z in (0.0, 0.1, 0.2, 0.9)])
 
@@ -177,3 +212,21 @@ def test_node_numbers_that_are_all_off_by_one(step: int) -> None:
     assert told(own) == ""
     # One mistyped node is no numbering.
     assert told(own - [step, 0, 0, 0]) == ""
+
+
+def test_bolts_in_polar_coordinates_are_no_millimetres() -> None:
+    """Springs at the bolts decide: divided by 1000 the places fit the model, too."""
+    angles = np.arange(0.0, 360.0, 30.0)
+    ring = 0.21 * np.column_stack([np.cos(np.deg2rad(angles)), np.sin(np.deg2rad(angles)), np.zeros(12)])
+    model, names = np.array([[-0.25, -0.25, 0.0], [0.25, 0.25, 0.01]]), [("bolt", f"B{k}") for k in range(12)]
+    polar = np.column_stack([np.full(12, 0.21), angles, np.zeros(12)])
+
+    def told(points: np.ndarray, own: np.ndarray | None, unit: float = 1.0) -> str:
+        with pytest.raises(DataError) as refused:
+            require_near(points, names, model, file=Path("bolts.csv"), own=own, unit=unit)
+        return str(refused.value.hint)
+
+    assert "with x as radius and y as angle in degrees they lie at their springs" in told(polar, ring)
+    assert "probably millimetres" in told(1000.0 * ring, ring)
+    assert told(1000.0 * ring[::-1], ring).startswith("correct the coordinates")
+    assert "probably millimetres" in told(1000.0 * ring, None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -107,6 +108,15 @@ def test_among_many_the_same_ones_are_found_with_few_comparisons(monkeypatch: py
     assert found == expected
 
 
+def test_records_that_two_jobs_share_may_be_those_of_either() -> None:
+    own, other = measured(1, 0.01), measured(2, 0.01)
+    mixed = replace(own, values=np.column_stack([own.values[:, 0], other.values[:, 1]]))
+    for one, name, beside in ((mixed, "other", other), (other, "mixed", mixed)):
+        text = copied_text(one, beside, name, ["a", "b"], LIMITS)
+        assert text.startswith(f"it has the numbers of the measurement of {name} in b, and others elsewhere")
+        assert f"the file of one of the two jobs, this one or {name}, has records of the other" in text
+
+
 def cells(change: Callable[[np.ndarray], np.ndarray], form: str = "%.9g") -> Callable[[Folder], None]:
     """The measurement of the tight state once more, with other numbers in its cells."""
 
@@ -132,10 +142,7 @@ def test_the_tight_state_under_another_name_is_no_all_clear(tmp_path: Path, put:
     put(folder)
     folder.write(folder.tree() | {"jobs": {name: {"frf": f"data/frf/{name}.csv"} for name in ("tight", "loose-2")}})
     warned = folder.run("check").stdout + folder.run("check").stderr
-    assert (
-        "job loose-2: it has the numbers of the measurement of tight: check whether another file was meant. Write its own file under"
-        in warned
-    )
+    assert "job loose-2: it has the numbers of the measurement of tight: check whether another file was meant. Give each" in warned
     done = folder.run("update", "--fail-on-loose")
     assert done.code == 7, done.stdout
     assert "it has the numbers of the measurement of tight" in done.stdout

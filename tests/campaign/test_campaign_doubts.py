@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,6 +25,7 @@ from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.jobs.evidence import guessed_text
 from lrbc_cli.campaign.looking.unexplained import single_responses
 from lrbc_cli.campaign.reading.doubts import springs
+from lrbc_cli.config.settings import TextFormat
 from lrbc_cli.model.units import SI
 from lrbc_cli.updating.comparison.scale import Offset
 from lrbc_cli.updating.judging.reference import ReferenceState
@@ -85,11 +87,12 @@ def test_a_factor_that_leaves_most_of_the_misfit_is_no_unit(frame: Folder) -> No
     assert "acc3: measured over computed +31.10 dB" in found(0.5, 3.0)[0]
 
 
-def hammered(**db: float) -> list[Finding]:
-    """Findings of four sensors under two hammer points with these factors, else none."""
+def hammered(*, unit: str | None = None, scale: float = 1.0, **db: float) -> list[Finding]:
+    """Findings of four sensors under two hammer points with these factors, else none; of files with this unit and scale."""
     names = [f"a{k}-h{h}" for h in (1, 2) for k in range(1, 5)]
     responses = [SimpleNamespace(name=n, node=int(n[1]), direction=3, quantity="acceleration", input=int(n[-1]) - 1) for n in names]
-    reference = SimpleNamespace(update=SimpleNamespace(reference="tight"), jobs={"tight": SimpleNamespace(factor=lambda _: 1.0)})
+    job = SimpleNamespace(factor=lambda _: scale, first=Path("tight.uff"), format_of=lambda _: unit and TextFormat(unit=unit))
+    reference = SimpleNamespace(update=SimpleNamespace(reference="tight"), jobs={"tight": job})
     method = SimpleNamespace(residual=SimpleNamespace(phase=False))
     inputs: Any = SimpleNamespace(responses=responses, campaign=reference, method=method)
     own = [db.get(name.replace("-", ""), 0.0) for name in names]
@@ -98,6 +101,24 @@ def hammered(**db: float) -> list[Finding]:
         for i, size in enumerate(own)
     ]
     return offset_findings(inputs, found, "tight")
+
+
+def test_the_unit_to_write_replaces_the_one_that_is_stated() -> None:
+    """And a scale beside a unit that converts already is one too many."""
+    names = [f"a{k}h{h}" for h in (1, 2) for k in range(1, 5)]
+
+    def told(db: float, **stated: Any) -> str:
+        (found,) = hammered(**stated, **dict.fromkeys(names, db))
+        return found.text
+
+    twice = told(19.6, unit="g/N", scale=9.80665)
+    assert "converted twice, by jobs.tight.format.unit: g/N and by jobs.tight.scale: 9.80665. Delete jobs.tight.scale, or else" in twice
+    assert "FRFs in m/s2/N, not in g/N. Write jobs.tight.format.unit: m/s2/N" in told(19.8, unit="g/N")
+    assert "FRFs in mm/s2/N, not in g/N. Write jobs.tight.format.unit: mm/s2/N" in told(79.8, unit="g/N")
+    assert "jobs.tight.scale: 10, which FRFs with jobs.tight.format.unit: mm/s2/N do not need. Delete" in told(
+        20.1, unit="mm/s2/N", scale=10.0
+    )
+    assert "Write jobs.tight.format.unit: m/s2/kgf" in told(19.8)
 
 
 def test_a_factor_that_depends_on_the_hammer_point_is_no_sensitivity() -> None:

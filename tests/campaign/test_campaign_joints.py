@@ -146,6 +146,20 @@ class TestOwnership:
         assert group.count == 9
         assert group.parameter.tolist() == np.repeat(np.arange(9), 3).tolist()
 
+    def test_springs_in_two_tables_are_told_with_the_component_that_is_missing(self, folder: Folder) -> None:
+        lines = (folder.data / "bushings.csv").read_text().splitlines()
+        bolt, nodes = lines[1].split(",")[0], lines[1].split(",")[1]
+        turned = [line for line in lines[1:] if ",ROTX," in line]
+        tables = {"rest": [line for line in lines[1:] if line not in turned], "turned": turned}
+        tables["turned"][0] = turned[0].replace("ROTX", "ROTY")
+        for name, rows in tables.items():
+            (folder.data / f"{name}.csv").write_text("\n".join([lines[0], *rows]) + "\n")
+        with_groups(folder, {name: {"select": {"bushings": f"data/{name}.csv"}} for name in tables})
+        (said,) = [text for text in folder.inputs().warnings if "contain the same" in text]
+        assert said.startswith("parameters rest and turned contain the same 1 spring (rest.csv and turned.csv), which act twice")
+        assert f"ROTY of {bolt} (node {nodes})" in said
+        assert "These joints lack ROTX, which others have: correct the component of one of the two" in said
+
     def test_columns_bolt_and_parameter_say_the_same_as_bushings(self, folder: Folder) -> None:
         K, _ = matrices()
         bolts = "name,x,y,z\n" + "".join(f"{name},{0.1 * i},{0.09 * j},0\n" for name, (i, j) in BOLTS.items())

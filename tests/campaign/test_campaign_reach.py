@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import scipy.io
-from campaigns import box
+from campaigns import Folder, box
 
 from lrbc_cli.campaign.reading.inputs import read_as_exported
 from lrbc_cli.config import load_campaign
@@ -25,6 +25,31 @@ def test_a_coupling_that_was_not_exported_is_told_as_one(tmp_path: Path) -> None
     with pytest.raises(DataError, match="mic1 to excitation hammer is zero: no entry of the matrices couples structure and air") as told:
         read_as_exported(load_campaign(folder.config))
     assert "export the matrices of the coupled model" in str(told.value)
+
+
+def without_coupling(tmp_path: Path, name: str) -> Folder:
+    folder = box(tmp_path)
+    path = folder.data / f"{name}.mtx"
+    matrix = scipy.io.mmread(path).toarray()
+    matrix[:STRUCTURE, STRUCTURE:] = matrix[STRUCTURE:, :STRUCTURE] = 0.0
+    scipy.io.mmwrite(path, matrix, symmetry="general", precision=17)
+    return folder
+
+
+def test_a_block_of_the_coupling_that_was_not_exported_is_named(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="mic1 to excitation hammer is zero: structure and air are coupled one way only") as told:
+        read_as_exported(load_campaign(without_coupling(tmp_path, "M").config))
+    assert "entries in the rows of displacements of the stiffness matrix, none in those of pressures of the mass matrix" in str(told.value)
+    assert "export the mass matrix with the coupling" in str(told.value)
+
+
+def test_a_structure_that_does_not_feel_the_air_is_told(tmp_path: Path) -> None:
+    said = read_as_exported(load_campaign(without_coupling(tmp_path, "K").config)).warnings
+    assert any(
+        text.startswith("the structure does not feel the air: ") and text.endswith("Export the stiffness matrix with the coupling")
+        for text in said
+    )
+    assert not any("does not feel" in text for text in read_as_exported(load_campaign(box(tmp_path / "right").config)).warnings)
 
 
 def test_a_piece_of_the_air_alone_is_one_of_several(tmp_path: Path) -> None:

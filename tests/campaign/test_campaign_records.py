@@ -145,6 +145,20 @@ def test_triaxial_sensors(box: Folder) -> None:
     np.testing.assert_allclose(measured(box).values[:, 3], 3 * records[3].values, rtol=1e-11)
 
 
+def test_a_file_to_which_the_analyser_appended(box: Folder) -> None:
+    path = box.data / "loose.uff"
+    records, before = read_frf(path).records, read_frf(box.data / "tight.uff").records
+    write_frf(path, FrfSet(source="", records=(*before, *records)))
+    error = refused(box)
+    assert "the file holds 2 measurements, one after the other" in str(error)
+    first = len(read_frf(path).records) // 2
+    last = read_frf(path).records[first].number - 1
+    assert f"records 1 to {last} with the numbers of tight.uff; records {last + 1} to the last: the same {first} FRFs each" in error.found
+    assert f"delete records 1 to {last} from the file" in str(error.hint)
+    write_frf(path, FrfSet(source="", records=(*(replace(r, values=2 * r.values) for r in records), *records)))
+    assert "delete the records of the other measurements from the file" in str(refused(box).hint)
+
+
 def test_ambiguous_records(box: Folder) -> None:
     path = box.data / "loose.uff"
     records = list(read_frf(path).records)

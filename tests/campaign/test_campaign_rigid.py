@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 
 import grillage
 import numpy as np
 import pytest
+import scipy.io
 import scipy.sparse as sp
 
 from lrbc_cli.campaign.reading.doubts.rigid import components_doubt, digits_doubt, places_doubt
@@ -166,6 +168,24 @@ def test_components_of_a_grillage_in_another_order_are_told(said):
     fix = f"Exchange {' and '.join(sorted(old))}" if len(old) == 2 else f"Write {', '.join(new)} in place of {', '.join(old)}"
     assert (text or "").endswith(f"{fix} in dofs.csv" if old else "")
     assert (text is None) is (not old)
+
+
+def test_components_are_tested_in_the_units_of_the_files(tmp_path: Path):
+    """In other units than SI a row taken for a rotation is converted as one; other units of the model are no explanation, then."""
+    folder = grillage.grillage(tmp_path, ())
+    shift = np.tile([True, False, False], grillage.NX * grillage.NY)
+    scales = sp.diags_array(np.where(shift, 1e-3**0.5, 1e3**0.5))
+    for name in ("K", "M"):
+        matrix = scales @ sp.csc_array(scipy.io.mmread(folder.data / f"{name}.mtx")) @ scales
+        scipy.io.mmwrite(folder.data / f"{name}.mtx", matrix, symmetry="general", precision=17)
+    head, *rows = [line.split(",") for line in (folder.data / "dofs.csv").read_text().splitlines()]
+    names = {"UZ": "ROTX", "ROTX": "ROTY", "ROTY": "UZ"}
+    rows = [[*row[:2], names[row[2]], *(f"{1e3 * float(value):g}" for value in row[3:])] for row in rows]
+    (folder.data / "dofs.csv").write_text("\n".join(",".join(row) for row in (head, *rows)) + "\n")
+    folder.write(folder.tree() | {"units": "mm-N-t"})
+    told = folder.inputs().warnings
+    assert any(text.endswith("Write UZ, ROTX, ROTY in place of ROTX, ROTY, UZ in dofs.csv") for text in told)
+    assert not any("units" in text for text in told)
 
 
 def test_springs_at_every_node_are_no_other_order():

@@ -413,6 +413,15 @@ class TestCampaignFile:
         else:
             assert "exceeds" not in said
 
+    @pytest.mark.parametrize(("factors", "fix"), [(["stiffness.structure"], "stiffness.structure scales it already"), ([], "under calib")])
+    def test_a_group_that_is_the_whole(self, tmp_path: Path, factors: list[str], fix: str) -> None:
+        folder = frame(tmp_path / "frame")
+        whole = {"job": "tight", "groups": {"E": {"stiffness": "data/model/stiffness.mtx"}}}
+        with_calibration(folder, whole | ({"factors": factors} if factors else {"factors": ["mass.structure"]}))
+        said = folder.run("check").stdout
+        assert "calibration.groups.E.stiffness: stiffness.mtx is the whole stiffness matrix of the structure, not a share" in said
+        assert fix in said
+
     def test_a_group_that_is_no_share(self, tmp_path: Path) -> None:
         folder = frame(tmp_path / "frame")
         n = scipy.io.mmread(folder.data / "model" / "stiffness.mtx", spmatrix=False).shape[0]

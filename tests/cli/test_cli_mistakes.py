@@ -714,7 +714,7 @@ MISTAKES = [
         numbers(FRFS[1], integrated),
         0,
         "probable cause: velocity, not acceleration",
-        "otherwise export loose-2 again",
+        "Export loose-2 again as acceleration",
     ),
     Mistake(
         "three sensors in a ring",
@@ -1200,6 +1200,38 @@ MISTAKES = [
         0,
         "B1, B2, B3 of the bolts file lie beside all identified terms",
         "with +0.2 m in Y added every bolt lies at terms",
+    ),
+    Mistake(
+        "bolts of a longer structure",
+        "frame",
+        numbers("model/bolts.csv", lambda r: (r - r.mean(axis=0)) * 1.5 + r.mean(axis=0) + [0.0, 0.0, 0.005]),
+        0,
+        "2 of 6 bolts cannot be judged (B1, B6)",
+        "All bolts of the file lie 5 mm or more off the plane of the structure, too: it is probably that of another structure",
+    ),
+    Mistake(
+        "places of bolts as radius and angle",
+        "plate",
+        numbers("bolts.csv", lambda r: np.column_stack([np.hypot(r[:, 0], r[:, 1]), np.rad2deg(np.arctan2(r[:, 1], r[:, 0])), r[:, 2]])),
+        0,
+        "lie nearer to the springs of other bolts than to their own",
+        "with x as radius and y as angle in degrees they lie at their springs",
+    ),
+    Mistake(
+        "a bolt without a spring",
+        "plate",
+        text("bushings.csv", lambda t: "".join(line for line in t.splitlines(keepends=True) if not line.startswith("B4,"))),
+        0,
+        "1 of 6 bolts cannot be judged (B4): no term belongs to it",
+        "Add their springs to the tables of parameters.NAME.select",
+    ),
+    Mistake(
+        "a box that ends in the middle of the edge",
+        "frame",
+        config((EDGE, "      component: ROTY\n      box: [[-0.001, 0.001], [0.0, 0.17], [0, 0]]\n")),
+        0,
+        "left_edge.select.box ends at y = 0.17 in the middle of the edge: B4, B5, B6 lie beyond it",
+        "Write [0, 0.366667] for y",
     ),
     Mistake(
         "a measurement that no job names",
@@ -1776,6 +1808,14 @@ MISTAKES = [
         "If files are exchanged, exchange jobs.tight-1.frf and jobs.",
     ),
     Mistake(
+        "a loose state as the reference job beside a calibration from a tight one",
+        "plate",
+        config(("reference: tight-1", "reference: b3-half-b4-loose")),
+        0,
+        "fit the tight model far better than b3-half-b4-loose",
+        "set update.reference to a tight job",
+    ),
+    Mistake(
         "x and y of the hammer exchanged",
         "frame",
         config(("[0.16, 0.12, 0.0]", "[0.12, 0.16, 0.0]")),
@@ -1961,6 +2001,30 @@ def test_a_calibration_leaves_the_springs_of_the_matrix_as_they_are(tmp_path: Pa
     done = lrbc("run", folder.config, "--cache", tmp_path / "cache", "--fail-on-loose")
     assert done.code == 6, done.stderr
     assert "b5-loose: B5 loose" in done.stdout
+
+
+def test_a_row_of_bolts_may_be_longer_than_its_edge(tmp_path: Path) -> None:
+    """As on the SoundBox, whose flange is longer than the panel."""
+    folder = make_frame(tmp_path)
+    numbers("model/bolts.csv", lambda r: (r - r.mean(axis=0)) * 1.5 + r.mean(axis=0))(folder)
+    assert "cannot be judged" not in lrbc("check", folder.config, "--cache", reduced_cache("frame")).stdout
+
+
+def test_a_box_that_holds_its_whole_edge_is_long_enough(tmp_path: Path) -> None:
+    """Though the row of bolts is longer."""
+    folder = make_frame(tmp_path)
+    config((EDGE, "      component: ROTY\n      box: [[-0.001, 0.001], [0.0, 0.37], [0, 0]]\n"))(folder)
+    numbers("model/bolts.csv", lambda r: (r - r.mean(axis=0)) * 1.5 + r.mean(axis=0))(folder)
+    assert "cannot be judged" not in lrbc("check", folder.config).stdout
+
+
+def test_a_name_of_a_bolt_copied_down_is_told_by_its_line_alone(tmp_path: Path) -> None:
+    folder = make_plate(tmp_path)
+    text("bushings.csv", lambda t: t.replace("B4,", "B3,"))(folder)
+    said = lrbc("check", folder.config).stdout
+    assert "springs of B3 at B4, which has none: write B4 there" in said
+    assert "cannot be judged" not in said
+    assert "mistyped" not in said
 
 
 def test_a_file_with_the_name_of_a_job_is_the_only_fix(tmp_path: Path) -> None:

@@ -345,9 +345,9 @@ def test_what_would_take_long_is_not_looked_for(tmp_path: Path, cache: Path, mon
 
 
 def test_levels_that_agree_are_evidence_of_a_factor_of_their_own() -> None:
-    assert rescaled._explains(3.0, 2.0, 10.0, 1.0)
-    assert not rescaled._explains(5.3, 0.1, 10.0, 1.0)
-    assert rescaled._explains(5.3, 0.1, 10.0, 1.5)
+    assert rescaled.explains(3.0, 2.0, 10.0, 1.0)
+    assert not rescaled.explains(5.3, 0.1, 10.0, 1.0)
+    assert rescaled.explains(5.3, 0.1, 10.0, 1.5)
     # Levels somewhere, or little gained.
-    assert not rescaled._explains(5.3, 0.9, 10.0, 1.5)
-    assert not rescaled._explains(5.3, 0.1, 6.0, 1.5)
+    assert not rescaled.explains(5.3, 0.9, 10.0, 1.5)
+    assert not rescaled.explains(5.3, 0.1, 6.0, 1.5)

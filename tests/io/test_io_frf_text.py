@@ -422,3 +422,26 @@ def test_a_decimal_comma_between_commas_with_numbers_of_any_length(tmp_path):
     path.write_text("\n".join(rows) + "\n")
     with pytest.raises(DataError, match="the comma is both decimal sign and column separator"):
         read_frf(path)
+
+
+def test_decimal_points_that_a_spreadsheet_took_for_thousands(tmp_path):
+    hz = np.arange(10, 60)
+    values = 1.5 + 0.4 * np.sin(hz)
+    path = tmp_path / "a.csv"
+
+    def written(cells):
+        path.write_text("hz,a_real,a_imag\n" + "".join(f"{f},{cell},0.1234\n" for f, cell in zip(hz, cells, strict=True)))
+        return read_frf(path).records[0].values.real.tolist()
+
+    right = [f"{value:.4g}" for value in values]
+    lost = [cell.replace(".", "") if k in (7, 20, 33) else cell for k, cell in enumerate(right)]
+    with pytest.raises(DataError, match="decimal points are missing") as refused:
+        written(lost)
+    assert "line 9, column a_real: decimal points are missing" in str(refused.value)
+    assert f"as {right[6]} and {right[8]} before and after" in str(refused.value.expected)
+    assert f"'{lost[7]}', and 2 such cells more" in str(refused.value.found)
+    # Large numbers have no decimal sign where few digits are written, but large neighbours.
+    assert max(written([f"{1000.0 * value:.4g}" for value in values])) > 1000.0
+    assert max(written([f"{value:.4g}" for value in 3000.0 * np.exp(-0.5 * ((hz - 35.0) / 4.0) ** 2)])) == 3000.0
+    # One cell may be anything.
+    assert max(written([cell.replace(".", "") if k == 7 else cell for k, cell in enumerate(right)])) > 100.0

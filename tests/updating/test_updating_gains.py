@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lrbc_cli.updating.statistics.chain.echo import differing_blows, second_blow
+from lrbc_cli.updating.statistics.chain.echo import differing_blows, second_blow, too_many_blows
 from lrbc_cli.updating.statistics.residuals import DataResidual, ResidualOptions
 
 LINES, RESPONSES = 200, 3
@@ -103,3 +103,22 @@ def test_blows_of_two_states_are_not_noise() -> None:
     values, coherence = averaged([tight] * 4 + [loose] * 4, 0.02)
     assert differing_blows(values, np.full_like(coherence, np.nan), 8) is None
     assert differing_blows(values, coherence, 1) is None
+
+
+def test_more_blows_than_the_scatter_of_the_lines_allows():
+    """The noise of five blows, with 500 stated; a right number and an unknown coherence say nothing."""
+    rng = np.random.default_rng(4)
+    hz, blows, noise = np.linspace(20.0, 220.0, 400), 5, 0.03
+    frf = sum(hz[:, None] ** 2 / (pole**2 * (1 + 0.02j) - hz[:, None] ** 2) for pole in (60.0, 130.0, 190.0)) * [1.0, 0.7, 1.3]
+    each = noise * np.abs(frf).mean() * (rng.normal(size=(blows, *frf.shape)) + 1j * rng.normal(size=(blows, *frf.shape)))
+    values, share = frf + each.mean(axis=0), 2.0 * (noise * np.abs(frf).mean() / np.abs(frf)) ** 2
+    coherence = 1.0 / (1.0 + share)
+    said = too_many_blows(values, coherence, 500)
+    assert said is not None
+    assert said.startswith("averages: 500 is too large by the scatter of the lines")
+    assert "Write the number of blows" in said
+    assert int(said.split("fits about ")[1].split(".")[0]) in range(2, 9)
+    assert too_many_blows(values, coherence, 5) is None
+    assert too_many_blows(values, coherence, 8) is None
+    assert too_many_blows(values, np.full_like(coherence, np.nan), 500) is None
+    assert too_many_blows(values, np.ones_like(coherence), 500) is None

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from lrbc_cli.arrays import Complexes
+from lrbc_cli.campaign.identification.compared.appended import require_one_measurement
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.config.structure import FileRecordRef, RecordRef
@@ -99,6 +100,7 @@ def _one(found: list[FrfRecord], how: str, response: Response, frf: FrfSet, inpu
             found=text,
             hint=f"remove one of them from the job's frf, or select one under its records: {{{response.name}: {{file: {names[0]}}}}}",
         )
+    require_one_measurement(inputs.campaign, frf, found[0].file)
     raise DataError(
         f"several records fit response {response.name} ({how})",
         file=found[0].file or frf.source,

@@ -76,8 +76,12 @@ _OF_NUMBERS = {
     *(Kind.EXCHANGED, Kind.HAMMERS),
 }
 
-#: Kinds of findings in the reference job after which further jobs cannot be compared: wrong damping, or wrong places of hammer or sensors.
-_OF_MODEL = {Kind.CUT, Kind.FILTERED, Kind.DAMPING, Kind.HAMMERS, Kind.HAMMER, Kind.ORIGIN, Kind.IDLE}
+#: Kinds of findings in the reference job after which further jobs cannot be compared: faults of recording, wrong damping, material or
+#: frequencies, or wrong places of hammer or sensors.
+_OF_MODEL = {
+    *(Kind.CUT, Kind.FILTERED, Kind.DAMPING, Kind.MATERIAL, Kind.STRETCHED),
+    *(Kind.HAMMERS, Kind.HAMMER, Kind.ORIGIN, Kind.IDLE),
+}
 
 #: Number of nearest states for which exchanged sensors are looked for.
 NEAREST = 4
@@ -139,6 +143,7 @@ def first_look(
         found: dict[str, OfJob] = {}
         tight = measurements.get(reference or "")
         heard = {name: replace(measurements[name], values=_heard(inputs, name, measurements[name], tight)) for name in order}
+        source = _calibrated_from_another(source, heard)
         for name in order:
             own = found[reference].told if reference in found else []
             if kinds_of(own) & _OF_MODEL:
@@ -241,6 +246,17 @@ def _looked_at(source: Looking, measurements: Mapping[str, Measurement], name: s
         if not told and fitted is not None:
             told = _beside_fitted(seen, fitted) or _foreign(seen, held)
     return OfJob(told or uneven, offsets)
+
+
+def _calibrated_from_another(source: Looking, measurements: Mapping[str, Measurement]) -> Looking:
+    """Model after a rough calibration from a job that is not the reference job; unchanged if there is none, or if it would not help.
+
+    Both are said to be tight: with the model fitted to one, the other shows whether it is.
+    """
+    calibration, reference = source.inputs.campaign.calibration, source.inputs.campaign.update.reference
+    if calibration is None or calibration.job == reference or calibration.job not in measurements:
+        return source
+    return roughly_calibrated(source, measurements[calibration.job]) or source
 
 
 def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: str, first: OfJob) -> tuple[Looking, OfJob]:

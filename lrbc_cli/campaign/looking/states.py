@@ -44,6 +44,13 @@ class Looking(FrfSource):
     factors: Mapping[str, float] = field(default_factory=dict, repr=False)
     note: str = ""
 
+    @property
+    def fitted_to(self) -> str | None:
+        """Job that is said to be tight and to which the model was fitted, roughly or by the stored calibration; None if to none."""
+        settings, use = self.inputs.campaign.calibration, self.inputs.calibration
+        fitted = self.start or (use is not None and use.used)
+        return settings.job if fitted and settings is not None else None
+
     def _compute(self, s: Complexes) -> PortFrf:
         assert self.stage is not None
         return self.stage.reduction.model.ports(s)

@@ -15,6 +15,7 @@ from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.causes.coordinates import coordinates_texts
 from lrbc_cli.campaign.looking.causes.held import held_text, idle_text, supports_text
 from lrbc_cli.campaign.looking.causes.moved import hammer_text, sensor_text
+from lrbc_cli.campaign.looking.causes.parts import lump_text, part_text
 from lrbc_cli.campaign.looking.causes.rescaled import rescaled_text, softness_text
 from lrbc_cli.campaign.looking.causes.tightness import UNLIKE, looser, tighter_text
 from lrbc_cli.campaign.looking.causes.together import together_text
@@ -111,7 +112,9 @@ def little_in_common(seen: Seen, measurements: Mapping[str, Measurement]) -> lis
             return [Finding(text=text, kind=Kind.RESCALED)]
         if idle := idle_text(seen):
             return [Finding(text=idle, kind=Kind.IDLE)]
-    if float(np.median(own)) > UNLIKE:
+        if part := lump_text(seen, typical) or part_text(seen, typical):
+            return [Finding(text=part, kind=Kind.MATERIAL)]
+    if float(np.median(own)) > (LEAST_DIFFERENCE if seen.source.fitted_to not in (None, seen.job) else UNLIKE):
         far = f"level misfits of {min(own):.1f} to {max(own):.1f} dB at the start values (mean level of each response removed)"
         far += _uneven_text(seen)
         if tighter := tighter_text(seen, measurements):
@@ -119,8 +122,8 @@ def little_in_common(seen: Seen, measurements: Mapping[str, Measurement]) -> lis
             return [Finding(text=text, kind=Kind.NOT_TIGHT)]
         causes = "the springs whose places are warned of may be the reason; otherwise " if inputs.springs_doubt else ""
         causes += (
-            "check the mass sum (units of the model), the material of each part, damping, start values, places and directions of hammer "
-            "and sensors (lrbc check --picture); `lrbc calibrate` corrects errors of some per cent" + softness_text(seen)
+            "check the mass sum (units of the model), material and thickness of each part, damping, start values, places and directions of "
+            "hammer and sensors (lrbc check --picture); `lrbc calibrate` corrects errors of some per cent" + softness_text(seen)
         )
         if free := looser(seen, typical):
             causes = f"this is the reference job{free}. Set update.reference to a tight job, or measure it again; otherwise {causes}"

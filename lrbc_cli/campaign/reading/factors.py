@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import norm
 
+from lrbc_cli.campaign.reading.doubts.chosen import whole_group
 from lrbc_cli.campaign.reading.reader import ModelReader
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.fields import MatrixRef
@@ -51,7 +52,10 @@ class CalibrationUse:
 
 
 def factor_groups(
-    reader: ModelReader, operators: dict[str, sp.csc_array], lossy: Callable[[sp.csc_array], sp.csc_array]
+    reader: ModelReader,
+    operators: dict[str, sp.csc_array],
+    acoustic: NDArray[np.bool_],
+    lossy: Callable[[sp.csc_array], sp.csc_array],
 ) -> dict[str, dict[str, sp.csc_array]]:
     """Matrices of the calibration groups, by group and operator; ``lossy`` adds the loss factor to a stiffness.
 
@@ -85,6 +89,7 @@ def factor_groups(
                     hint="export the group from the same model; the model's matrix must contain it once",
                 )
             _weigh_share(reader, ref, name, operator, matrix, whole)
+            reader.warn(*whole_group(reader.campaign, f"calibration.groups.{name}.{operator}", ref, matrix, whole, acoustic))
             found[name][operator] = lossy(matrix) if operator == "stiffness" else matrix
     return found
 

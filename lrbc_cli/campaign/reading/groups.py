@@ -12,7 +12,14 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.campaign.reading.doubts.astray import beside_their_dofs, beside_their_springs, renumbered_text, stray_springs
+from lrbc_cli.campaign.reading.doubts.astray import (
+    beside_their_dofs,
+    beside_their_springs,
+    misnamed_springs,
+    misnamed_text,
+    renumbered_text,
+    stray_springs,
+)
 from lrbc_cli.campaign.reading.joints import aside_text, bolts_of_terms, bushing_vectors, joint_notes, owners, require_free
 from lrbc_cli.campaign.reading.places import EXCHANGES, require_near
 from lrbc_cli.campaign.reading.reader import ModelReader, Parts
@@ -153,7 +160,9 @@ class GroupReader(ModelReader):
             known = [self.dofs.xyz] if self.dofs else [f.group.xyz for f in found if f.group.xyz is not None]
             if known:
                 names = [("bolt", name) for name in bolts.name]
-                require_near(bolts.xyz, names, np.concatenate(known), file=file, known=self.dofs is not None)
+                all_of = np.concatenate(known)
+                own = _places_of(found, bolts.name)
+                require_near(bolts.xyz, names, all_of, file=file, known=self.dofs is not None, own=own, unit=self.unit.length)
         owned = [f for f in found if f.bolt is not None]
         if bolts is None or not owned:
             return bolts, [f.group for f in found]
@@ -276,8 +285,11 @@ class GroupReader(ModelReader):
             self.table_exchanged = True
         elif astray:
             self.beside.setdefault(astray, []).append(file.name)
-        elif self.bolts is not None and (stray := stray_springs(table, places, self.bolts, self.dofs, self.unit.length)):
-            self.warn(f"{file.name}: {stray}")
+        elif self.bolts is not None:
+            misnamed = misnamed_springs(table, places, self.bolts)
+            self.misnamed |= set(misnamed.values())
+            stray = stray_springs(table, places, self.bolts, self.dofs, self.unit.length, misnamed=misnamed)
+            self.warn(*(f"{file.name}: {text}" for text in (misnamed_text(table, misnamed), stray) if text))
         if len(set(zip(table.bolt, table.component, strict=True))) > len(set(table.bolt)):
             self.notes.append(
                 f"parameters {name}: springs of several components share one value for each bolt; the loss of one of them alone may stay "
@@ -285,6 +297,17 @@ class GroupReader(ModelReader):
             )
         grounded = {node is None for node in table.node_b}
         return vectors, places, table.bolt, grounded.pop() if len(grounded) == 1 else None
+
+
+def _places_of(found: Sequence[Terms], names: Sequence[str]) -> Floats | None:
+    """(m, 3) mean place of the terms that each bolt owns, NaN where it owns none; None if none of them owns any."""
+    places: dict[str, list[Floats]] = {}
+    for terms in found:
+        for k, name in enumerate(terms.bolt or ()):
+            if terms.group.xyz is not None:
+                places.setdefault(name, []).append(terms.group.xyz[k])
+    nowhere = [np.full(3, np.nan)]
+    return np.array([np.mean(places.get(name, nowhere), axis=0) for name in names]) if places.keys() & set(names) else None
 
 
 def _one_edge(xyz: Floats | None) -> bool:

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.protect import require_inputs_apart
-from lrbc_cli.campaign.reading.dof_source import added_nodes, numbering, order_doubt, unfitting
+from lrbc_cli.campaign.reading.dof_source import added_nodes, numbering, unfitting
 from lrbc_cli.campaign.reading.doubts.chosen import require_apart, require_own
-from lrbc_cli.campaign.reading.doubts.coupled import coupled_doubt
+from lrbc_cli.campaign.reading.doubts.mesh import mesh_doubts
 from lrbc_cli.campaign.reading.doubts.numbering import require_whole
 from lrbc_cli.campaign.reading.doubts.points import beside_nodes, exchanged_axes, exchanged_text, require_unit
-from lrbc_cli.campaign.reading.doubts.rigid import components_doubt, digits_doubt, places_doubt, symmetry_doubt
+from lrbc_cli.campaign.reading.doubts.rigid import components_doubt
 from lrbc_cli.campaign.reading.doubts.settings import guesses
 from lrbc_cli.campaign.reading.drift import check_drift, load_shift
 from lrbc_cli.campaign.reading.edges import by_edges
@@ -34,7 +34,7 @@ from lrbc_cli.campaign.reading.factors import (
 )
 from lrbc_cli.campaign.reading.groups import GroupReader, TermGroup, Terms
 from lrbc_cli.campaign.reading.model_doubts import doubts, fixed_dofs, require_mass, require_roles, slips
-from lrbc_cli.campaign.reading.places import components_place, coordinates_file, extents, require_metres
+from lrbc_cli.campaign.reading.places import components_place, extents
 from lrbc_cli.campaign.reading.reach import require_frequencies, require_reach
 from lrbc_cli.campaign.reading.reader import Parts, Point
 from lrbc_cli.config import Campaign
@@ -230,7 +230,7 @@ class _Reader(GroupReader):
     def slips(self, model: FeModel, responses: list[Response], groups: list[TermGroup], bolts: PointTable | None) -> Iterator[str]:
         """Warnings about contradictions within the campaign."""
         named = [(response.name, response.input) for response in responses]
-        return slips(self.campaign, model, named, groups, bolts, self.dofs, astray=self.astray)
+        return slips(self.campaign, model, named, groups, bolts, self.dofs, astray=self.astray, misnamed=self.misnamed)
 
     def response(self, point: ResponseConfig, name: str, acoustic: NDArray[np.bool_]) -> tuple[sp.csc_array, Response]:
         """Output row (1, n) of one response, and its description."""
@@ -316,7 +316,7 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     groups, along, no_lines = by_edges(campaign, groups, bolts)
     reader.notes += along
     lossy = partial(with_loss, campaign, acoustic)
-    extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M}, lossy)
+    extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M}, acoustic, lossy)
     model = FeModel(K=lossy(K), C=C, M=M, B=B, L=L, output_power=output_power, is_acoustic=acoustic, terms=terms, extras=extras)
     reader.warn(*no_lines, *left_behind(K, campaign), *doubts(model), *reader.slips(model, responses, groups, bolts))
     check_drift(campaign, bool(acoustic.any()))
@@ -384,6 +384,11 @@ def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, ND
             hint=unfitting(reader.labels.size, n),
         )
     require_apart(source, stiffness=K, mass=M)
+    exchanged = None
+    if reader.dofs is not None and source.dofs is not None:
+        # In the units of the files: those of a row follow from its component, which is in question.
+        exported = replace(reader.dofs, xyz=reader.dofs.xyz / reader.unit.length)
+        exchanged = components_doubt(K, exported, components_place(reader.campaign))
     K, M = reader.scale(K, M)
     require_roles(K, M, source, reader.campaign.reduction.band, reader.labels)
     acoustic = np.zeros(n, dtype=bool) if reader.labels is None else reader.labels.component == ACOUSTIC_COMPONENT
@@ -396,15 +401,9 @@ def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, ND
         reader.leave_out(fixed)
         K, M, acoustic = (K[:, ~fixed][~fixed], M[:, ~fixed][~fixed], acoustic[~fixed])
     if reader.dofs is not None and source.dofs is not None:
-        reader.units_doubt = require_metres(K, M, reader.dofs, reader.campaign)
-        table = found.name if (found := coordinates_file(reader.campaign)) else ""
-        labels = components_place(reader.campaign)
-        order = components_doubt(K, reader.dofs, labels) or order_doubt(K, reader.dofs, source.dofs)
-        wrong = order or places_doubt(K, reader.dofs, table, labels) or coupled_doubt(K, M, reader.dofs, table)
-        reader.misplaced = wrong is not None
-        fewer = digits_doubt(K, first.matrix.data, reader.dofs.component)
-        half = None if order else symmetry_doubt(K, reader.dofs)
-        reader.warn(*(text for text in (reader.units_doubt, wrong, fewer, half) if text))
+        found = mesh_doubts(reader.campaign, K, M, reader.dofs, entries=first.matrix.data, exchanged=exchanged)
+        reader.units_doubt, reader.misplaced = found.units, found.misplaced
+        reader.warn(*found.warnings)
         reader.notes.append(f"DOF table: {extents(reader.dofs.xyz)}")
     return K, M, acoustic
 

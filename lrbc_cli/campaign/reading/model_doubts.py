@@ -10,19 +10,23 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.reading.dof_source import MANY
 from lrbc_cli.campaign.reading.doubts.chosen import part_of_stiffness
+from lrbc_cli.campaign.reading.doubts.coupled import one_way_text
+from lrbc_cli.campaign.reading.doubts.cut import cut_edges
 from lrbc_cli.campaign.reading.doubts.materials import massless_part
 from lrbc_cli.campaign.reading.doubts.names import sorted_names
 from lrbc_cli.campaign.reading.doubts.numbering import numbering_doubts
 from lrbc_cli.campaign.reading.doubts.rigid import require_single_diagonal
 from lrbc_cli.campaign.reading.doubts.settings import setting_slips, start_slips
-from lrbc_cli.campaign.reading.doubts.springs import half_grounded, held_springs
+from lrbc_cli.campaign.reading.doubts.springs import doubled_springs, half_grounded, held_springs
 from lrbc_cli.campaign.reading.groups import TermGroup
+from lrbc_cli.campaign.reading.places import AT_NODE
 from lrbc_cli.config import Campaign, ModelConfig
 from lrbc_cli.config.explain import suggestion
 from lrbc_cli.config.structure import ProportionalDamping
 from lrbc_cli.errors import DataError, listing
 from lrbc_cli.model.dofs import COMPONENTS, DofLabels, DofTable, PointTable
 from lrbc_cli.model.fem import FeModel
+from lrbc_cli.model.selection import pitch
 from lrbc_cli.reduction.problem.vectors import highest_omega
 from lrbc_cli.updating.unknowns.places import Edge, Joints, misplaced, spots
 
@@ -38,7 +42,8 @@ _DIGITS = 9
 
 def doubts(model: FeModel) -> list[str]:
     """Warnings about the matrices, in words."""
-    m, found = model, []
+    m = model
+    found = [text] if (text := one_way_text(model)) else []
     if np.iscomplexobj(m.K.data) and loss_factor(m) < 0:
         found.append(
             "the imaginary part of the stiffness is negative: with exp(+i omega t) it adds energy. Write `conjugate: true` beside its file"
@@ -152,6 +157,7 @@ def slips(
     dofs: DofTable | None,
     *,
     astray: Collection[str] = (),
+    misnamed: Collection[str] = (),
 ) -> Iterator[str]:
     """Warnings about contradictions in settings, damping, responses, terms, springs and bolts, each with its remedy.
 
@@ -166,23 +172,30 @@ def slips(
     dofs : DofTable or None
     astray : collection of str
         Responses whose places are in doubt.
+    misnamed : collection of str
+        Bolts whose springs were found under the name of another bolt.
     """
     yield from setting_slips(campaign)
     yield from part_of_stiffness(campaign, model, dofs)
     yield from numbering_doubts(model, dofs)
     yield from _damping(campaign, model)
     yield from _one_place(model, responses, astray)
-    yield from _terms_twice(model, groups)
+    yield from _terms_twice(model, groups, dofs, bolts)
     yield from held_springs(campaign, model, groups, dofs)
     yield from half_grounded(model, groups, dofs)
     yield from massless_part(model, dofs)
-    yield from _out_of_reach(groups, bolts)
+    yield from _out_of_reach(campaign, groups, bolts, dofs, misnamed)
     yield from sorted_names(bolts)
 
 
 def misread(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | None) -> bool:
     """Whether there are warnings about damping, springs or start values, so that measurements cannot be compared with the model yet."""
-    told = (*_damping(campaign, model), *held_springs(campaign, model, groups, dofs), *start_slips(campaign).values())
+    told = (
+        *_damping(campaign, model),
+        *held_springs(campaign, model, groups, dofs),
+        *_terms_twice(model, groups, dofs, None),
+        *start_slips(campaign).values(),
+    )
     return bool(told)
 
 
@@ -295,21 +308,24 @@ def _one_place(model: FeModel, responses: Sequence[tuple[str, int]], astray: Col
         )
 
 
-def _terms_twice(model: FeModel, groups: Sequence[TermGroup]) -> Iterator[str]:
+def _terms_twice(model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | None, bolts: PointTable | None) -> Iterator[str]:
     """Warnings about groups that share terms, whose values cannot be distinguished."""
     left, right = _columns(model.terms.left), _columns(model.terms.right)
-    owner: dict[tuple[object, ...], str] = {}
-    shared: dict[tuple[str, str], int] = {}
+    owner: dict[tuple[object, ...], TermGroup] = {}
+    shared: dict[tuple[str, str], tuple[TermGroup, TermGroup, list[int]]] = {}
     for group in groups:
         for term in group.terms.tolist():
-            first = owner.setdefault((left[term], right[term], int(model.terms.power[term])), group.name)
-            if first != group.name:
-                shared[first, group.name] = shared.get((first, group.name), 0) + 1
-    for (first, second), count in shared.items():
-        yield (
-            f"parameters {first} and {second} contain the same {count} term{'s' if count > 1 else ''}, so their values cannot be "
-            "distinguished: remove these terms from one of the two selections"
-        )
+            first = owner.setdefault((left[term], right[term], int(model.terms.power[term])), group)
+            if first is not group:
+                shared.setdefault((first.name, group.name), (first, group, []))[2].append(term)
+    for first, second, terms in shared.values():
+        if dofs is not None and first.config.select.bushings is not None and second.config.select.bushings is not None:
+            yield doubled_springs(model, groups, (first, second), terms, dofs, bolts)
+        else:
+            yield (
+                f"parameters {first.name} and {second.name} contain the same {len(terms)} term{'s' if len(terms) > 1 else ''}, so their "
+                "values cannot be distinguished: remove these terms from one of the two selections"
+            )
 
 
 def misplaced_bolts(groups: Sequence[TermGroup], bolts: PointTable | None) -> str | None:
@@ -341,8 +357,13 @@ def _reaching(groups: Sequence[TermGroup]) -> list[Edge | Joints]:
     return values
 
 
-def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None) -> Iterator[str]:
-    """Warning if terms do not reach most bolts, or would reach more with other axes or another origin of the bolts file."""
+def _out_of_reach(
+    campaign: Campaign, groups: Sequence[TermGroup], bolts: PointTable | None, dofs: DofTable | None, misnamed: Collection[str]
+) -> Iterator[str]:
+    """Warnings if terms do not reach bolts, with the likely cause: other axes, origin or structure, missing springs, or a box too short.
+
+    A row may be longer than its edge, so up to half of the bolts of edges are tolerated, unless all lie off the plane of the structure.
+    """
     elsewhere = misplaced_bolts(groups, bolts)
     if elsewhere is not None:
         yield (
@@ -352,14 +373,38 @@ def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None) -> Iter
         return
     values = _reaching(groups)
     found = spots(values, bolts.xyz) if bolts is not None and values else []
-    lost = [name for name, spot in zip(() if bolts is None else bolts.name, found, strict=False) if isinstance(spot, str)]
-    if 2 * len(lost) > len(found):
-        first = next(spot for spot in found if isinstance(spot, str))
-        yield (
-            f"{len(lost)} of {len(found)} bolts cannot be judged ({listing(lost, 6)}): {first} "
-            f"({lost[0]}). Look at them with `lrbc check --picture`, and correct the bolts file (order of its axes, origin) or "
-            "parameters.NAME.select"
+    lost = [k for k, spot in enumerate(found) if isinstance(spot, str) and bolts is not None and bolts.name[k] not in misnamed]
+    if bolts is not None and dofs is not None:
+        cut = cut_edges(groups, bolts, lost, dofs, campaign.unit_system.length)
+        yield from dict.fromkeys(cut.values())
+        lost = [k for k in lost if k not in cut]
+    if bolts is None or not lost:
+        return
+    if not any(isinstance(group, Edge) for group in values):
+        fix = "Add their springs to the tables of parameters.NAME.select, or remove these bolts from the bolts file"
+    elif (aside := _off_plane(bolts, dofs)) > 0.0:
+        fix = (
+            f"All bolts of the file lie {1e3 * aside:.3g} mm or more off the plane of the structure, too: it is probably that of another "
+            "structure. Give the bolts file of this one"
         )
+    elif 2 * len(lost) > len(found):
+        fix = "Look at them with `lrbc check --picture`, and correct the bolts file (order of its axes, origin) or parameters.NAME.select"
+    else:
+        return
+    yield (
+        f"{len(lost)} of {len(found)} bolts cannot be judged ({listing([bolts.name[k] for k in lost], 6)}): {found[lost[0]]} "
+        f"({bolts.name[lost[0]]}). {fix}"
+    )
+
+
+def _off_plane(bolts: PointTable, dofs: DofTable | None, *, flat: float = 1e-6) -> float:
+    """Least distance of the bolts from the plane of the structural nodes [m]; 0 if one lies in it, or the nodes are in no plane."""
+    xyz = np.zeros((0, 3)) if dofs is None else np.unique(dofs.xyz[~dofs.is_acoustic], axis=0)
+    if len(xyz) < 3:
+        return 0.0
+    _, sizes, axes = np.linalg.svd(xyz - xyz.mean(axis=0), full_matrices=False)
+    away = float(np.abs((bolts.xyz - xyz.mean(axis=0)) @ axes[2]).min())
+    return away if sizes[2] <= flat * sizes[0] and sizes[1] > flat * sizes[0] and away > AT_NODE * pitch(xyz) else 0.0
 
 
 def _columns(vectors: sp.csc_array, *, scaled: bool = True) -> list[tuple[bytes, bytes]]:

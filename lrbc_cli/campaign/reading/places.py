@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 
-from lrbc_cli.arrays import Bools, Floats
+from lrbc_cli.arrays import Bools, Floats, Integers
 from lrbc_cli.campaign.reading.doubts.materials import material_cause
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import DofSource, ProportionalDamping
@@ -36,6 +36,9 @@ AT_NODE = 0.05
 
 #: Ratio of distances below which one is clearly nearer.
 CLEARLY_NEARER = 0.5
+
+#: Remedy for bolts with a radius and an angle in place of x and y.
+POLAR = "these are probably polar coordinates: with x as radius and y as angle in degrees they lie at their springs. Give x, y and z"
 
 #: Exchanged axes, and the order of the columns.
 EXCHANGES = {"x and y": [1, 0, 2], "x and z": [2, 1, 0], "y and z": [0, 2, 1]}
@@ -84,6 +87,8 @@ def require_near(
     file: Path,
     place: Callable[[Sequence[int]], str] | None = None,
     known: bool = True,
+    own: Floats | None = None,
+    unit: float = 1.0,
 ) -> None:
     """Refuse points farther from the model's bounding box than the size of that box.
 
@@ -99,6 +104,10 @@ def require_near(
         From indices of points to their keys in the file.
     known : bool
         Whether ``model`` is the whole model. If not, points may be far away, and are refused only if all are and would fit in millimetres.
+    own : (m, 3) float array or None
+        Where the springs of each point are, NaN if unknown: a likely cause must bring the points to their own.
+    unit : float
+        Length unit of the file [m].
 
     Raises
     ------
@@ -118,12 +127,6 @@ def require_near(
     if not far.size or (not known and (far.size < points.shape[0] or bool(np.any(away(points * MILLIMETRES) > size)))):
         return
     worst = int(far[np.argmax(distance[far])])
-    hint = "correct the coordinates (order and direction of the axes, origin)"
-    # Points in millimetres are hundreds of sizes away; nearer points would fit after division as well, by chance.
-    if distance[worst] > EVIDENT * size and away(points[far] * MILLIMETRES).max() <= size:
-        hint = "these are probably millimetres: divided by 1000 they fit the model. Give coordinates in metres"
-    elif away(points / MILLIMETRES).max() <= size:
-        hint = "the coordinates of the DOF table are probably millimetres: these points times 1000 fit them. Give coordinates in metres"
     one = far.size == 1
     raise DataError(
         f"{counted(names, far.tolist())} {'lies' if one else 'lie'} outside the model by more than its size",
@@ -132,8 +135,38 @@ def require_near(
         expected=f"coordinates in metres; the model spans {size:.3g} m ({extents(model)})",
         found=("" if one else f"{names[worst][1]} at ")
         + f"({', '.join(f'{value:g}' for value in points[worst])}), {distance[worst]:.3g} m away from it",
-        hint=hint,
+        hint=_likely(points, far, distance[worst] > EVIDENT * size, lambda some: bool(away(some).max() <= size), own, unit),
     )
+
+
+def _likely(points: Floats, far: Integers, evident: bool, fits: Callable[[Floats], bool], own: Floats | None, unit: float) -> str:
+    """Likely cause of points ``far`` from the model, with its remedy.
+
+    Points in millimetres are hundreds of sizes away (``evident``); nearer points would fit after division as well, by chance.
+    """
+    polar = of_polar(points, unit)
+    if own is not None and _at_own(polar, own) and fits(polar):
+        return POLAR
+    if evident and fits(points[far] * MILLIMETRES) and _at_own(points * MILLIMETRES, own):
+        return "these are probably millimetres: divided by 1000 they fit the model. Give coordinates in metres"
+    if fits(points / MILLIMETRES) and _at_own(points / MILLIMETRES, own):
+        return "the coordinates of the DOF table are probably millimetres: these points times 1000 fit them. Give coordinates in metres"
+    return "correct the coordinates (order and direction of the axes, origin)"
+
+
+def of_polar(points: Floats, unit: float) -> Floats:
+    """Points whose first two columns were a radius and an angle in degrees (``unit``: length unit of the file [m])."""
+    angle = np.deg2rad(points[:, 1] / unit)
+    return np.column_stack([points[:, 0] * np.cos(angle), points[:, 0] * np.sin(angle), points[:, 2]])
+
+
+def _at_own(points: Floats, own: Floats | None) -> bool:
+    """Whether each point is nearer to its own place than to those of the others, or no place is known."""
+    known = np.zeros(0, dtype=bool) if own is None else np.isfinite(own).all(axis=1)
+    if own is None or not known.any():
+        return True
+    away = np.linalg.norm(points[known][:, None] - own[known], axis=2)
+    return bool(np.all(np.diag(away) <= away.min(axis=1)))
 
 
 def counted(names: Sequence[tuple[str, str]], some: Sequence[int]) -> str:

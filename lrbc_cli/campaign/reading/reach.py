@@ -7,6 +7,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
+from lrbc_cli.campaign.reading.doubts.coupled import joined_by_terms, one_way
 from lrbc_cli.campaign.reading.places import frequencies_doubt
 from lrbc_cli.config import Campaign
 from lrbc_cli.errors import ConfigError, DataError
@@ -58,12 +59,19 @@ def require_reach(model: FeModel, responses: list[str], excitations: list[str], 
     ------
     DataError
     """
-    part = parts_of(model)
+    part, deaf = parts_of(model), one_way(model)
     for i, name in enumerate(responses):
         heard, hit = model.L[[i]].tocoo().col, model.B[:, [input_of[i]]].tocoo().row
+        zero = f"the FRF of response {name} to excitation {excitations[input_of[i]]} is zero"
+        if deaf is not None and np.all(model.is_acoustic[heard] == deaf[0]) and np.all(model.is_acoustic[hit] != deaf[0]):
+            raise DataError(
+                f"{zero}: structure and air are coupled one way only",
+                expected="coupling blocks in the rows of displacements and of pressures, one in the stiffness and one in the mass matrix",
+                found=deaf[1],
+                hint=f"export the {deaf[2]} matrix with the coupling",
+            )
         if np.isin(part[heard], part[hit]).any():
             continue
-        zero = f"the FRF of response {name} to excitation {excitations[input_of[i]]} is zero"
         if np.unique(model.is_acoustic[[*heard, *hit]]).size > 1 and not _coupled(model):
             raise DataError(
                 f"{zero}: no entry of the matrices couples structure and air",
@@ -84,10 +92,7 @@ def _coupled(model: FeModel) -> bool:
     """Whether an entry of the matrices or a term couples structure and air."""
     air = model.is_acoustic
     entries = [matrix.tocoo() for matrix in (model.K, model.M, model.C)]
-    # A term connects all DOFs of its two vectors.
-    ends = abs(model.terms.left) + abs(model.terms.right)
-    joined = (ends.T @ air.astype(float) > 0) & (ends.T @ (~air).astype(float) > 0)
-    return bool(joined.any()) or any(np.any(each.data[air[each.row] != air[each.col]]) for each in entries)
+    return joined_by_terms(model) or any(np.any(each.data[air[each.row] != air[each.col]]) for each in entries)
 
 
 def require_frequencies(model: FeModel, campaign: Campaign, dofs: DofTable | None) -> None:

@@ -100,6 +100,8 @@ class ModelReader:
         self.misplaced = False
         #: Warnings about bolts far from their own springs, with the names of the tables concerned.
         self.beside: dict[str, list[str]] = {}
+        #: Bolts whose springs bear the name of another bolt.
+        self.misnamed: set[str] = set()
         #: Whether all points seem to refer to another origin, or to exchanged axes (then these), and whether the bolts do so, too.
         self.moved = False
         self.axes = ""

@@ -70,7 +70,7 @@ class TextTable:
 
     def cell(self, path: Path, row: int, at: int) -> str:
         """Text of a cell in the file, for messages."""
-        cells = _split(read_lines(path)[int(self.lines[row]) - 1], self.delimiter)
+        cells = split(read_lines(path)[int(self.lines[row]) - 1], self.delimiter)
         return (cells[at] if at < len(cells) else "") or "nothing (an empty cell)"
 
 
@@ -95,7 +95,7 @@ def read_table(path: Path, layout: TextLayout, lines: list[str], before: int = 0
     start = next(index for index in range(skip, len(lines)) if _fits(lines[index], delimiter, decimal, width))
     unusable = _unusable(lines, skip, start, delimiter, decimal, width)
     above = lines[skip : start - unusable]
-    for names in (len(_split(line, ",")) for line in above[-2:] if parts is None and delimiter == ","):
+    for names in (len(split(line, ",")) for line in above[-2:] if parts is None and delimiter == ","):
         if names < width <= 2 * names:
             _refuse_decimal_commas(lines[start], start + 1, names, path)
     rows, numbers = _rows(lines, start, before, delimiter, decimal, width, path)
@@ -138,7 +138,7 @@ def _no_table(lines: list[str], before: int, path: Path) -> DataError:
 
 def _grouped(line: str) -> str:
     """First cell of a line that is a number with thousands separators; empty if there is none."""
-    cells = (cell for delimiter in "\t; " for cell in _split(line, delimiter))
+    cells = (cell for delimiter in "\t; " for cell in split(line, delimiter))
     return next((cell for cell in cells if len(cell) <= LONGEST_NUMBER and _GROUPED.fullmatch(cell)), "")
 
 
@@ -152,7 +152,7 @@ def _refuse_decimal_commas(line: str, number: int, names: int, path: Path) -> No
 
     The first columns may be whole numbers, as frequencies often are.
     """
-    cells = _split(line, ",")
+    cells = split(line, ",")
     if "." not in line and all(cell[:1].isdigit() for cell in cells[2 * names - len(cells) :][1::2]):
         raise DataError(
             "the comma is both decimal sign and column separator",
@@ -164,7 +164,8 @@ def _refuse_decimal_commas(line: str, number: int, names: int, path: Path) -> No
         )
 
 
-def _split(line: str, delimiter: str) -> list[str]:
+def split(line: str, delimiter: str) -> list[str]:
+    """Cells of a line, without quotes and blanks around them."""
     if delimiter == " ":
         return line.split()
     if '"' in line:
@@ -185,7 +186,7 @@ def _quoted(line: str, delimiter: str) -> list[str]:
 
 def _fits(line: str, delimiter: str, decimal: str, width: int | None) -> bool:
     """Whether a line consists of numbers; empty cells are allowed if the first cell and another one are numbers."""
-    cells = _split(line, delimiter)
+    cells = split(line, delimiter)
     while len(cells) > 2 and not cells[-1] and len(cells) > (width or 0):
         cells.pop()
     pattern = _POINT if decimal == "." else _COMMA
@@ -199,7 +200,7 @@ def _unusable(lines: list[str], skip: int, start: int, delimiter: str, decimal: 
     pattern = _POINT if decimal == "." else _COMMA
     count = 0
     while start - count > skip:
-        cells = _split(lines[start - count - 1], delimiter)
+        cells = split(lines[start - count - 1], delimiter)
         if len(cells) != width or not cells[0] or not pattern.fullmatch(cells[0]):
             break
         count += 1
@@ -225,7 +226,7 @@ def _halved(lines: list[str], candidates: list[tuple[str, str]]) -> tuple[list[s
         pattern = re.compile(rf"\(?([-+]?{number})(?:\s*([-+])\s*({number})\s*\*?\s*[ij])?\)?", re.IGNORECASE)
 
         def divided(line: str, delimiter: str = delimiter, pattern: re.Pattern[str] = pattern) -> list[re.Match[str] | None]:
-            return [pattern.fullmatch(cell) if len(cell) <= 2 * LONGEST_NUMBER else None for cell in _split(line, delimiter)]
+            return [pattern.fullmatch(cell) if len(cell) <= 2 * LONGEST_NUMBER else None for cell in split(line, delimiter)]
 
         rows = [row for row in map(divided, tail) if len(row) > 1 and all(row)]
         width = len(rows[-1]) if rows else 0
@@ -251,7 +252,7 @@ def _extent(lines: list[str], delimiter: str, decimal: str) -> tuple[int, int]:
     widths: dict[int, int] = {}
     for line in lines:
         if _fits(line, delimiter, decimal, None):
-            cells = _split(line, delimiter)
+            cells = split(line, delimiter)
             while len(cells) > 2 and not cells[-1]:
                 cells.pop()
             widths[len(cells)] = widths.get(len(cells), 0) + 1
@@ -263,7 +264,7 @@ def _extent(lines: list[str], delimiter: str, decimal: str) -> tuple[int, int]:
 
 def _misfit(line: str, delimiter: str, decimal: str, width: int) -> str:
     """Description of what is wrong with a line: its number of cells, else its first cell that is no number."""
-    cells = _split(line, delimiter)
+    cells = split(line, delimiter)
     pattern = _POINT if decimal == "." else _COMMA
     wrong = [index for index, cell in enumerate(cells) if len(cell) > LONGEST_NUMBER or not pattern.fullmatch(cell)]
     if len(cells) != width or not wrong:
@@ -273,7 +274,7 @@ def _misfit(line: str, delimiter: str, decimal: str, width: int) -> str:
 
 def _begins(line: str, delimiter: str, decimal: str) -> bool:
     """Whether all cells but the last are numbers, so that the line belongs to the table and is not text below it."""
-    cells = _split(line, delimiter)[:-1]
+    cells = split(line, delimiter)[:-1]
     return bool(cells) and _fits(delimiter.join(cells), delimiter, decimal, len(cells))
 
 
@@ -288,7 +289,7 @@ def _rows(
             continue
         if not _fits(line, delimiter, decimal, width):
             last = numbers and not any(map(str.strip, lines[index + 1 :]))
-            if last and len(_split(line, delimiter)) <= width and _begins(line, delimiter, decimal):
+            if last and len(split(line, delimiter)) <= width and _begins(line, delimiter, decimal):
                 raise ends_early(path, f"line {before + index + 1}", f"{width} numbers", _misfit(line, delimiter, decimal, width))
             raise DataError(
                 "a line does not fit the table",
@@ -300,7 +301,7 @@ def _rows(
                 if (grouped := _grouped(line))
                 else "correct the line, or set 'format: {skip: ...}' of the job to the number of lines before the table",
             )
-        cells += _split(line, delimiter)[:width]
+        cells += split(line, delimiter)[:width]
         numbers.append(before + index + 1)
     texts = [(cell.replace(",", ".") if decimal == "," else cell).upper().replace("D", "E") or "nan" for cell in cells]
     values = np.array(texts, dtype=np.str_).astype(np.float64)

@@ -52,6 +52,8 @@ LATE, LATER = 0.8, 0.3
 #: Largest number of lines from which a delay is estimated.
 DELAY_LINES = 200
 
+OWN_UNITS = {"pressure": "Pa", "displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}
+
 GRAVITY, POUND_FORCE, INCH, FOOT, PSI = 9.80665, 4.4482216, 0.0254, 0.3048, 6894.757
 
 
@@ -146,7 +148,7 @@ def known_factors(quantity: str) -> tuple[Known, ...]:
     # Mixtures such as metric forces with imperial lengths are not used.
     for (name, size), (force, per) in product(responses, forces[:2]):
         found.append(Known(_db(per / size), f"FRFs in {name}/{force}", f"{name}/{force}"))
-    own = {"pressure": "Pa", "displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}[quantity]
+    own = OWN_UNITS[quantity]
     found += [Known(_db(per), f"FRFs per {force}", f"{own}/{force}", of_all=True) for force, per in forces[1:]]
     if quantity == "pressure":
         found.append(Known(_db(1.0 / 2e-5), "levels in dB re 20 uPa/N read as dB re 1 Pa/N"))
@@ -169,6 +171,12 @@ def _recognised(value: float, half: float, table: Sequence[Known]) -> tuple[Know
     nearest = min(abs(known.db - value) for known in near)
     # Mistakes with the same factor are reported together.
     return tuple(known for known in near if abs(known.db - value) <= nearest + 0.05)
+
+
+def unit_near(db: float, half: float, quantity: str) -> str | None:
+    """Unit of FRFs of a quantity whose numbers, read as SI, are higher by a factor [dB] (``half``: of its interval); None if unknown."""
+    found = next((known for known in _recognised(db, half, known_factors(quantity)) if known.unit is not None and not known.of_model), None)
+    return None if found is None else found.unit or f"{OWN_UNITS[quantity]}/N"
 
 
 def _parts(values: Floats) -> tuple[Floats, Floats]:

@@ -135,5 +135,10 @@ def copied_text(own: Measurement, other: Measurement, name: str, responses: list
     if not same.size:
         return ""
     held = int(np.isfinite(own.values).any(axis=0).sum())
-    which = "" if same.size == held else f" in {listing([responses[i] for i in same], 6)}"
-    return f"it has the numbers of the measurement of {name}{which}: check whether another file was meant"
+    told = f"it has the numbers of the measurement of {name}"
+    if same.size == held:
+        return f"{told}: check whether another file was meant"
+    return (
+        f"{told} in {listing([responses[i] for i in same], 6)}, and others elsewhere: the file of one of the two jobs, this one or {name}, "
+        "has records of the other. Check which one"
+    )

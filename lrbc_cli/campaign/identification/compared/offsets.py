@@ -12,7 +12,19 @@ from lrbc_cli.campaign.identification.compared.likeness import MOST_LEFT, outlyi
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import listing
-from lrbc_cli.updating.comparison.scale import LEAST_OFFSET, LEAST_REACH, MOST_REACH, Common, Known, Offset, grouped, moved, offsets_of
+from lrbc_cli.io.units import parse_unit
+from lrbc_cli.updating.comparison.scale import (
+    LEAST_OFFSET,
+    LEAST_REACH,
+    MOST_REACH,
+    Common,
+    Known,
+    Offset,
+    grouped,
+    moved,
+    offsets_of,
+    unit_near,
+)
 
 #: Least share of the band over which a constant factor can be distinguished from errors of the model.
 LEAST_BAND = 0.8
@@ -66,7 +78,7 @@ def quantities_of(inputs: Inputs) -> list[str]:
 
 
 def _names(inputs: Inputs, responses: Sequence[int], of: int) -> str:
-    names = ", ".join(inputs.responses[i].name for i in responses)
+    names = listing([inputs.responses[i].name for i in responses], 12)
     return f"all responses ({names})" if len(responses) == of and of > 1 else names
 
 
@@ -137,18 +149,21 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
     # With a wider interval, parts of the band differ, and one factor is less likely.
     likely = "probable cause:" if offset.half <= MOST_REACH else "possible cause:"
     causes = [known.cause for known in recognised if known.cause]
-    unit = next((known.unit for known in recognised if known.unit), None)
+    unit = None if _stated_unit(inputs, job) else next((known.unit for known in recognised if known.unit), None)
     other = moved(quantity, b)
     if b and other is not None:
-        cause = f"{likely} {other}, not {quantity}{' and ' + causes[0] if causes else ''}. Write "
+        cause = f"{likely} {other}, not {quantity}{' and ' + causes[0] if causes else ''}. "
         keys = ", ".join(f"responses.{inputs.responses[i].name}.quantity: {other}" for i in common.responses)
-        if job != inputs.campaign.update.reference:
-            keys += f" (if all jobs contain it; otherwise export {job} again as {quantity})"
+        keys = f"quantity: {other} under each of these responses" if len(common.responses) > 4 else keys
+        single = job != inputs.campaign.update.reference
+        cause += f"Export {job} again as {quantity} or, if all jobs contain it, write " if single else "Write "
         whole = f"format.quantity: {other} in each job whose file states {quantity}"
         keys += f", and {whole if len(common.responses) == count else f'beside each labelled: {quantity}, if the files state that'}"
         return text, cause + keys + (f", and jobs.{job}.format.unit: {unit}" if unit else "")
     if b:
         return text, f"{likely} a derivative or an integral with respect to time, perhaps of the input. Convert the FRF file"
+    if len(common.responses) == count and (cause := _beside_unit(inputs, common, job)):
+        return text, f"{likely} {cause}"
     own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-offset.db / 20.0))}"
     # A sensitivity with a digit too many or too few, of some sensors or in one job; a unit may explain the factor as well.
     tenfold = float(np.copysign(20.0, offset.db))
@@ -181,6 +196,30 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
         scales = (f"responses.{inputs.responses[i].name}.scale: {10.0 ** (known.db / 20.0):.6g}" for i in common.responses)
         return text, cause + ", ".join(scales)
     return text, cause + (f"jobs.{job}.format.unit: {unit}, or {own}" if unit and len(common.responses) == count else own)
+
+
+def _beside_unit(inputs: Inputs, common: Common, job: str) -> str:
+    """Cause and fix of a factor beside a unit that the campaign states: a scale as well, or another unit; empty if neither explains it."""
+    offset, response, stated = common.offset, inputs.responses[common.offset.response], _stated_unit(inputs, job)
+    if stated is None:
+        return ""
+    (label, decibels), scale, key = stated, inputs.campaign.jobs[job].factor(response.name), f"jobs.{job}.scale"
+    reach, unit = min(max(offset.half, LEAST_REACH), MOST_REACH), f"jobs.{job}.format.unit: {label}"
+    if abs(20.0 * np.log10(abs(scale)) - offset.db) <= reach:
+        if abs(decibels - offset.db) <= reach:
+            return f"converted twice, by {unit} and by {key}: {scale:g}. Delete {key}, or else {unit}"
+        return f"{key}: {scale:g}, which FRFs with {unit} do not need. Delete {key}"
+    # The key replaces the unit in force, so the factor beside that unit is not the one to write.
+    right = unit_near(offset.db - decibels, offset.half, response.quantity)
+    return "" if right in (None, label) else f"FRFs in {right}, not in {label}. Write jobs.{job}.format.unit: {right}"
+
+
+def _stated_unit(inputs: Inputs, job: str) -> tuple[str, float] | None:
+    """Unit that the campaign states for the FRFs of a job, and its factor to SI [dB]; None if it states none."""
+    own = inputs.campaign.jobs[job]
+    layout = own.format_of(own.first)
+    unit = parse_unit(layout.unit) if layout is not None and layout.unit is not None else None
+    return None if unit is None or layout is None else (str(layout.unit), 20.0 * float(np.log10(unit.factor)))
 
 
 def offset_findings(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list[Finding]:

@@ -36,7 +36,7 @@ PROMINENCE = 3.0
 LINES, MOST_WORK = 12, 2e12
 
 
-def _explains(left: float, off: float, before: float, further: float, *, near: float = 0.3) -> bool:
+def explains(left: float, off: float, before: float, further: float, *, near: float = 0.3) -> bool:
     """Whether a factor explains a misfit: ``left`` of ``before`` remains, and the levels are ``off`` by a constant [dB].
 
     Levels within ``near`` [dB] are evidence of their own, because a wrong factor leaves them anywhere: then ``further`` times as much
@@ -58,7 +58,7 @@ def rescaled_text(seen: Seen, before: float, *, further: float = 1.0) -> str | N
     before : float
         Level misfit without a factor, constants removed, median over the responses [dB].
     further : float
-        See ``_explains``: above 1 where nothing else explains the measurement.
+        See ``explains``: above 1 where nothing else explains the measurement.
     """
     measured, computed = resonances(seen.measured), resonances(seen.model)
     # A difference of one resonance at an end of the band is chance.
@@ -84,7 +84,7 @@ def rescaled_text(seen: Seen, before: float, *, further: float = 1.0) -> str | N
         for matrix, size, values, level in seen.source.known[key]:
             difference = levels(few.measured) - levels(values)
             left, off = float(np.median(spread(difference, 0))), float(np.nanmedian(difference)) - level
-            if _explains(left, off, before, further):
+            if explains(left, off, before, further):
                 found.append((left, matrix, size, factor))
     if not found:
         return None

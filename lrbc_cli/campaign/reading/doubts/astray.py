@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Bools, Floats
-from lrbc_cli.campaign.reading.places import CLEARLY_NEARER, EXCHANGES, MILLIMETRES
+from lrbc_cli.campaign.reading.places import CLEARLY_NEARER, EXCHANGES, MILLIMETRES, POLAR, of_polar
 from lrbc_cli.errors import listing
 from lrbc_cli.io.text.bushings import BushingTable
 from lrbc_cli.io.text.tables import ROUNDING
@@ -60,6 +60,7 @@ def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str
     ways = {
         "the places are probably in metres: multiply them by 1000": xyz / MILLIMETRES,
         "the places are probably in millimetres: divide them by 1000": xyz * MILLIMETRES,
+        POLAR: of_polar(xyz, unit),
         **{f"{axes} are probably exchanged: exchange these columns": xyz[:, order] for axes, order in EXCHANGES.items()},
     }
     # Or the names of the bolts are permuted.
@@ -112,7 +113,54 @@ def renumbered_text(table: BushingTable, places: Floats, bolts: PointTable, dofs
     return ""
 
 
-def stray_springs(table: BushingTable, places: Floats, bolts: PointTable, dofs: DofTable, unit: float, *, times: float = 3.0) -> str:
+def misnamed_springs(table: BushingTable, places: Floats, bolts: PointTable) -> dict[int, str]:
+    """Springs that bear the name of a bolt with another such spring, but lie at a bolt that the table does not have.
+
+    Parameters
+    ----------
+    table : BushingTable
+    places : (m, 3) float array
+        Positions of the springs [m].
+    bolts : PointTable
+
+    Returns
+    -------
+    dict of int to str
+        The bolt at which each of these springs lies.
+    """
+    away = np.linalg.norm(places[:, None] - bolts.xyz[None], axis=2)
+    nearest = [bolts.name[b] for b in np.argmin(away, axis=1).tolist()]
+    springs = list(zip(table.bolt, table.component, nearest, strict=True))
+    right = {(bolt, component) for bolt, component, at in springs if bolt == at}
+    most = max((float(away[k].min()) for k, (bolt, _, at) in enumerate(springs) if bolt == at), default=0.0)
+    return {
+        k: at
+        for k, (bolt, component, at) in enumerate(springs)
+        if at not in table.bolt and (bolt, component) in right and away[k].min() <= most * (1 + ROUNDING)
+    }
+
+
+def misnamed_text(table: BushingTable, found: Mapping[int, str]) -> str:
+    """Warning about springs with the name of another bolt (``found``: of ``misnamed_springs``); empty if there are none."""
+    at = "; ".join(
+        f"line{'s' if len(springs) > 1 else ''} {listing([str(table.lines[k]) for k in springs], 6)}: "
+        f"{'springs' if len(springs) > 1 else 'a spring'} of {table.bolt[springs[0]]} at {name}, which has none: write {name} there"
+        for name in dict.fromkeys(found.values())
+        for springs in [[k for k, other in found.items() if other == name]]
+    )
+    return f"{at} (the name was probably copied down)" if at else ""
+
+
+def stray_springs(
+    table: BushingTable,
+    places: Floats,
+    bolts: PointTable,
+    dofs: DofTable,
+    unit: float,
+    *,
+    misnamed: Collection[int] = (),
+    times: float = 3.0,
+) -> str:
     """Warning about a few springs far from their bolts while all others are at theirs; empty if there are none.
 
     Parameters
@@ -124,10 +172,12 @@ def stray_springs(table: BushingTable, places: Floats, bolts: PointTable, dofs: 
     dofs : DofTable
     unit : float
         Length unit of the file [m].
+    misnamed : collection of int
+        Springs that are left out, because they bear the name of another bolt.
     times : float
         A spring is far if its distance exceeds this multiple of the largest among the others, and a quarter of that to the next bolt.
     """
-    known = [k for k, bolt in enumerate(table.bolt) if bolt in bolts.name]
+    known = [k for k, bolt in enumerate(table.bolt) if bolt in bolts.name and k not in misnamed]
     if len(bolts.name) < 3 or len(known) < 4:
         return ""
     own = bolts.xyz[[bolts.name.index(table.bolt[k]) for k in known]]

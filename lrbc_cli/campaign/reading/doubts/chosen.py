@@ -18,6 +18,7 @@ from lrbc_cli.config.structure import ProportionalDamping
 from lrbc_cli.errors import DataError, LrbcError, listing
 from lrbc_cli.io.matrices.read import matrix_names, read_matrix
 from lrbc_cli.model.dofs import DofTable
+from lrbc_cli.model.factors import FIELDS, block
 from lrbc_cli.model.fem import FeModel
 
 #: Usual names of matrices in files of several.
@@ -26,6 +27,9 @@ _NAMES = {
     "mass": ("m", "mass", "maa", "mgg"),
     "damping": ("c", "d", "damping", "baa", "bgg"),
 }
+
+#: Fields of a model in words.
+_FIELDS = {"structure": "structure", "acoustic": "air"}
 
 #: Number of digits in which equal entries agree.
 _DIGITS = 9
@@ -113,6 +117,53 @@ def part_of_stiffness(campaign: Campaign, model: FeModel, dofs: DofTable | None,
     )
 
 
+def whole_group(campaign: Campaign, key: str, ref: MatrixRef, matrix: sp.csc_array, whole: sp.csc_array, acoustic: Bools) -> Iterator[str]:
+    """Warning if the matrix of a calibration group is that of the model, or all of a field of it: it has the factor of that field again.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    key : str
+        Key of the matrix, ending with the operator.
+    ref : MatrixRef
+    matrix, whole : (n, n) csc_array
+        Matrices of the group and of the model.
+    acoustic : (n,) bool array
+        DOFs that are pressures.
+    """
+    fields = [name for name in FIELDS if _same(block(matrix, acoustic, name), block(whole, acoustic, name))]
+    if not fields:
+        return
+    operator, factors = key.rpartition(".")[2], () if campaign.calibration is None else campaign.calibration.factors
+    own = [f"{operator}.{name}" for name in fields]
+    doubled = " and ".join(name for name in own if name in factors)
+    unused = list[str]()
+    with suppress(LrbcError):
+        unused = [found for found in matrix_names(ref.path) if found is not None and (ref.path, found) not in _taken(campaign)]
+    also = f" ({ref.path.name} also contains {listing(unused, 8)}, which nothing uses)" if unused else ""
+    yield (
+        f"{key}: {ref.path.name}{f'#{ref.group}' if ref.group else ''} is the whole {operator} matrix of the "
+        f"{' and of the '.join(_FIELDS[name] for name in fields)}, not a share of it"
+        + (f", and {doubled} scales it already" if doubled else "")
+        + f". Give the matrix of the share{also}, or remove the group"
+        + ("" if doubled else f" and write {', '.join(own)} under calibration.factors")
+    )
+
+
+def _taken(campaign: Campaign) -> list[tuple[Path, str | None] | None]:
+    """The matrices that the campaign reads."""
+    groups = () if campaign.calibration is None else campaign.calibration.groups.values()
+    model = campaign.model
+    used = [model.stiffness, model.mass, model.damping, *(each for group in groups for each in group.matrices.values())]
+    return [_at(each) for each in used if not isinstance(each, ProportionalDamping)]
+
+
+def _same(part: sp.csc_array, whole: sp.csc_array) -> bool:
+    """Whether two matrices have the same entries; not if they are empty."""
+    largest = float(abs(whole).max()) if whole.nnz else 0.0
+    return largest > 0.0 and float(abs(part - whole).max()) <= 10.0**-_DIGITS * largest
+
+
 def _filled(*matrices: sp.csc_array) -> Bools:
     """(n,) rows in which one of the matrices has entries."""
     return np.asarray(sum(np.asarray(abs(A).sum(axis=1)).ravel() for A in matrices) > 0.0)
@@ -125,10 +176,7 @@ def _at(ref: OperatorRef | None) -> tuple[Path, str | None] | None:
 
 def _fuller(campaign: Campaign, ref: OperatorRef) -> str:
     """Hint at an unused matrix of the same file with fewer empty rows; empty if there is none."""
-    groups = () if campaign.calibration is None else campaign.calibration.groups.values()
-    model = campaign.model
-    used = [model.stiffness, model.mass, model.damping, *(each for group in groups for each in group.matrices.values())]
-    taken = [_at(each) for each in used if not isinstance(each, ProportionalDamping)]
+    taken = _taken(campaign)
     counts: dict[str, int] = {}
     with suppress(LrbcError):
         own = read_matrix(ref.path, ref.group).matrix

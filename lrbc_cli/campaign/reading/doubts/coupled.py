@@ -1,4 +1,4 @@
-"""Compares the places of structure and air where the matrices couple them: coordinates of one of the two may be those of other nodes."""
+"""Coupling of structure and air: one of its two blocks is missing, or the places of coupled DOFs do not fit."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import scipy.sparse as sp
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.model.dofs import DofTable
+from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.selection import pitch
 
 
@@ -51,3 +52,51 @@ def coupled_doubt(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, table: str, 
         f"apart in {table} (median, node spacing {spacing:.3g} m). {other}Check whether the table is of another numbering of the nodes, "
         "before a renumbering for example. Export matrices and DOF table of one model in one run"
     )
+
+
+#: Rows of the coupling blocks, by whether they are pressures; and the matrix with the other block of a model, by that with the first one.
+_ROWS = {False: "displacements", True: "pressures"}
+_PARTNER = {"stiffness": "mass", "mass": "stiffness", "damping": "damping"}
+
+
+def one_way(model: FeModel) -> tuple[bool, str, str] | None:
+    """Whether the air (True) or the structure does not feel the other, since one coupling block is empty, with what there is; else None.
+
+    The matrix that lacks the block is the third.
+    """
+    matrices = {"stiffness": model.K, "damping": model.C, "mass": model.M}
+    counts = {side: {name: _coupling(matrix, model, side) for name, matrix in matrices.items()} for side in _ROWS}
+    for deaf in _ROWS:
+        there = {name: count for name, count in counts[not deaf].items() if count}
+        if there and not any(counts[deaf].values()) and not joined_by_terms(model):
+            first = max(there, key=lambda name: there[name])
+            other = _PARTNER[first]
+            return (
+                deaf,
+                f"{there[first]} entries in the rows of {_ROWS[not deaf]} of the {first} matrix, none in those of {_ROWS[deaf]} of the "
+                f"{other} matrix",
+                other,
+            )
+    return None
+
+
+def one_way_text(model: FeModel) -> str | None:
+    """Warning if structure and air are coupled one way only; else None."""
+    found = one_way(model)
+    if found is None:
+        return None
+    deaf, text, other = found
+    one, effect = ("air", "structure") if deaf else ("structure", "air")
+    return f"the {one} does not feel the {effect}: the matrices couple them by {text}. Export the {other} matrix with the coupling"
+
+
+def joined_by_terms(model: FeModel) -> bool:
+    """Whether a term acts on structure and air. A term connects all DOFs of its two vectors."""
+    ends, air = abs(model.terms.left) + abs(model.terms.right), model.is_acoustic
+    return bool(np.any((ends.T @ air.astype(float) > 0) & (ends.T @ (~air).astype(float) > 0)))
+
+
+def _coupling(matrix: sp.csc_array, model: FeModel, acoustic: bool) -> int:
+    """Number of entries in the rows of one field and the columns of the other."""
+    entries, air = matrix.tocoo(), model.is_acoustic
+    return int(np.count_nonzero(entries.data[(air[entries.row] == acoustic) & (air[entries.col] != acoustic)]))

@@ -11,6 +11,7 @@ from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.campaign.reading.groups import TermGroup
 from lrbc_cli.campaign.reading.places import POWERS
 from lrbc_cli.config import Campaign
+from lrbc_cli.errors import listing
 from lrbc_cli.model.dofs import COMPONENTS, DofTable, PointTable
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.units import SI, USUAL_SYSTEMS, UnitSystem, parse_system
@@ -65,6 +66,62 @@ def half_grounded(model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | 
                 f"other nodes (node {node} to {partner}). Check whether node_b was left empty, and fill it in. If these springs hold the "
                 "part to ground, leave it empty"
             )
+
+
+def doubled_springs(
+    model: FeModel,
+    groups: Sequence[TermGroup],
+    pair: tuple[TermGroup, TermGroup],
+    terms: Sequence[int],
+    dofs: DofTable,
+    bolts: PointTable | None,
+) -> str:
+    """Warning about springs that two tables contain, with the components that the same nodes lack and others have.
+
+    Parameters
+    ----------
+    model : FeModel
+    groups : sequence of TermGroup
+    pair : (TermGroup, TermGroup)
+        The two groups.
+    terms : sequence of int
+        Terms of the second group that the first one contains, too.
+    dofs : DofTable
+    bolts : PointTable or None
+    """
+    left = model.terms.left.tocsc()
+
+    def spring(term: int) -> tuple[tuple[int, ...], str]:
+        at = left.indices[left.indptr[term] : left.indptr[term + 1]]
+        return tuple(np.unique(dofs.node[at]).tolist()), "/".join(sorted(set(dofs.component[at].tolist())))
+
+    have: dict[tuple[int, ...], set[str]] = {}
+    for group in groups:
+        for nodes, component in map(spring, group.terms.tolist() if group.config.select.bushings is not None else ()):
+            have.setdefault(nodes, set()).add(component)
+    first, second = pair
+    named, lacking = [], set[str]()
+    for term in terms:
+        nodes, component = spring(term)
+        named.append(
+            f"{component} {_of_bolt(second, term, bolts)}({'nodes' if len(nodes) > 1 else 'node'} {' and '.join(map(str, nodes))})"
+        )
+        lacking |= set().union(*have.values()) - have[nodes]
+    tables = dict.fromkeys(group.config.select.bushings.name for group in pair if group.config.select.bushings is not None)
+    fix = "Remove them from one of the two"
+    if lacking:
+        fix = f"These joints lack {' or '.join(sorted(lacking))}, which others have: correct the component of one of the two, or remove it"
+    return (
+        f"parameters {first.name} and {second.name} contain the same {len(terms)} spring{'s' if len(terms) > 1 else ''} "
+        f"({' and '.join(tables)}), which act twice and whose values cannot be distinguished: {listing(named, 4)}. {fix}"
+    )
+
+
+def _of_bolt(group: TermGroup, term: int, bolts: PointTable | None) -> str:
+    if group.bolt is None or bolts is None:
+        return ""
+    owner = int(group.bolt[group.parameter[group.terms == term][0]])
+    return f"of {bolts.name[owner]} " if owner >= 0 else ""
 
 
 def lacking_springs(model: FeModel, group: TermGroup, dofs: DofTable | None, bolts: PointTable | None) -> str | None:

@@ -47,7 +47,8 @@ class ModalRule(Checked):
     clock : float
         Clock: least relative shift of the frequencies. A choice: the temperature of metals causes a third of it for 10 K.
     clock_in_air : float
-        The same if the model contains air: the speed of sound, and with it all modes of air, rises by as much for 9 K.
+        The same if the model contains air: the speed of sound, and with it all modes of air, rises by as much for 9 K. Also if fewer than
+        ``clocked`` modes agree: bolts tightened anew move single modes by a per cent, and three of five agreed on a right rig.
     together : float
         Clock: largest deviation of a mode's relative shift from the median shift, over that, in the upper half of the shifts; for shifts by
         whole lines the largest deviation from these, in line spacings. A choice: bolts lower some modes and not others.
@@ -303,10 +304,11 @@ def _clock(own: Floats, tight: Floats, reference: str, rule: ModalRule, least: f
     if own.size < rule.clocked:
         return None
     share = np.sort(own / tight - 1.0)[::-1]
-    # Bolts tightened anew move single modes by a per cent, either way: three of five agreed by chance on a right rig.
-    upper = share[: max(rule.clocked, (share.size + 1) // 2)]
+    upper = share[: max(rule.least, (share.size + 1) // 2)]
     typical = float(np.median(upper))
-    if abs(typical) < least or np.abs(upper - typical).max() > rule.together * abs(typical):
+    alike = np.abs(share - typical) <= rule.together * abs(typical)
+    least = least if alike.sum() >= rule.clocked else max(least, rule.clock_in_air)
+    if abs(typical) < least or not alike[: upper.size].all():
         return None
     return (
         f"{upper.size} of the {own.size} modes that can be compared are {abs(typical):.2%} {'higher' if typical > 0 else 'lower'} than in "

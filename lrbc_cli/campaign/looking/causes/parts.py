@@ -1,0 +1,118 @@
+"""Tests whether one part of an assembly has the material of another, or the model holds a mass that the structure does not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from lrbc_cli.arrays import Bools
+from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, levels, spread
+from lrbc_cli.campaign.looking.causes.rescaled import LINES, MOST_WORK, explains
+from lrbc_cli.campaign.looking.states import Seen
+from lrbc_cli.campaign.reading.places import extents
+from lrbc_cli.errors import LrbcError, listing
+from lrbc_cli.model.fem import FeModel
+from lrbc_cli.reduction.problem.full import full_ports
+
+#: What of a part is multiplied, and what is then to be checked.
+_WRONG = {
+    "mass": ("mass", "density"),
+    "stiffness": ("stiffness", "modulus"),
+    "material": ("stiffness and mass", "material, or thickness,"),
+}
+
+
+def part_text(seen: Seen, before: float, *, ratio: float = 2.9) -> str:
+    """Warning that names a part, of those that only springs join, with the material of another; empty if that explains no misfit.
+
+    Parameters
+    ----------
+    seen : Seen
+    before : float
+        Level misfit of the model, constants removed, median over the responses [dB].
+    ratio : float
+        Of the densities, and nearly of the moduli, of steel and aluminium.
+    """
+    parts = list(_parts(seen))
+    cases = [(part, factor, kind) for part in parts for factor in (ratio, 1.0 / ratio) for kind in _WRONG]
+    few, inputs = seen.few(LINES), seen.inputs
+    if before <= LEAST_DIFFERENCE or not cases or len(cases) * seen.work(few.s.size) > MOST_WORK:
+        return ""
+    model, found = inputs.model, list[tuple[float, float, int]]()
+    for number, (part, factor, kind) in enumerate(cases):
+        scale = sp.diags_array(np.where(part, np.sqrt(factor), 1.0))
+        K = model.K if kind == "mass" else sp.csc_array(scale @ model.K @ scale)
+        M = model.M if kind == "stiffness" else sp.csc_array(scale @ model.M @ scale)
+        with suppress(LrbcError):
+            found.append((*_misfit(few, replace(model, K=K, M=M)), number))
+    if not found or not explains(*min(found)[:2], before, 1.5):
+        return ""
+    left, _, best = min(found)
+    part, factor, kind = cases[best]
+    what, check = _WRONG[kind]
+    dofs = inputs.dofs
+    where, size = "" if dofs is None else f" at {extents(dofs.xyz[part])}", "small" if factor > 1.0 else "large"
+    return (
+        f"the {what} of the part{where} {'are' if kind == 'material' else 'is'} probably about {ratio:g} times too {size}, as of aluminium "
+        f"and steel exchanged: corrected, the level misfit falls from {before:.1f} to {left:.1f} dB (mean level of each response removed). "
+        f"Check the {check} of this part in the FE model, and export it again"
+    )
+
+
+def lump_text(seen: Seen, before: float, *, times: float = 20.0, most: int = 8) -> str:
+    """Warning that names masses at single nodes without which the model explains a measurement; empty if there are none.
+
+    Parameters
+    ----------
+    seen : Seen
+    before : float
+        Level misfit of the model, constants removed, median over the responses [dB].
+    times : float
+        Least ratio of such a mass to the median of the nodes. On right models the largest ratio was 2.8.
+    most : int
+        Largest number of such nodes.
+    """
+    inputs, model, few = seen.inputs, seen.inputs.model, seen.few(LINES)
+    if inputs.dofs is None or before <= LEAST_DIFFERENCE or seen.work(few.s.size) > MOST_WORK:
+        return ""
+    diagonal = np.where(np.char.startswith(inputs.dofs.component.astype(str), "U"), np.real(model.M.diagonal()), 0.0)
+    typical = float(np.median(diagonal[diagonal > 0.0])) if (diagonal > 0.0).any() else np.inf
+    excess = np.where(diagonal > times * typical, diagonal - typical, 0.0)
+    nodes = np.unique(inputs.dofs.node[excess > 0.0])
+    if not 0 < nodes.size <= most:
+        return ""
+    with suppress(LrbcError):
+        left, off = _misfit(few, replace(model, M=sp.csc_array(model.M - sp.diags_array(excess))))
+        if explains(left, off, before, 1.5):
+            held = listing([f"{excess[inputs.dofs.node == node].max():.3g} kg at node {node}" for node in nodes], 4)
+            return (
+                f"the mass matrix holds {held} in addition to the mass of the structure; without it the level misfit falls from "
+                f"{before:.1f} to {left:.1f} dB (mean level of each response removed). Check whether that mass was on the test bench; if "
+                "not, remove it in the FE model, and export it again"
+            )
+    return ""
+
+
+def _misfit(seen: Seen, model: FeModel) -> tuple[float, float]:
+    """Level misfit of another model, median over the responses, and the mean level that it leaves [dB]."""
+    settings = seen.inputs.campaign.reduction
+    values = full_ports(model, seen.inputs.input_of, seen.s, settings.band, backend=settings.backend).evaluate(seen.dynamic)
+    difference = levels(seen.measured) - levels(values)
+    return float(np.median(spread(difference, 0))), float(np.nanmedian(difference))
+
+
+def _parts(seen: Seen, *, least: float = 0.02) -> Iterator[Bools]:
+    """(n,) masks of the structural parts that only terms join, each with a share of ``least`` of the DOFs; nothing if there is one."""
+    model = seen.inputs.model
+    structural = ~model.is_acoustic
+    labels = np.full(model.size, -1)
+    labels[structural] = connected_components(abs(model.K[structural][:, structural]), directed=False)[1]
+    sizes = np.bincount(labels[structural]) if structural.any() else np.zeros(0)
+    large = np.flatnonzero(sizes >= least * structural.sum())
+    if large.size > 1:
+        yield from (labels == label for label in large)
