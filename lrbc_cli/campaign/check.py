@@ -265,11 +265,12 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     """Add findings from comparing measurements with each other and with the model; returns why they were not compared, if so."""
     usable = {name: found for name, found in readable.items() if not normalised(found.values)}
     look = _looks(inputs, folder, usable, progress)
-    misread = any(each.kind is Kind.READ and each.place == f"job {inputs.campaign.update.reference}" for each in look.found)
+    of_tight = kinds_of(each for each in look.found if each.place == f"job {inputs.campaign.update.reference}")
     # Peaks of an inverse FRF are the zeros of the FRF.
-    out.found += [*([] if misread else unclear(inputs, readable)), *without_phases(inputs, readable)]
+    out.found += [*([] if Kind.READ in of_tight else unclear(inputs, readable)), *without_phases(inputs, readable)]
     compared = {name: found for name, found in usable.items() if name not in look.doubted}
-    out.found += other_chains(inputs, compared)
+    # Beside a reference job that is not tight, the others differ by its loose bolts.
+    out.found += [] if Kind.NOT_TIGHT in of_tight else other_chains(inputs, compared)
     out.warn(*foreign_titles(inputs, readable))
     out.warn(*(mistitled(inputs, readable) or [text for text in (exchanged_files(inputs, compared),) if text]))
     if Kind.RESCALED in kinds_of(look.found):

@@ -68,3 +68,16 @@ def test_a_baseline_near_the_reference_job_is_weighed_by_the_tight_model_too() -
     text = weighed(job(2.1, 3), job(4.3, 4))
     assert "nearer to the tight model (2.1 dB) than tight is (4.3 dB). Check whether a bolt was loose in tight." in text
     assert weighed(job(2.1, 3), job(2.6, 4)) == ""
+
+
+def test_a_baseline_farther_off_than_most_jobs_to_be_judged() -> None:
+    """Their loose bolts change less than its own, so it is not tight; with few jobs, nothing is said."""
+    held, own = job(4.4, 5), job(5.6, 7)
+    near, far = held * 10.0**0.02, job(9.5, 8)
+    inputs = campaign("tight-2")
+    one = beside(inputs, "tight-2", own)
+    text = tightness.not_tight(one, held, [near, near, far])
+    assert "more than 2 of 3 jobs that are to be judged. Check whether all bolts were tight. Remove it from update.baselines" in text
+    assert (
+        tightness.not_tight(one, held, [near, far, far]) == tightness.not_tight(one, held, [near, near]) == tightness.not_tight(one, held)
+    )

@@ -30,7 +30,7 @@ from lrbc_cli.campaign.identification.compared.likeness import (
     turned,
 )
 from lrbc_cli.campaign.identification.compared.offsets import LEAST_BAND, factors_of, offset_findings, sideways_finding, trusted
-from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.identification.weights import without_noise
 from lrbc_cli.campaign.looking.all_jobs import OfJob, of_all_jobs, pooled
 from lrbc_cli.campaign.looking.axes import stretched_text
@@ -210,7 +210,7 @@ def _looked_at(source: Looking, measurements: Mapping[str, Measurement], name: s
     if reading is not None:
         return OfJob([Finding(text=reading.text, kind=Kind.READ)])
     assumed = name in taken_as_tight(inputs)
-    if held is not None and assumed and (loose := not_tight(seen, held)):
+    if held is not None and assumed and (loose := not_tight(seen, held, _judged(seen, measurements))):
         return OfJob([Finding(text=loose, kind=Kind.FREED)])
     again = None if fitted is None else partial(_fit_exchanged, seen)
     if hammers := hammers_text(seen, again) or unmoved_text(seen):
@@ -246,6 +246,17 @@ def _looked_at(source: Looking, measurements: Mapping[str, Measurement], name: s
         if not told and fitted is not None:
             told = _beside_fitted(seen, fitted) or _foreign(seen, held)
     return OfJob(told or uneven, offsets)
+
+
+def _judged(seen: Seen, measurements: Mapping[str, Measurement]) -> list[Complexes]:
+    """FRFs of the jobs that are not assumed tight, on the lines of ``seen``, of those measured on the lines of this job."""
+    tight, whole = {seen.inputs.campaign.update.reference, *taken_as_tight(seen.inputs)}, measurements[seen.job]
+    lines = np.searchsorted(whole.frequency_hz, seen.measurement.frequency_hz)
+    return [
+        other.values[lines]
+        for name, other in measurements.items()
+        if name not in tight and not unlike(other.frequency_hz, whole.frequency_hz)
+    ]
 
 
 def _calibrated_from_another(source: Looking, measurements: Mapping[str, Measurement]) -> Looking:

@@ -79,11 +79,14 @@ def require_reach(model: FeModel, responses: list[str], excitations: list[str], 
                 found="none",
                 hint="define the interface of structure and fluid in the FE model, and export the matrices of the coupled model",
             )
+        grounded = int((np.diff(model.terms.left.indptr) == 1).sum())
+        ground = f"{grounded} of {model.terms.size} springs go to ground: where they join two parts, give node_b. " if grounded else ""
+        place = f"{ground}{'Otherwise correct' if ground else 'correct'} the place of the response"
         raise DataError(
             f"{zero}: nothing in the matrices connects them",
             expected="a model in one piece",
             found=f"{int(part.max()) + 1} separate pieces",
-            hint="correct the place of the response, or export the parts merged or tied. If the mesh is in one piece, the DOF table is not "
+            hint=f"{place}, or export the parts merged or tied. If the mesh is in one piece, the DOF table is not "
             "in the order of the matrices",
         )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -51,7 +51,7 @@ def tighter_text(seen: Seen, measurements: Mapping[str, Measurement]) -> str:
     )
 
 
-def not_tight(seen: Seen, held: Complexes) -> str:
+def not_tight(seen: Seen, held: Complexes, others: Sequence[Complexes] = (), *, least: int = 3) -> str:
     """Warning about a job that is assumed tight but differs much from the reference job; empty if it does not.
 
     Tight states that were assembled anew differ less from each other than a model from measurements.
@@ -61,6 +61,8 @@ def not_tight(seen: Seen, held: Complexes) -> str:
     seen : Seen
     held : (F, R) complex array
         Measured tight state, see ``Seen.held``.
+    others : sequence of (F, R) complex arrays
+        Measurements of the jobs to be judged, on the same lines. Most of at least ``least`` of them must be farther from the reference job.
     """
     reference, name = seen.inputs.campaign.update.reference, seen.job
     stated, found = (float(np.median(apart(values, seen.model))) for values in (held, seen.measured))
@@ -70,7 +72,9 @@ def not_tight(seen: Seen, held: Complexes) -> str:
     before = float(np.median(apart(own.measured, own.model)))
     freed = looser(own, before) if before > LEAST_DIFFERENCE else ""
     nearer = before > LEAST_DIFFERENCE and found < NEARER * stated
-    if not freed and not nearer and before <= UNLIKE:
+    within = sum(float(np.median(apart(values, held))) < before for values in others)
+    farther = len(others) >= least and before > LEAST_DIFFERENCE and 2 * within > len(others)
+    if not freed and not nearer and not farther and before <= UNLIKE:
         return ""
     campaign, fixes = seen.inputs.campaign, list[str]()
     if name in campaign.update.baselines:
@@ -85,8 +89,9 @@ def not_tight(seen: Seen, held: Complexes) -> str:
             f"update.reference to a tight job; otherwise {fix}"
         )
     return (
-        f"it is taken as tight, but differs from {reference} by {before:.1f} dB{freed or '. Check whether all bolts were tight'}. "
-        f"{fix[:1].upper()}{fix[1:]}, or measure it again"
+        f"it is taken as tight, but differs from {reference} by {before:.1f} dB"
+        f"{f', more than {within} of {len(others)} jobs that are to be judged' if farther else ''}"
+        f"{freed or '. Check whether all bolts were tight'}. {fix[:1].upper()}{fix[1:]}, or measure it again"
     )
 
 
