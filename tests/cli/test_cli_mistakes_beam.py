@@ -174,7 +174,7 @@ MISTAKES = {
         ],
         0,
         "job ref: all sensors are probably stated with x counted from the other side",
-        "Correct the places of all responses: responses.a1: near: [0.1, 0, 0] and so on",
+        "Correct the places of these points: responses.a1: near: [0.1, 0, 0] and so on",
     ),
     "hammer elsewhere in one job": (
         elsewhere,

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from lrbc_cli.campaign.findings import Finding, Kind
+from lrbc_cli.campaign.identification.compared.likeness import apart
 from lrbc_cli.campaign.identification.compared.offsets import sensor_of
 from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.looking.causes.tightness import UNLIKE
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.statistics.chain.filters import Filter, filtered, filters
@@ -57,8 +59,12 @@ def filter_findings(seen: Seen) -> list[Finding]:
     sensors: dict[tuple[object, ...], list[int]] = {}
     for i in every:
         sensors.setdefault(sensor_of(seen.inputs, i), []).append(i)
-    told, tried = list[Finding](), filters(hz, inverse=False)
+    told, tried, away = list[Finding](), filters(hz, inverse=False), apart(measured, model)
     for own in sensors.values():
+        others = np.delete(away, own)
+        # Where the model does not explain the other sensors, one filter more or less is no evidence.
+        if not others.size or float(np.median(others)) > UNLIKE:
+            continue
         if found := filtered(hz, measured[:, own], model[:, own], tried):
             names = ", ".join(seen.inputs.responses[i].name for i in own)
             told.append(Finding(text=_filter_text(names, found), kind=Kind.FILTERED, responses=tuple(own)))
