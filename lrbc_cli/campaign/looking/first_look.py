@@ -267,7 +267,13 @@ def _calibrated_from_another(source: Looking, measurements: Mapping[str, Measure
     calibration, reference = source.inputs.campaign.calibration, source.inputs.campaign.update.reference
     if calibration is None or calibration.job == reference or calibration.job not in measurements:
         return source
-    return roughly_calibrated(source, measurements[calibration.job]) or source
+    found = roughly_calibrated(source, measurements[calibration.job])
+    if found is None:
+        return source
+    far = {name: Seen.of(found, name, whole).misfit for name, whole in measurements.items() if name != calibration.job}
+    own = far.pop(reference or "", 0.0)
+    # If no other job is near it either, the job of the calibration may be the one that is not tight.
+    return found if own <= LEAST_DIFFERENCE or any(other < CLEARLY * own for other in far.values()) else source
 
 
 def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: str, first: OfJob) -> tuple[Looking, OfJob]:

@@ -39,8 +39,6 @@ def tighter_text(seen: Seen, measurements: Mapping[str, Measurement]) -> str:
     near = {name: own for name, own in far.items() if name != reference and own < min(UNLIKE, share(name) * far[reference])}
     if not near:
         return ""
-    # Jobs that are said to be tight are told first, and alone.
-    near = {name: own for name, own in near.items() if name in taken_as_tight(seen.inputs)} or near
     order = sorted(near.items(), key=lambda each: each[1])
     other = " (or that of another of these)" if len(near) > 1 else ""
     named, first = ", ".join(f"{name} ({own:.1f} dB)" for name, own in order), order[0][0]
