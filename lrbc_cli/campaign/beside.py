@@ -31,7 +31,7 @@ def unnamed(campaign: Campaign, *, most: int = 3) -> list[str]:
         given = ", ".join(shown(file) for file in campaign.jobs[job].all_files)
         found.append(
             f"job {job} reads {given}, but no job uses {shown(path)}, which bears its name. Check which one was meant: for "
-            f"{shown(path)} write jobs.{job}.frf: {_relative(campaign, path)}"
+            f"{shown(path)} write jobs.{job}.frf: {campaign.relative(path)}"
         )
     for folder, there in _unused(campaign).items():
         if beside := [shown(path) for path in there if path not in own.values()]:
@@ -63,10 +63,6 @@ def _bears_name(campaign: Campaign, job: str) -> bool:
     """Whether a file of a job begins with its name, as in ``state-1.uff`` or ``state-1_h2.uff``, but not ``state-12.uff``."""
     begins = re.compile(re.escape(job) + r"(?![^\W_])", re.IGNORECASE)
     return any(begins.match(file.stem) for file in campaign.jobs[job].all_files)
-
-
-def _relative(campaign: Campaign, path: Path) -> str:
-    return Path(os.path.relpath(path, campaign.path.parent)).as_posix()
 
 
 def _unused(campaign: Campaign) -> dict[Path, list[Path]]:

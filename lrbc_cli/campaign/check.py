@@ -17,10 +17,10 @@ from lrbc_cli.campaign.identification.matching import called
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
-from lrbc_cli.campaign.looking.alone import of_file, other_chains, unclear, without_phases
 from lrbc_cli.campaign.looking.axes import other_lines, without_coherence
 from lrbc_cli.campaign.looking.exchanges import exchanged_files, foreign_titles, mistitled
 from lrbc_cli.campaign.looking.first_look import FirstLook, first_look
+from lrbc_cli.campaign.looking.measured import of_file, other_chains, unclear, without_phases
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import loss_factor, undamped_text
 from lrbc_cli.campaign.reduced import cache

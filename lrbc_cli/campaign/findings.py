@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum, auto
 
 
@@ -13,11 +13,9 @@ class Kind(Enum):
     # Numbers of a file, without the model.
     BLOW = auto()
     CHAIN = auto()
-    COHERENCE = auto()
     DIGITS = auto()
     NOISE = auto()
     NORMALISED = auto()
-    UNCLEAR = auto()
     # Numbers of a file, by comparison with the model or the reference job.
     READ = auto()
     UNITS = auto()
@@ -88,10 +86,6 @@ class Finding:
     def cause(self) -> Hashable:
         """Equal for findings that are one fault."""
         return self.text if self.kind is None else (self.kind, self.responses, self.cycles, self.detail)
-
-    def at(self, place: str) -> Finding:
-        """The same at a place."""
-        return replace(self, place=place)
 
     def __str__(self) -> str:
         return f"{self.place}: {self.text}" if self.place else self.text

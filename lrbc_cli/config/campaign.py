@@ -123,6 +123,10 @@ class Campaign(Strict):
         """Return (not raise) a ConfigError about the value at the key path `keys`."""
         return self._document.error(problem, *keys, expected=expected, found=found, hint=hint)
 
+    def relative(self, path: Path) -> str:
+        """A path as the campaign file states it: relative to its folder."""
+        return Path(os.path.relpath(path, self.path.parent)).as_posix()
+
     def require_job(self, name: str, place: str | None = None) -> None:
         """Raise a ConfigError if there is no job `name`; `place` is where the name was given, such as ``--job``."""
         if name not in self.jobs:

@@ -1223,7 +1223,7 @@ MISTAKES = [
         text("bushings.csv", lambda t: "".join(line for line in t.splitlines(keepends=True) if not line.startswith("B4,"))),
         0,
         "1 of 6 bolts cannot be judged (B4): no term belongs to it",
-        "Add their springs to the tables of parameters.NAME.select",
+        "Add springs there to the tables of parameters.NAME.select",
     ),
     Mistake(
         "a box that ends in the middle of the edge",

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lrbc_cli.updating.statistics.chain.blows import second_blow
 from lrbc_cli.updating.statistics.chain.damping import beside_damping, damping_pattern
-from lrbc_cli.updating.statistics.chain.echo import second_blow
 from lrbc_cli.updating.statistics.decibels import decibel
 
 HZ = np.arange(20.0, 500.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lrbc_cli.updating.statistics.chain.echo import differing_blows, second_blow, too_many_blows
+from lrbc_cli.updating.statistics.chain.blows import differing_blows, second_blow, too_many_blows
 from lrbc_cli.updating.statistics.residuals import DataResidual, ResidualOptions
 
 LINES, RESPONSES = 200, 3

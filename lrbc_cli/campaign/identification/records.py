@@ -29,7 +29,7 @@ from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.remembered import Remembered
 from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.knots import evenly
-from lrbc_cli.updating.statistics.chain.echo import too_many_blows
+from lrbc_cli.updating.statistics.chain.blows import too_many_blows
 from lrbc_cli.updating.statistics.decibels import DB, decibel
 from lrbc_cli.updating.statistics.lines import MIN_BAND, covers
 
@@ -216,7 +216,7 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     require_signals(inputs, records, values)
     if "averages" in job.model_fields_set and not np.isfinite(coherence).any():
         warnings.append(f"{called(job)}: averages: {job.averages} is not used, as the job has no coherence")
-    if evenly(axis) and (many := too_many_blows(values, coherence, job.averages, inputs.statistics.echo)):
+    if evenly(axis) and (many := too_many_blows(values, coherence, job.averages, inputs.statistics.blows)):
         warnings.append(f"{called(job)}: {many}")
     warnings += [*_gaps(axis, records, values, job, inputs), *_strange(coherences, inputs, job, records)]
     return Measurement(

@@ -37,7 +37,7 @@ from lrbc_cli.updating.judging.evidence import (
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.posterior.confidence import Band, band
 from lrbc_cli.updating.search.ends import near_tie
-from lrbc_cli.updating.statistics.chain.echo import differing_blows
+from lrbc_cli.updating.statistics.chain.blows import differing_blows
 from lrbc_cli.updating.statistics.lines import interpolated, too_wide
 from lrbc_cli.updating.statistics.saturation import Saturation
 from lrbc_cli.updating.unknowns.places import Edge, Joints, Spot
@@ -146,7 +146,7 @@ def _doubts(inputs: Inputs, result: Identification) -> Iterator[Doubt]:
         yield Doubt(kind="incomplete", text=text)
     if strange := interpolated(own.values, inputs.statistics.resolution):
         yield Doubt(kind="interpolated", text=strange)
-    if differing := differing_blows(own.values, own.coherence, inputs.campaign.jobs[result.name].averages, inputs.statistics.echo):
+    if differing := differing_blows(own.values, own.coherence, inputs.campaign.jobs[result.name].averages, inputs.statistics.blows):
         yield Doubt(kind="blows", text=differing)
     # What is mostly noise is not compared, so its peaks do not count.
     quiet = [without_noise(inputs, *each) for each in ((result.name, own, tight), (reference.job, tight))]

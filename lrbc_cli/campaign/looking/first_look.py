@@ -154,11 +154,12 @@ def first_look(
             found[name] = _looked_at(source, heard, name, tight)
             if name == reference:
                 source, found[name] = _calibrated(source, heard, name, found[name])
+        later = f"; the other jobs are compared once the fault of {reference} is corrected" if len(found) < len(order) else ""
         told = pooled(of_all_jobs(inputs, found, reference or ""), reference)
         causes = {name: {each.cause for each in told if each.place == f"job {name}" and each.kind in _OF_NUMBERS} for name in found}
         return FirstLook(
             told,
-            note=source.note,
+            note=(source.note + later).removeprefix("; "),
             doubted=frozenset(name for name, own_causes in causes.items() if own_causes != causes.get(reference or "", set())),
         )
     except LrbcError as error:

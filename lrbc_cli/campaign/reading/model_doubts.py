@@ -381,7 +381,7 @@ def _out_of_reach(
     if bolts is None or not lost:
         return
     if not any(isinstance(group, Edge) for group in values):
-        fix = "Add their springs to the tables of parameters.NAME.select, or remove these bolts from the bolts file"
+        fix = "Add springs there to the tables of parameters.NAME.select, or take such bolts out of the bolts file"
     elif (aside := _off_plane(bolts, dofs)) > 0.0:
         fix = (
             f"All bolts of the file lie {1e3 * aside:.3g} mm or more off the plane of the structure, too: it is probably that of another "
@@ -391,9 +391,9 @@ def _out_of_reach(
         fix = "Look at them with `lrbc check --picture`, and correct the bolts file (order of its axes, origin) or parameters.NAME.select"
     else:
         return
+    first = f" ({bolts.name[lost[0]]})" if len(lost) > 1 else ""
     yield (
-        f"{len(lost)} of {len(found)} bolts cannot be judged ({listing([bolts.name[k] for k in lost], 6)}): {found[lost[0]]} "
-        f"({bolts.name[lost[0]]}). {fix}"
+        f"{len(lost)} of {len(found)} bolts cannot be judged ({listing([bolts.name[k] for k in lost], 6)}): {found[lost[0]]}{first}. {fix}"
     )
 
 

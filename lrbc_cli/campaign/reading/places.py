@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -264,7 +263,7 @@ def mistake_text(campaign: Campaign, matrix: str, factor: float) -> str:
         ``stiffness``, ``mass`` or ``damping``.
     factor : float
     """
-    model, folder = campaign.model, campaign.path.parent
+    model = campaign.model
     reference = {"stiffness": model.stiffness, "mass": model.mass, "damping": model.damping}[matrix]
     size = f"{factor:.4g} times too large" if factor > 1.0 else f"{1.0 / factor:.4g} times too small"
     if reference is None or isinstance(reference, ProportionalDamping):
@@ -276,7 +275,7 @@ def mistake_text(campaign: Campaign, matrix: str, factor: float) -> str:
     group = f", group: {reference.group}" if reference.group else ""
     return (
         f"the {matrix} matrix is {size}{f' ({cause})' if cause else ''}: correct it in the FE model and export again, or write "
-        f"model.{matrix}: {{file: {Path(os.path.relpath(reference.path, folder)).as_posix()}{group}, scale: {given / factor:.6g}}}"
+        f"model.{matrix}: {{file: {campaign.relative(reference.path)}{group}, scale: {given / factor:.6g}}}"
     )
 
 

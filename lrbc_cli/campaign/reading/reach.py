@@ -19,13 +19,14 @@ from lrbc_cli.reduction.problem.vectors import highest_omega
 BEYOND = 10.0
 
 
-def parts_of(model: FeModel) -> NDArray[np.int64]:
-    """(n,) number of the connected part to which each DOF belongs; entries of matrices and terms connect DOFs."""
+def parts_of(model: FeModel, *, joined: bool = True) -> NDArray[np.int64]:
+    """(n,) number of the connected part to which each DOF belongs; entries of matrices and, if ``joined``, terms connect DOFs."""
     part = np.arange(model.size)
     # A term connects all DOFs of its two vectors.
     terms = sp.vstack([model.terms.left, model.terms.right], format="csc")
     # One matrix after the other, so that later ones need not join what is joined already.
-    for matrix, column in ((model.K, None), (model.C, None), (model.M, None), (terms, _first_rows(terms) % model.size)):
+    through = [(terms, _first_rows(terms) % model.size)] if joined else []
+    for matrix, column in ((model.K, None), (model.C, None), (model.M, None), *through):
         row = part[matrix.indices % model.size]
         col = part[np.repeat(np.arange(model.size) if column is None else column, np.diff(matrix.indptr))]
         joins = (row != col) & (matrix.data != 0)

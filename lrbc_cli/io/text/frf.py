@@ -27,7 +27,7 @@ from lrbc_cli.io.frf_common import (
 from lrbc_cli.io.layout import TextLayout
 from lrbc_cli.io.text.angles import PhaseColumn, angle_units
 from lrbc_cli.io.text.blocks import Block, blocks
-from lrbc_cli.io.text.points import require_points
+from lrbc_cli.io.text.decimals import require_decimals
 from lrbc_cli.io.text.sniff import TextTable, read_table
 from lrbc_cli.io.units import decibel, parse_unit
 from lrbc_cli.model.frf import FrfRecord, FrfSet
@@ -82,7 +82,7 @@ def _of_table(table: TextTable, path: Path, layout: TextLayout, within: str = ""
     notes = [*table.notes] if within else [*table.notes, table.begins]
     at = _frequency_column(table, layout, path)
     frequency = _frequencies(table, at, layout, path, notes)
-    require_points(table, path)
+    require_decimals(table, path)
     named = None if layout.coherence is None else _find(table, layout.coherence, path, "format.coherence")
     columns = _by_angles([_classify(table, index, layout) for index in _data_columns(table, at, path) if index != named])
     units = {column.at: column.unit for column in columns}

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, fields
 
 from lrbc_cli.updating.checked import Checked, Count, NotNegative, Share
 from lrbc_cli.updating.own_code import code_of
-from lrbc_cli.updating.statistics.chain.echo import ECHO, EchoRule
+from lrbc_cli.updating.statistics.chain.blows import BLOWS, BlowRule
 from lrbc_cli.updating.statistics.chain.modal import MODAL, ModalRule
 from lrbc_cli.updating.statistics.error_model import ERRORS, ErrorModel
 from lrbc_cli.updating.statistics.lines import RESOLUTION, RESONANCES, Resolution, Resonances
@@ -72,7 +72,7 @@ class StatisticalModel(Checked):
     validation : ValidationChannels
     modal : ModalRule
         Whether a job was measured with another window or filter than the reference job.
-    echo : EchoRule
+    blows : BlowRule
         Whether a job was hit twice.
     """
 
@@ -85,7 +85,7 @@ class StatisticalModel(Checked):
     calibration: CalibrationPrior = CALIBRATION_PRIOR
     validation: ValidationChannels = ValidationChannels()
     modal: ModalRule = MODAL
-    echo: EchoRule = ECHO
+    blows: BlowRule = BLOWS
 
     def digest(self, *names: str) -> str:
         """SHA-256 digest of the named parts, or of all: their numbers and classes, since a subclass may compute differently."""

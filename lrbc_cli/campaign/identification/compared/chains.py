@@ -10,7 +10,7 @@ from lrbc_cli.campaign.identification.compared.doubts import FAR_ABOVE_NOISE
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.model.factors import SOUND_SPEED
-from lrbc_cli.updating.statistics.chain.echo import second_blow
+from lrbc_cli.updating.statistics.chain.blows import second_blow
 from lrbc_cli.updating.statistics.chain.modal import ChainFault, other_chain
 from lrbc_cli.updating.statistics.lines import line_noise, noise_shares
 
@@ -129,7 +129,7 @@ def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference:
     if own.values.shape != tight.values.shape or unlike(own.frequency_hz, tight.frequency_hz):
         return None
     names, air = [response.name for response in inputs.responses], SOUND_SPEED in inputs.recipe.names
-    if blow := second_blow(own.frequency_hz, own.values, tight.values, reference, inputs.statistics.echo):
+    if blow := second_blow(own.frequency_hz, own.values, tight.values, reference, inputs.statistics.blows):
         return ChainFault("blow", blow)
     return other_chain(own.frequency_hz, own.values, tight.values, reference, names, inputs.statistics.modal, air=air)
 

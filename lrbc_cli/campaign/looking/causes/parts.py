@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 
 from lrbc_cli.arrays import Bools
 from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, levels, spread
@@ -16,6 +15,7 @@ from lrbc_cli.campaign.looking.causes.rescaled import LINES, MOST_WORK, explains
 from lrbc_cli.campaign.looking.causes.tightness import UNLIKE
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.places import extents
+from lrbc_cli.campaign.reading.reach import parts_of
 from lrbc_cli.errors import LrbcError, listing
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.problem.full import full_ports
@@ -116,9 +116,10 @@ def _parts(seen: Seen, *, least: float = 0.02) -> Iterator[Bools]:
     """(n,) masks of the structural parts that only terms join, each with a share of ``least`` of the DOFs; nothing if there is one."""
     model = seen.inputs.model
     structural = ~model.is_acoustic
-    labels = np.full(model.size, -1)
-    labels[structural] = connected_components(abs(model.K[structural][:, structural]), directed=False)[1]
-    sizes = np.bincount(labels[structural]) if structural.any() else np.zeros(0)
-    large = np.flatnonzero(sizes >= least * structural.sum())
+    # Air joins parts, too; without it, each of its DOFs is a part of its own.
+    own = sp.diags_array(structural.astype(float))
+    alone = {name: sp.csc_array(own @ getattr(model, name) @ own) for name in ("K", "C", "M")}
+    labels = parts_of(replace(model, **alone), joined=False)
+    large = np.flatnonzero(np.bincount(labels[structural], minlength=1) >= max(least * structural.sum(), 1.0))
     if large.size > 1:
         yield from (labels == label for label in large)

@@ -9,7 +9,6 @@ from itertools import combinations, product
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Floats, Integers
@@ -19,6 +18,7 @@ from lrbc_cli.campaign.looking.causes.rescaled import MOST_WORK
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.places import AT_NODE
+from lrbc_cli.campaign.reading.reach import parts_of
 from lrbc_cli.errors import LrbcError, listing
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.selection import spacing
@@ -125,7 +125,8 @@ def _moves(inputs: Inputs, dofs: DofTable, points: _Points) -> Iterator[_Move]:
     alike = {component: np.flatnonzero(dofs.component == component) for component in {str(dofs.component[dof]) for dof in points.dof}}
     nearest = {component: (own, cKDTree(dofs.xyz[own])) for component, own in alike.items()}
     sizes = np.array([spacing(dofs, int(dof)) for dof in points.dof])
-    count, part = connected_components(abs(inputs.model.K) + abs(inputs.model.M), directed=False)
+    part = parts_of(inputs.model, joined=False)
+    count = int(part.max()) + 1
     unit, seen = inputs.campaign.unit_system.length, set[bytes]()
 
     def moved(places: Floats, own: Integers, how: str, fix: str, of: int | None = None) -> Iterator[_Move]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -68,7 +67,7 @@ def _own_matrix(campaign: Campaign, name: str, ref: MatrixRef) -> str:
     if not others:
         return "give its own file"
     likely = next((found for found in others if _usual(name, found)), "NAME")
-    return f"write model.{name}: {_relative(campaign, ref.path)}#{likely}; the file contains {listing(held, 8)}"
+    return f"write model.{name}: {campaign.relative(ref.path)}#{likely}; the file contains {listing(held, 8)}"
 
 
 def require_apart(source: ModelConfig, **matrices: sp.csc_array) -> None:
@@ -190,12 +189,8 @@ def _fuller(campaign: Campaign, ref: OperatorRef) -> str:
     if not counts:
         return ""
     best = max(counts, key=lambda name: (_usual("stiffness", name), counts[name]))
-    return f"{ref.path.name} also contains {best}, which nothing uses: write model.stiffness: {_relative(campaign, ref.path)}#{best}"
+    return f"{ref.path.name} also contains {best}, which nothing uses: write model.stiffness: {campaign.relative(ref.path)}#{best}"
 
 
 def _usual(operator: str, name: str) -> bool:
     return name.rpartition("/")[2].casefold() in _NAMES[operator]
-
-
-def _relative(campaign: Campaign, path: Path) -> str:
-    return Path(os.path.relpath(path, campaign.path.parent)).as_posix()

@@ -15,7 +15,7 @@ from lrbc_cli.io.text.sniff import TextTable, split
 _BARE = re.compile(r"[+-]?\d{4,}")
 
 
-def require_points(table: TextTable, path: Path, *, least: int = 3) -> None:
+def require_decimals(table: TextTable, path: Path, *, least: int = 3) -> None:
     """Refuse a table with whole numbers ten times and more the numbers before and after them, which have a decimal sign.
 
     A lost point multiplies by ten or more. Programs that write few digits drop the sign of large numbers, too, but their neighbours are as

@@ -12,7 +12,7 @@ from lrbc_cli.campaign.identification.compared.chains import chain_doubt, cohere
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import listing
-from lrbc_cli.updating.statistics.chain.echo import differing_blows
+from lrbc_cli.updating.statistics.chain.blows import differing_blows
 from lrbc_cli.updating.statistics.lines import covers, few_digits, few_resonances, normalised, phaseless, too_wide, unresolved
 
 
@@ -37,7 +37,7 @@ def of_file(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[Fin
         yield Finding(place=file, text=text, kind=Kind.NORMALISED)
     yield from _single(inputs, name, measurement)
     averages = inputs.campaign.jobs[name].averages
-    if differing := differing_blows(measurement.values, measurement.coherence, averages, inputs.statistics.echo):
+    if differing := differing_blows(measurement.values, measurement.coherence, averages, inputs.statistics.blows):
         yield Finding(place=f"job {name}", text=differing)
 
 

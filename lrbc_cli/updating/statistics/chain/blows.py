@@ -10,12 +10,12 @@ from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.updating.checked import Checked, Count, Positive, Share
 from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.statistics.chain.damping import beside_damping, damping_pattern
-from lrbc_cli.updating.statistics.decibels import decibel
+from lrbc_cli.updating.statistics.decibels import DB, coherence_sigma, decibel
 from lrbc_cli.updating.statistics.lines import line_noise, noise_shares
 
 
 @dataclass(frozen=True, kw_only=True)
-class EchoRule(Checked):
+class BlowRule(Checked):
     """Limits from which a job is taken to have been hit twice, or its blows to differ from each other.
 
     Attributes
@@ -57,10 +57,10 @@ class EchoRule(Checked):
 
 
 #: The default, for callers that use a part of the package by itself.
-ECHO = EchoRule()
+BLOWS = BlowRule()
 
 
-def second_blow(frequency_hz: Floats, own: Complexes, tight: Complexes, reference: str, rule: EchoRule = ECHO) -> str | None:
+def second_blow(frequency_hz: Floats, own: Complexes, tight: Complexes, reference: str, rule: BlowRule = BLOWS) -> str | None:
     """Message on a job whose FRFs, or those of the reference job, contain the factor of a second blow; None if neither do.
 
     A blow followed by a share a of it after the time T has ``1 + a exp(-i omega T)`` times the spectrum of the first. If the force window
@@ -75,7 +75,7 @@ def second_blow(frequency_hz: Floats, own: Complexes, tight: Complexes, referenc
         NaN where a response was not measured.
     reference : str
         Name of the reference job.
-    rule : EchoRule
+    rule : BlowRule
     """
     steps = np.diff(frequency_hz)
     held = (np.isfinite(own) & np.isfinite(tight) & (own != 0) & (tight != 0)).all(axis=0)
@@ -133,7 +133,7 @@ def _apart(values: Floats) -> Floats:
     return np.asarray(np.abs(values - np.median(values, axis=-1, keepdims=True)).mean(axis=-1))
 
 
-def differing_blows(values: Complexes, coherence: Floats, averages: int, rule: EchoRule = ECHO) -> str | None:
+def differing_blows(values: Complexes, coherence: Floats, averages: int, rule: BlowRule = BLOWS) -> str | None:
     """Message on an average of blows that differ from each other; None if they do not, or if the coherence is unknown.
 
     Noise that lowers the coherence differs from line to line, so neighbouring lines scatter by as much. Averages of two states, or of two
@@ -147,14 +147,13 @@ def differing_blows(values: Complexes, coherence: Floats, averages: int, rule: E
         NaN where it is unknown.
     averages : int
         Number of blows.
-    rule : EchoRule
+    rule : BlowRule
     """
     known = np.isfinite(coherence).any(axis=0)
     if averages < 2 or not known.any():
         return None
-    told = np.clip(coherence[:, known], 1e-3, 1.0)
-    # Bendat and Piersol, Random Data, chapter 9: the random error of the magnitude of an averaged FRF.
-    stated = float(np.nanmedian(np.sqrt((1.0 - told) / (2.0 * averages * told))))
+    told = coherence[:, known]
+    stated = float(np.nanmedian(coherence_sigma(told, averages))) / DB
     shown = line_noise(values[:, known])
     if not stated > max(rule.noise, rule.differing * shown):
         return None
@@ -165,7 +164,7 @@ def differing_blows(values: Complexes, coherence: Floats, averages: int, rule: E
     )
 
 
-def too_many_blows(values: Complexes, coherence: Floats, averages: int, rule: EchoRule = ECHO) -> str | None:
+def too_many_blows(values: Complexes, coherence: Floats, averages: int, rule: BlowRule = BLOWS) -> str | None:
     """Message on a stated number of blows by which lines would scatter much less than they do; None if it fits the coherence.
 
     The half of the lines with the lower coherence is compared: in the others, the curvature of the FRF is more than the noise.
@@ -178,7 +177,7 @@ def too_many_blows(values: Complexes, coherence: Floats, averages: int, rule: Ec
         NaN where it is unknown.
     averages : int
         Stated number of blows.
-    rule : EchoRule
+    rule : BlowRule
     """
     if averages < 2 or len(values) < 5:
         return None
@@ -189,7 +188,8 @@ def too_many_blows(values: Complexes, coherence: Floats, averages: int, rule: Ec
         return None
     told, shares = told[:, known], shares[:, known]
     noisy = told <= np.nanmedian(told, axis=0)
-    stated = (1.0 - told[noisy]) / (averages * told[noisy])
+    # Of real and imaginary part together.
+    stated = 2.0 * (coherence_sigma(told[noisy], averages) / DB) ** 2
     ratio = float(np.median(shares[noisy] ** 2 / stated))
     if not rule.scattered < ratio <= averages:
         return None
