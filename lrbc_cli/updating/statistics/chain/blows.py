@@ -195,5 +195,6 @@ def too_many_blows(values: Complexes, coherence: Floats, averages: int, rule: Bl
         return None
     return (
         f"averages: {averages} is too large: neighbouring lines scatter with {float(f'{ratio:.1g}'):g} times the variance that the "
-        f"coherence allows after {averages} blows; about {max(round(averages / ratio), 1)} would fit. Write the number of blows that each FRF is the mean of"
+        f"coherence allows after {averages} blows; about {max(round(averages / ratio), 1)} would fit. Write the number of blows that each "
+        "FRF is the mean of"
     )
