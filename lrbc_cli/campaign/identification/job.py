@@ -34,7 +34,7 @@ from lrbc_cli.updating.search.levels import gauss_newton_by_levels
 from lrbc_cli.updating.search.optimise import Solution, bfgs, gauss_newton
 from lrbc_cli.updating.search.search import search
 from lrbc_cli.updating.search.smooth import narrowed, smoothed_costs
-from lrbc_cli.updating.search.starts import LEVELS, alone, between, prior_draws
+from lrbc_cli.updating.search.starts import LEVELS, alone, between
 from lrbc_cli.updating.statistics.chain.damping import beside_damping, damping_pattern
 from lrbc_cli.updating.statistics.decibels import decibel
 from lrbc_cli.updating.statistics.lines import too_wide
@@ -252,12 +252,11 @@ class Job:
     def _sought(self, misfit: Misfit, wide: Sequence[Misfit]) -> tuple[dict[str, Floats], int]:
         """Theta of the starts of descents, by description, and evaluations; ``wide``: costs between smoothed spectra, may be empty."""
         further, sought = self._table(misfit)
-        if wide:
-            # If all joints scatter, a loose one shows in smoothed spectra only; where the model errs, on the measured lines only.
-            tabled, more = self._table(wide[0])
-            led, most = narrowed(wide, tabled, self.parameters.bounds, self.shapes.T)
-        else:
-            (led, most), more = prior_draws(misfit, self.shapes, self.parameters.bounds, further), 0
+        if not wide:
+            return further, sought
+        # If all joints scatter, a loose one shows in smoothed spectra only; where the model errs, on the measured lines only.
+        tabled, more = self._table(wide[0])
+        led, most = narrowed(wide, tabled, self.parameters.bounds, self.shapes.T)
         return further | led, sought + more + most
 
     def _misfit(self, measured: Complexes, eta: float, relative: bool) -> Misfit:

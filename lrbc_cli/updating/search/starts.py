@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import product
 
 import numpy as np
@@ -14,7 +14,7 @@ from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit.cost import Evaluation, Misfit
 from lrbc_cli.updating.misfit.frf import FrfModel, Nearby
 from lrbc_cli.updating.search.optimise import Objective, Solution
-from lrbc_cli.updating.unknowns.shapes import Shapes, joints_of
+from lrbc_cli.updating.unknowns.shapes import joints_of
 
 #: From two columns of joints to all pairs that are exchanged together with them, see ``Shapes.mirrored``.
 Mirrors = Callable[[int, int], Sequence[tuple[int, int]]]
@@ -318,37 +318,6 @@ def other_levels(
     tables = [*side_by_side(moved, joints), *side_by_side(exchanged, loosened)]
     found = [place for places in tables for place in places if np.isfinite(place[0])]
     return [theta for *_, theta in sorted(found, key=lambda one: one[:3])[:kept]]
-
-
-def prior_draws(
-    misfit: Misfit, shapes: Shapes, bounds: Floats, places: Mapping[str, Floats], *, draws: int = 64, kept: int = 3, seed: int = 0
-) -> tuple[dict[str, Floats], int]:
-    """Starts, and in addition the random draws from the prior with the least cost.
-
-    Tables change single bolts to discrete levels, with the damping of the prior. They do not contain small changes of all unknowns at once.
-
-    Parameters
-    ----------
-    misfit : Misfit
-    shapes : Shapes
-    bounds : (size, 2) float array
-    places : mapping of str to (size,) float array
-        Starts by description.
-    draws, kept, seed : int
-        Number of draws, number of those added, and seed.
-
-    Returns
-    -------
-    dict of str to (size,) float array
-        Starts by description, the same for the same input.
-    int
-        Number of evaluations.
-    """
-    rng = np.random.default_rng(seed)
-    std = np.where(np.isfinite(shapes.std), shapes.std, 1.0)
-    thetas = [np.clip(misfit.prior + shapes.T @ (std * draw), *bounds.T) for draw in rng.normal(size=(draws, std.size))]
-    order = np.argsort(side_by_side(misfit.sum, thetas), kind="stable")[:kept]
-    return {**places, **{f"changes drawn from the prior, {k + 1} of {draws}": thetas[k] for k in order}}, draws
 
 
 def basins(totals: Sequence[float], count: int = 2) -> list[int]:
