@@ -28,9 +28,6 @@ ALLOWED = {
         *("DENSITIES", "MASSES", "MODULI", "STIFFNESSES", "STEEL"),
     },
     "rounding only": {"_ROUNDING", "ROUND_OFF", "LEAST_ETA", "SLOPE_STEP", "ROUNDING", "LEAST_CHANGE", "HELD"},
-    "versions and names": {
-        *("FORMAT_VERSION", "RESULT_FORMAT", "RESULT_VERSION", "EVIDENCE_FORMAT"),
-    },
     "text and figures for readers only: correlation of FRFs, names in a sentence": {
         *("MOST_NAMES", "PROMINENCE_DB", "TOLERANCE", "SIMILARITY"),
     },

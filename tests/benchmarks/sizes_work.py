@@ -123,7 +123,7 @@ def stage_from(inputs: Inputs, folder: Path) -> ReductionStage:
     decision = cache.look_up(folder, cache.key_parts(inputs))
     if not decision.hit:
         raise SystemExit(f"{inputs.campaign.name}: {decision.reason}")
-    return ReductionStage(cache.load(decision), decision, 0.0)
+    return ReductionStage(cache.load(decision, inputs), decision, 0.0)
 
 
 def cost(inputs: Inputs, stage: ReductionStage, count: int, repeats: int = 5) -> dict[str, Any]:

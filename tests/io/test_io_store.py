@@ -10,7 +10,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from scipy.sparse import csc_array, random_array
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.hdf5.store import read_store, write_store
@@ -24,15 +23,7 @@ TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
 PLAIN = st.none() | st.booleans() | st.integers(-(2**60), 2**60) | st.floats(allow_nan=False) | TEXT
 DTYPES = st.sampled_from([np.float64, np.float32, np.complex128, np.complex64, np.int64, np.int32, np.uint8, np.bool_])
 ARRAYS = hnp.arrays(DTYPES, hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4))
-TEXTS = hnp.arrays(np.dtype("U4"), hnp.array_shapes(min_dims=1, max_dims=2, min_side=0, max_side=3), elements=st.text("abä ", max_size=4))
-SPARSE = st.builds(
-    lambda rows, columns, seed, factor: csc_array(random_array((rows, columns), density=0.4, rng=np.random.default_rng(seed)) * factor),
-    st.integers(0, 6),
-    st.integers(0, 6),
-    st.integers(0, 99),
-    st.sampled_from([1.0, 1 - 2j]),
-)
-LEAVES = PLAIN | ARRAYS | TEXTS | SPARSE | st.lists(PLAIN, max_size=4) | st.lists(ARRAYS, max_size=3)
+LEAVES = PLAIN | ARRAYS | st.lists(PLAIN, max_size=4) | st.lists(ARRAYS, max_size=3)
 TREES = st.dictionaries(
     KEYS,
     st.recursive(LEAVES, lambda inner: st.dictionaries(KEYS, inner, max_size=3) | st.lists(inner, max_size=3), max_leaves=6),
@@ -49,14 +40,10 @@ def assert_same(found, expected):
         assert len(found) == len(expected)
         for a, b in zip(found, expected, strict=True):
             assert_same(a, b)
-    elif isinstance(expected, csc_array):
-        assert isinstance(found, csc_array)
-        assert found.shape == expected.shape
-        np.testing.assert_array_equal(found.toarray(), expected.toarray())
     elif isinstance(expected, np.ndarray):
         assert isinstance(found, np.ndarray)
         assert found.shape == expected.shape
-        assert found.dtype == expected.dtype or expected.dtype.kind == "U"
+        assert found.dtype == expected.dtype
         np.testing.assert_array_equal(found, expected)
     else:
         assert type(found) is type(expected)
@@ -81,7 +68,9 @@ def test_numpy_scalars_tuples_and_specials(tmp_path):
     assert found["z"] == np.array(1 + 2j)
 
 
-@pytest.mark.parametrize("tree", [{"a": object()}, {"a": np.array([object()])}, {"a/b": 1}, {"": 1}, {1: 2}, {"a": {"..": 1}}, [1]])
+@pytest.mark.parametrize(
+    "tree", [{"a": object()}, {"a": np.array([object()])}, {"a": np.array(["text"])}, {"a/b": 1}, {"": 1}, {1: 2}, {"a": {"..": 1}}, [1]]
+)
 def test_what_a_store_cannot_hold_leaves_the_old_file(tmp_path, tree):
     path = tmp_path / "tree.h5"
     write_store(path, {"old": 1})
@@ -99,9 +88,7 @@ def seal_again(path):
 def test_texts_have_a_fixed_length(tmp_path):
     """Those of variable length lie on a heap, on which damaged bits send the HDF5 library into an endless loop."""
     path = tmp_path / "tree.h5"
-    write_store(
-        path, {"a": {"x": np.array(["one", "two ä"]), "n": np.array([], dtype=str)}, "k": csc_array(np.eye(3)), "t": "text", "l": [1]}
-    )
+    write_store(path, {"a": {"x": ["one", "two ä"], "n": np.array([])}, "t": "text", "l": [1]})
     variable = []
 
     def visit(name, node):
@@ -138,17 +125,11 @@ def test_a_part_of_a_tree(tmp_path):
 
 def test_unknown_layouts_are_refused(tmp_path):
     path = tmp_path / "tree.h5"
-    write_store(path, {"a": {"x": np.eye(2)}, "k": csc_array(np.eye(3))})
+    write_store(path, {"a": {"x": np.eye(2)}})
     with h5py.File(path, "r+") as file:
         file["a/x"].attrs["encoding-version"] = "0.2.0"
     seal_again(path)
     with pytest.raises(DataError, match=r"a/x.*another layout(.|\n)*0\.2\.0"):
-        read_store(path)
-    with h5py.File(path, "r+") as file:
-        file["a/x"].attrs["encoding-version"] = "0.1.0"
-        file["k/indices"][0] = 7
-    seal_again(path)
-    with pytest.raises(DataError, match="k: a sparse matrix in the store is damaged"):
         read_store(path)
     with h5py.File(path, "w") as file:
         file["x"] = 1
@@ -167,7 +148,7 @@ def test_damage_gives_a_data_error_or_a_tree(tmp_path, data):
     if not path.exists():
         write_store(
             tmp_path / "valid.h5",
-            {"V": np.arange(12.0).reshape(4, 3) * 1j, "K": csc_array(np.eye(4)), "meta": {"name": "x", "points": [1.5, 2.5]}},
+            {"V": np.arange(12.0).reshape(4, 3) * 1j, "K": np.eye(4), "meta": {"name": "x", "points": [1.5, 2.5]}},
         )
     valid = (tmp_path / "valid.h5").read_bytes()
     content = bytearray(valid)

@@ -27,12 +27,6 @@ from lrbc_cli.reduction.reduced.ports import PortFrf
 
 log = logging.getLogger(__name__)
 
-FORMAT = "lrbc-reduced-model"
-FORMAT_VERSION = 4
-
-#: Entries that identify a stored model.
-_STAMP = ("format", "version", "key")
-
 #: Attributes of a reduction that are stored unchanged, in addition to model, sizes, certificate and trace.
 _SUMMARY = ("reached", "backend", "coupling", "full_size", "vectors", "unseen", "stopped", "seconds", "machine", "date")
 
@@ -96,7 +90,7 @@ def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
     path = folder / key / "model.h5"
     if path.is_file():
         try:
-            fault = "" if _is_model(read_store(path, _STAMP), key) else "the file in the cache was not made for this campaign"
+            fault = "" if read_store(path, ("key",)) == {"key": key} else "the file in the cache was not made for this campaign"
         except DataError:
             fault = "the file in the cache is damaged"
         if fault:
@@ -129,11 +123,6 @@ def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
     return CacheDecision(key=key, path=path, hit=False, reason=reason)
 
 
-def _is_model(tree: dict[str, Any], key: str) -> bool:
-    """Whether the stamp of a file belongs to this key; a file may have been copied from another folder of the cache."""
-    return {name: tree.get(name) for name in _STAMP} == {"format": FORMAT, "version": FORMAT_VERSION, "key": key}
-
-
 def _missed(path: Path) -> str:
     """Stored text about a model that misses its tolerance; empty if it does not, or if there is no such text."""
     try:
@@ -149,8 +138,6 @@ def store(decision: CacheDecision, parts: dict[str, str], reduction: Reduction) 
     model = {name: getattr(reduction.model, name) for name in ReducedModel.__dataclass_fields__}
     model["extras"] = {name: dict(group) for name, group in reduction.model.extras.items()}
     tree = {
-        "format": FORMAT,
-        "version": FORMAT_VERSION,
         "key": decision.key,
         "parts": parts,
         "model": model,
@@ -210,13 +197,10 @@ def load(decision: CacheDecision, inputs: Inputs) -> Reduction:
         If the file is damaged or contains another model; the caller then reduces again.
     """
     tree = read_store(decision.path)
-    if not _is_model(tree, decision.key):
-        raise DataError(
-            "this is not the reduced model of this campaign",
-            file=decision.path,
-            expected=f"{FORMAT} {FORMAT_VERSION}, key {decision.key}",
-            found=f"{tree.get('format')} {tree.get('version')}, key {tree.get('key')}",
-        )
+    # A file may have been copied from another folder of the cache.
+    if tree.get("key") != decision.key:
+        problem = "this is not the reduced model of this campaign"
+        raise DataError(problem, file=decision.path, expected=f"key {decision.key}", found=f"key {tree.get('key')}")
     try:
         options = tree["options"] | {"band_hz": tuple(tree["options"]["band_hz"])}
         summary = tree["summary"]

@@ -1,7 +1,7 @@
 """Store of the cache (reduced models): nested dictionaries of arrays and plain values in HDF5, without pickles.
 
 Every group and dataset carries ``encoding-type`` and ``encoding-version``; unknown ones are refused. A checksum follows the content and is
-compared before the HDF5 library opens the file, since the library hangs on some damaged files. Texts have a fixed length.
+compared before the HDF5 library opens the file, since the library hangs on some damaged files.
 """
 
 from __future__ import annotations
@@ -13,28 +13,24 @@ from typing import Any
 
 import h5py
 import numpy as np
-from scipy.sparse import csc_array, issparse
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import atomic_path
 from lrbc_cli.io.common import require_file
 from lrbc_cli.io.hdf5.tools import (
     changed,
-    fixed_texts,
     hdf5_image,
     load,
     lookup,
     open_hdf5,
     seal_fits,
     sealed,
-    shape_attribute,
     text_attribute,
 )
-from lrbc_cli.io.sparse import numeric
 
 VERSION = "0.1.0"
 _ROOT = "lrbc-store"
-_KINDS = ("dict", "list", "array", "string-array", "json", "csc_matrix")
+_KINDS = ("dict", "list", "array", "json")
 _PLAIN = (str, int, float, bool, type(None))
 
 
@@ -46,8 +42,8 @@ def write_store(path: Path, tree: dict[str, Any]) -> None:
     path
         The file.
     tree
-        Nested dictionaries with text keys; leaves are arrays (real, complex, integer, bool or text), sparse matrices
-        (stored as CSC), text, numbers, bool, None, and lists of any of these.
+        Nested dictionaries with text keys; leaves are arrays (real, complex, integer or bool), text, numbers, bool, None, and lists of any
+        of these.
 
     Raises
     ------
@@ -72,7 +68,7 @@ def write_store(path: Path, tree: dict[str, Any]) -> None:
 
 
 def read_store(path: Path, keys: Collection[str] | None = None) -> dict[str, Any]:
-    """Read a tree written by ``write_store``; lists are returned as lists, sparse matrices as ``csc_array``.
+    """Read a tree written by ``write_store``; tuples are returned as lists.
 
     Parameters
     ----------
@@ -129,13 +125,6 @@ def _write_group(node: h5py.Group, tree: dict[str, Any]) -> None:
 def _write(parent: h5py.Group, key: str, value: Any) -> None:
     if isinstance(value, dict):
         _write_group(parent.create_group(key), value)
-    elif issparse(value):
-        matrix = csc_array(value)
-        node = parent.create_group(key)
-        _mark(node, "csc_matrix")
-        node.attrs["shape"] = np.asarray(matrix.shape, dtype=np.int64)
-        for name in ("data", "indices", "indptr"):
-            node.create_dataset(name, data=getattr(matrix, name), track_times=False)
     elif isinstance(value, np.ndarray) or (isinstance(value, np.generic) and value.dtype.kind == "c") or isinstance(value, complex):
         _write_array(parent, key, np.asarray(value))
     elif isinstance(value, list | tuple) and not _is_plain(value):
@@ -153,14 +142,9 @@ def _write(parent: h5py.Group, key: str, value: Any) -> None:
 
 
 def _write_array(parent: h5py.Group, key: str, array: Any) -> None:
-    if array.dtype.kind == "U":
-        node = parent.create_dataset(key, data=fixed_texts(array), track_times=False)
-        _mark(node, "string-array")
-    elif array.dtype.kind in "fiubc":
-        node = parent.create_dataset(key, data=array, track_times=False)
-        _mark(node, "array")
-    else:
+    if array.dtype.kind not in "fiubc":
         raise TypeError(f"a store cannot contain an array of type {array.dtype} ({key!r})")
+    _mark(parent.create_dataset(key, data=array, track_times=False), "array")
 
 
 def _is_plain(value: Any) -> bool:
@@ -182,40 +166,16 @@ def _read(node: Any, path: Path) -> Any:
             hint="delete the file; it will be built again",
         )
     is_group = isinstance(node, h5py.Group)
-    if is_group != (kind in ("dict", "list", "csc_matrix")):
+    if is_group != (kind in ("dict", "list")):
         raise DataError("this store is damaged", file=path, place=place, expected=kind, found="a group" if is_group else "a dataset")
     if kind == "dict":
         return {key: _read(lookup(node, key, path), path) for key in node}
     if kind == "list":
         return [_read(lookup(node, str(index), path), path) for index in range(len(node))]
-    if kind == "csc_matrix":
-        return _read_sparse(node, path, place)
     value = load(node, path)
     if kind == "json":
         return json.loads(value)
-    if kind == "string-array":
-        texts = [item.decode("utf-8") for item in np.ravel(value).tolist()]
-        return np.array(texts, dtype=np.str_).reshape(node.shape)
     return np.asarray(value)
-
-
-def _read_sparse(node: Any, path: Path, place: str) -> Any:
-    shape = shape_attribute(node, "shape")
-    data, indices, indptr = (np.asarray(load(lookup(node, name, path), path)) for name in ("data", "indices", "indptr"))
-    well_formed = (
-        shape is not None
-        and min(shape) >= 0
-        and all(array.ndim == 1 for array in (data, indices, indptr))
-        and indices.dtype.kind == indptr.dtype.kind == "i"
-        and indptr.size == shape[1] + 1
-        and indptr[0] == 0
-        and bool(np.all(indptr[1:] >= indptr[:-1]))
-        and int(indptr[-1]) == indices.size == data.size
-        and (indices.size == 0 or (int(indices.min()) >= 0 and int(indices.max()) < shape[0]))
-    )
-    if not well_formed:
-        raise DataError("a sparse matrix in the store is damaged", file=path, place=place, hint="delete the file; it will be built again")
-    return csc_array((numeric(data, path, place), indices, indptr), shape=shape)
 
 
 def _verify(node: Any, value: Any, path: Path) -> None:
@@ -225,10 +185,6 @@ def _verify(node: Any, value: Any, path: Path) -> None:
             raise DataError("the store could not be written", file=path, place=node.name, expected=sorted(value), found=sorted(node))
         for key, item in value.items():
             _verify(node[key], item, path)
-    elif isinstance(value, np.ndarray) and value.dtype.kind != "U" and (node.shape != value.shape or node.dtype != value.dtype):
+    elif isinstance(value, np.ndarray) and (node.shape != value.shape or node.dtype != value.dtype):
         expected, found = f"{value.shape} {value.dtype}", f"{node.shape} {node.dtype}"
         raise DataError("the store could not be written", file=path, place=node.name, expected=expected, found=found)
-    elif issparse(value) and tuple(node.attrs["shape"]) != value.shape:
-        raise DataError(
-            "the store could not be written", file=path, place=node.name, expected=value.shape, found=tuple(node.attrs["shape"])
-        )
