@@ -22,15 +22,12 @@ class Coupling:
         Z(s) is complex symmetric, in u-p models after the acoustic rows are divided by -kappa s².
     kappa : float or None
         Ratio of the coupling blocks, M_as = -kappa K_saᵀ (s structure, a acoustic); None without a coupling of this form.
-    defect : float
-        Largest remaining relative asymmetry.
     text : str
         The same in words.
     """
 
     symmetric: bool
     kappa: float | None
-    defect: float
     text: str
 
 
@@ -78,24 +75,21 @@ def coupling_of(K: sp.csc_array, C: sp.csc_array, M: sp.csc_array, is_acoustic: 
     whole = max(*defects, *mixed)
     if whole < EQUAL:
         # Includes models without air, and symmetric couplings: no row needs scaling.
-        return Coupling(True, None, whole, "symmetric")
+        return Coupling(True, None, "symmetric")
     if not is_acoustic.any() or is_acoustic.all():
-        return Coupling(False, None, whole, f"unsymmetric (relative asymmetry {whole:.1e}): LU")
+        return Coupling(False, None, f"unsymmetric (relative asymmetry {whole:.1e}): LU")
     s, a = np.flatnonzero(~is_acoustic), np.flatnonzero(is_acoustic)
     A, B = K[:, a].tocsr()[s].tocsc(), M[:, s].tocsr()[a].tocsc()
     dot = float(np.real(B.multiply(A.T).sum()))
     if not A.nnz or not B.nnz or dot == 0.0:
-        return Coupling(False, None, whole, f"unsymmetric and not of u-p form (relative asymmetry {whole:.1e}): LU")
+        return Coupling(False, None, f"unsymmetric and not of u-p form (relative asymmetry {whole:.1e}): LU")
     kappa = -dot / _norm(A) ** 2
     mismatch = _norm((B + kappa * A.T).tocsc()) / _norm(B)
     defect = max(*defects, *stray, mismatch)
     if defect < EQUAL:
-        return Coupling(
-            True, kappa, defect, f"u-p coupled, M_as = -kappa K_saᵀ with kappa = {kappa:.6g} (mismatch {mismatch:.1e}): symmetrised"
-        )
+        return Coupling(True, kappa, f"u-p coupled, M_as = -kappa K_saᵀ with kappa = {kappa:.6g} (mismatch {mismatch:.1e}): symmetrised")
     return Coupling(
         False,
         None,
-        defect,
         f"u-p coupled, but coupling blocks or diagonal blocks are not transposes of each other (defect {defect:.1e}): LU",
     )

@@ -105,7 +105,6 @@ def restricted(model: FrfModel, responses) -> FrfModel:
         parameters=model.parameters,
         values=lambda D: model.values(D)[:, responses],
         linearised=lambda D: tuple(part[:, responses] for part in model.linearised(D)),
-        name="port",
     )
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from lrbc_cli.errors import DataError, listing
+from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import fortran_number, whole
-from lrbc_cli.io.sparse import MatrixFile, from_coordinates, mirrored
+from lrbc_cli.io.sparse import MatrixFile, from_coordinates, mirrored, no_such_matrix, only_matrix
 from lrbc_cli.model.dofs import COMPONENTS, DofLabels
 
 _SQUARE = (1, 6)
@@ -50,17 +50,10 @@ def read_dmig(path: Path, group: str | None = None) -> MatrixFile:
         If an entry cannot be read or there is no such matrix.
     """
     found = _parse(path)
-    square = _square(found)
-    name = group.upper() if group else square[0] if len(square) == 1 else ""
+    square, told = _square(found), list[str]()
+    name = group.upper() if group else only_matrix(square, path, told, beside=list(found), hint="only square matrices are read")
     if name not in square:
-        raise DataError(
-            "the file contains no such square matrix" if group else "it is not clear which matrix is meant",
-            file=path,
-            place=group,
-            expected=repr(group) if group else "exactly one square matrix, or its name after '#'",
-            found=listing(square),
-            hint="write file#name",
-        )
+        raise no_such_matrix(name, square, path)
     entries = found[name]
     keys = sorted({*entries.columns, *entries.rows})
     at = {key: k for k, key in enumerate(keys)}
@@ -71,7 +64,7 @@ def read_dmig(path: Path, group: str | None = None) -> MatrixFile:
     matrix, notes = mirrored(matrix) if entries.form == _SQUARE[1] else (matrix, ())
     component = [COMPONENTS[c - 1] if 0 < c <= len(COMPONENTS) else "SCALAR" for _, c in keys]
     labels = DofLabels(np.array([node for node, _ in keys], dtype=np.int64), np.array(component, dtype=np.str_))
-    return MatrixFile(matrix=matrix, format="nastran-dmig", notes=notes, labels=labels)
+    return MatrixFile(matrix=matrix, format="nastran-dmig", notes=(*told, *notes), labels=labels)
 
 
 def dmig_names(path: Path) -> list[str]:

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.errors import DataError, listing
+from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import damaged, whole
 from lrbc_cli.io.matrices.columns import read_fixed
-from lrbc_cli.io.sparse import MatrixFile, from_coordinates, mirrored
+from lrbc_cli.io.sparse import MatrixFile, from_coordinates, mirrored, no_such_matrix, only_matrix
 
 #: First line of a matrix in ASCII: columns, rows (negative: BIGMAT), form, type, name, numbers a line, characters of each.
 _LINE = re.compile(rb"([ \d]{8})([- \d]{8})([ \d]{8})([ \d]{8})(.{8})1P,\s*(\d+)[ED](\d+)\.\d+")
@@ -97,17 +97,12 @@ def read_op4(path: Path, group: str | None = None) -> MatrixFile:
     """
     content = whole(path)
     order = _order(content[:64])
-    found = _matrices(path, content)
-    chosen = [matrix for matrix in found if group is None or matrix.name.upper() == group.upper()]
+    found, told = _matrices(path, content), list[str]()
+    names = [matrix.name for matrix in found]
+    name = group or only_matrix(names, path, told, beside=[], hint=None)
+    chosen = [matrix for matrix in found if matrix.name.upper() == name.upper()]
     if len(chosen) != 1:
-        raise DataError(
-            "the file contains no such matrix" if group else "it is not clear which matrix is meant",
-            file=path,
-            place=group,
-            expected=repr(group) if group else "exactly one matrix, or its name after '#'",
-            found=listing([matrix.name for matrix in found]),
-            hint="write file#name",
-        )
+        raise no_such_matrix(name, names, path)
     matrix = chosen[0]
     strings = np.array(matrix.strings, dtype=np.int64).reshape(-1, 3)
     values = matrix.values(order or "<")
@@ -118,7 +113,7 @@ def read_op4(path: Path, group: str | None = None) -> MatrixFile:
     row = np.arange(column.size) - np.repeat(begin - strings[:, 1] + 1, strings[:, 2])
     result = from_coordinates(values, row, column, (matrix.rows, matrix.columns), path=path, place=matrix.name, file_size=len(content))
     result, notes = mirrored(result) if matrix.form == _SYMMETRIC else (result, ())
-    return MatrixFile(matrix=result, format="nastran-op4", notes=notes)
+    return MatrixFile(matrix=result, format="nastran-op4", notes=(*told, *notes))
 
 
 def op4_names(path: Path) -> list[str]:

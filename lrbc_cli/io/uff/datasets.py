@@ -49,7 +49,6 @@ class UffAxis:
 class UffUnits:
     """Dataset 164: a value of the file divided by the factor is in SI (see ``uff/read.py``)."""
 
-    code: int
     description: str
     length: float
     force: float
@@ -63,8 +62,6 @@ class UffFunction:
     ----------
     record : int
         Number among the functions of the file, from 1.
-    place : str
-        Where it starts in the file, for messages.
     function_type : int
         4 is a frequency response function, 6 a coherence.
     abscissa : (F,) float array
@@ -74,7 +71,6 @@ class UffFunction:
     """
 
     record: int
-    place: str
     id_lines: tuple[str, ...]
     function_type: int
     response_name: str
@@ -194,7 +190,7 @@ def _line(content: bytes, position: int) -> tuple[str, int]:
 def _units(body: bytes, path: Path, place: str) -> UffUnits:
     lines = decode(body).splitlines()
     try:
-        code = int(lines[0][:10])
+        int(lines[0][:10])
         length, force = (float(word) for word in lines[1].upper().replace("D", "E").split()[:2])
         if not (1e-30 < length < 1e30 and 1e-30 < force < 1e30):
             raise ValueError("factors out of range")
@@ -203,7 +199,7 @@ def _units(body: bytes, path: Path, place: str) -> UffUnits:
         raise DataError(
             "the units (dataset 164) cannot be read", file=path, place=place, expected="a code and four factors", found=found
         ) from error
-    return UffUnits(code=code, description=lines[0][10:30].strip(), length=length, force=force)
+    return UffUnits(description=lines[0][10:30].strip(), length=length, force=force)
 
 
 def _header(content: bytes, start: int, count: int, path: Path, place: str) -> tuple[list[str], int]:
@@ -357,7 +353,6 @@ def _build(
     abscissa_axis, numerator, denominator = (_axis(line, path, place) for line in lines[7:10])
     return UffFunction(
         record=record,
-        place=place,
         id_lines=tuple(line.rstrip() for line in lines[:5]),
         **_identification(lines[5], path, place),
         abscissa=abscissa,

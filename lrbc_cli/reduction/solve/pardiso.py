@@ -123,11 +123,10 @@ class Pardiso:
         self._call(22 if self._analysed else 12)
         self._analysed = True
 
-    def solve(self, rhs: Complexes, *, refine: int = 0, transposed: bool = False) -> Complexes:
+    def solve(self, rhs: Complexes, *, transposed: bool = False) -> Complexes:
         """Solution of A X = rhs, or Aᵀ X = rhs, with rhs (n,) or (n, m); the result has Fortran order."""
         b = np.asfortranarray(rhs, dtype=complex)
         x = np.empty_like(b, order="F")
-        self._iparm[7] = refine
         self._iparm[11] = 2 if transposed else 0
         self._call(33, b, x)
         return x

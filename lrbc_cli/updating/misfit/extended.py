@@ -31,8 +31,6 @@ class ExtendedFrf:
         Indices of the responses to compare.
     """
 
-    name = "reduced"
-
     def __init__(
         self, model: AffineModel, s: Complexes, parameters: Parameterisation, nuisances: Sequence[Nuisance], responses: Integers
     ) -> None:

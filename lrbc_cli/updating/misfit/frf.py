@@ -59,8 +59,6 @@ class FrfModel:
     values, linearised : callables
         From the dynamic values D (F, nt) of the terms to the FRFs y (F, R), and to y with dy/dD (F, R, nt). New arrays: they are
         modified or cached.
-    name : str
-        ``port`` or ``reduced``.
     ports : PortFrf or None
         Given with the port formula, which makes a change of few terms far cheaper than a full evaluation, see ``nearby``.
     """
@@ -69,7 +67,6 @@ class FrfModel:
     parameters: Parameterisation
     values: Callable[[Complexes], Complexes]
     linearised: Callable[[Complexes], tuple[Complexes, Complexes]]
-    name: str
     ports: PortFrf | None = None
     # A descent begins where another stopped, and weights are computed there: a tenth of all evaluations repeat one of the last states.
     _last: Remembered[tuple[Any, ...]] = field(default_factory=lambda: Remembered(16), repr=False, compare=False)
@@ -195,7 +192,7 @@ class Nearby:
 
 def port_model(ports: PortFrf, parameters: Parameterisation) -> FrfModel:
     """FRFs by the port formula (14)-(18): an evaluation costs the same for any number of DOFs, full or reduced."""
-    return FrfModel(s=ports.s, parameters=parameters, values=ports.evaluate, linearised=ports.linearise, name="port", ports=ports)
+    return FrfModel(s=ports.s, parameters=parameters, values=ports.evaluate, linearised=ports.linearise, ports=ports)
 
 
 def reduced_model(model: ReducedModel, s: Complexes, parameters: Parameterisation, responses: NDArray[np.int64]) -> FrfModel:
@@ -205,4 +202,4 @@ def reduced_model(model: ReducedModel, s: Complexes, parameters: Parameterisatio
         y, dy = model.linearise(s, D)
         return y[:, responses], dy[:, responses]
 
-    return FrfModel(s=s, parameters=parameters, values=lambda D: model.evaluate(s, D)[:, responses], linearised=linearise, name="reduced")
+    return FrfModel(s=s, parameters=parameters, values=lambda D: model.evaluate(s, D)[:, responses], linearised=linearise)
