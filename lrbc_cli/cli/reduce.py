@@ -15,7 +15,7 @@ from lrbc_cli.campaign.reduced.cache import key_parts, look_up
 from lrbc_cli.campaign.reduced.stage import bound_hint
 from lrbc_cli.campaign.simulate import check_parameters
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
-from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
+from lrbc_cli.cli.options import accept_tolerance_option, calibration_option, campaign_options, verbosity
 from lrbc_cli.cli.terminal import remark, say
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.results.model import ReductionRecord
@@ -27,7 +27,7 @@ from lrbc_cli.study import Study
 @calibration_option
 @click.option("--force", is_flag=True, help="Build the model again even if the cache has it.")
 @click.option("--dry-run", is_flag=True, help="Print whether the cache has the model, and why; change nothing.")
-@click.option("--accept-tolerance", is_flag=True, help="Accept a model that does not reach its tolerance.")
+@accept_tolerance_option
 @click.option(
     "--export",
     "exports",

@@ -6,8 +6,8 @@ factors, snapshots (solutions) of one expansion point, the basis, and the lines 
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
+from timeit import repeat
 
 import numpy as np
 
@@ -170,10 +170,5 @@ def _product_rate() -> float:
     which says nothing about a reduction.
     """
     A = np.full((256, 256), 0.5 + 0.5j)
-    times = []
     with single_threaded():
-        for _ in range(5):
-            start = time.perf_counter()
-            A @ A
-            times.append(time.perf_counter() - start)
-    return float(8 * A.shape[0] ** 3 / min(times))
+        return float(8 * A.shape[0] ** 3 / min(repeat(lambda: A @ A, number=1, repeat=5)))

@@ -13,6 +13,7 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from timeit import repeat
 from typing import Any
 
 import numpy as np
@@ -275,12 +276,7 @@ def line_seconds(model: ReducedModel, band: tuple[float, float]) -> dict[str, fl
     ports = model.ports(s, workers=1)
 
     def best(work: Callable[[], object]) -> float:
-        times = []
-        for _ in range(3):
-            start = time.perf_counter()
-            work()
-            times.append(time.perf_counter() - start)
-        return min(times) / s.size
+        return min(repeat(work, number=1, repeat=3)) / s.size
 
     return {"reduced_line": best(lambda: model.evaluate(s, D, workers=1)), "port_line": best(lambda: ports.linearise(D))}
 
