@@ -58,8 +58,7 @@ class JobPlan:
     def knows_copies(self) -> bool:
         """Whether the finished result states if its measurement is a copy of one of the present baselines."""
         stored = None if self.record is None else self.record.provenance.judgement
-        same = stored is not None and stored.parts.get("baselines") == self.judgement.parts["baselines"]
-        return same and stored is not None and "copied" in stored.model_fields_set
+        return stored is not None and stored.parts.get("baselines") == self.judgement.parts["baselines"]
 
     @property
     def copied(self) -> str | None:
