@@ -12,11 +12,11 @@ from lrbc_cli.io.common import FileFormat, head, recognised, require_file
 from lrbc_cli.io.hdf5.frf import named_hdf5, read_frf_hdf5, write_frf_hdf5
 from lrbc_cli.io.hdf5.tools import is_hdf5
 from lrbc_cli.io.layout import TextLayout
-from lrbc_cli.io.matlab.frf import named_mat, read_frf_mat
+from lrbc_cli.io.matlab.frf import named_mat
 from lrbc_cli.io.matlab.variables import is_mat5
-from lrbc_cli.io.named import Named, coherences
+from lrbc_cli.io.named import Named, coherences, frf_set
 from lrbc_cli.io.npz.archive import is_npz
-from lrbc_cli.io.npz.frf import named_npz, read_frf_npz
+from lrbc_cli.io.npz.frf import named_npz
 from lrbc_cli.io.npz.others import other_archive
 from lrbc_cli.io.text.frf import read_frf_text, read_text_coherence, write_frf_csv
 from lrbc_cli.io.uff.datasets import is_uff
@@ -58,6 +58,11 @@ def _of_functions(path: Path, _: TextLayout) -> list[CoherenceEntry]:
     return [(_keys(c.name, *c.dof[:2]), c.frequency_hz, c.values) for c in read_uff_coherence(path)]
 
 
+def _of_arrays(named: Callable[[Path], Named]) -> Callable[[Path, TextLayout], FrfSet]:
+    """Reader of the FRFs among the arrays of a file."""
+    return lambda path, layout: frf_set(named(path), path, layout)
+
+
 def _among_arrays(read: Callable[[Path, TextLayout], FrfSet], named: Callable[[Path], Named]) -> CoherenceReader:
     """Reader of the coherences that belong to FRFs of a file, or, if it has no FRFs, of its arrays called coherence."""
 
@@ -79,8 +84,8 @@ FORMATS = {
     format.name: format
     for format in (
         FrfFormat("hdf5", lambda path, _: is_hdf5(path), read_frf_hdf5, _among_arrays(read_frf_hdf5, named_hdf5)),
-        FrfFormat("mat-v5", lambda _, start: is_mat5(start), read_frf_mat, _among_arrays(read_frf_mat, named_mat)),
-        FrfFormat("npz", lambda _, start: is_npz(start), read_frf_npz, _among_arrays(read_frf_npz, named_npz)),
+        FrfFormat("mat-v5", lambda _, start: is_mat5(start), _of_arrays(named_mat), _among_arrays(_of_arrays(named_mat), named_mat)),
+        FrfFormat("npz", lambda _, start: is_npz(start), _of_arrays(named_npz), _among_arrays(_of_arrays(named_npz), named_npz)),
         FrfFormat("uff", lambda _, start: is_uff(start), read_uff, _of_functions),
         FrfFormat("text", lambda _, start: _is_text(start), read_frf_text, _of_columns),
     )

@@ -1,4 +1,4 @@
-"""Reads FRFs from MATLAB files (level 5): from variables and fields of structures, see ``io.named``."""
+"""Reads variables and fields of structures from MATLAB files (level 5), in which ``io.named`` finds FRFs by their names."""
 
 from __future__ import annotations
 
@@ -9,22 +9,9 @@ from numpy.typing import NDArray
 from scipy.sparse import issparse
 
 from lrbc_cli.io.common import damaged
-from lrbc_cli.io.layout import TextLayout
 from lrbc_cli.io.matlab.variables import list_variables, load_texts, load_variables
-from lrbc_cli.io.named import Named, frf_set
+from lrbc_cli.io.named import Named
 from lrbc_cli.io.sparse import numeric
-from lrbc_cli.model.frf import FrfSet
-
-
-def read_frf_mat(path: Path, layout: TextLayout) -> FrfSet:
-    """Read FRFs from variables of a MATLAB file.
-
-    Raises
-    ------
-    DataError
-        If none is found, or a value is not finite.
-    """
-    return frf_set(named_mat(path), path, layout)
 
 
 def named_mat(path: Path) -> Named:

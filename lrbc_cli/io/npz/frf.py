@@ -1,24 +1,11 @@
-"""Reads FRFs from ``.npz`` archives of NumPy: from arrays by their names, see ``io.named``."""
+"""Reads the arrays of ``.npz`` archives of NumPy, in which ``io.named`` finds FRFs by their names."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from lrbc_cli.io.layout import TextLayout
-from lrbc_cli.io.named import Named, frf_set, named_arrays
+from lrbc_cli.io.named import Named, named_arrays
 from lrbc_cli.io.npz.archive import open_npz
-from lrbc_cli.model.frf import FrfSet
-
-
-def read_frf_npz(path: Path, layout: TextLayout) -> FrfSet:
-    """Read FRFs from the arrays of an archive.
-
-    Raises
-    ------
-    DataError
-        If none is found, or a value is not finite.
-    """
-    return frf_set(named_npz(path), path, layout)
 
 
 def named_npz(path: Path) -> Named:
