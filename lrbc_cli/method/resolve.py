@@ -145,15 +145,14 @@ class Method(Checked):
         return [f"{name}: {words[value] if isinstance(value, bool) else value} ({reason})" for name, value, reason in shown]
 
 
-def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = STATISTICS) -> Method:
+def resolve(update: UpdateConfig, facts: Facts) -> Method:
     """Resolve the settings ``update`` of a campaign into a ``Method``.
 
     Parameters
     ----------
     update : UpdateConfig
+        ``prior_std``, if given, replaces the standard deviations of the prior of values.
     facts : Facts
-    statistics : StatisticalModel
-        A standard deviation given in the settings (``prior_std``) replaces that of its prior of values.
 
     Returns
     -------
@@ -200,16 +199,17 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
         responses=update.responses,
         nuisances=update.nuisances,
         full_order=update.evaluation == "full",
-        statistics=_with_prior(update, statistics),
+        statistics=_with_prior(update),
         rule=rule_of(update),
         reasons=reasons,
         warnings=(*warnings, *_without_effect(update, facts, follows)),
     )
 
 
-def _with_prior(update: UpdateConfig, statistics: StatisticalModel) -> StatisticalModel:
+def _with_prior(update: UpdateConfig) -> StatisticalModel:
+    """The statistical model; a standard deviation given in the settings replaces that of its prior of values."""
     std = update.prior_std
-    return statistics if std == "auto" else replace(statistics, values=replace(statistics.values, std=std, joint_std=std))
+    return STATISTICS if std == "auto" else replace(STATISTICS, values=replace(STATISTICS.values, std=std, joint_std=std))
 
 
 def _without_effect(update: UpdateConfig, facts: Facts, follows: bool) -> Iterator[str]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.outcome import ReductionOptions
+from lrbc_cli.reduction.problem.basis import SKETCH
 from lrbc_cli.reduction.problem.problem import Problem
 from lrbc_cli.reduction.solve.dynamic import columns_at_once
 from lrbc_cli.reduction.steps.full_lines import SIDE_BY_SIDE_BYTES, cores, moments_worth
@@ -37,8 +38,8 @@ BASIS_ARRAYS = 2
 #: model has terms and responses. Each further mode adds about one DOF; ``max_size`` is the limit.
 SIZE_RELATION = 4
 
-#: Lines of the error estimate, rows of its sketch, and copies of its largest array.
-ESTIMATE_LINES, SKETCH, ESTIMATE_COPIES = 160, 96, 3
+#: Lines of the error estimate, and copies of its largest array.
+ESTIMATE_LINES, ESTIMATE_COPIES = 160, 3
 
 #: Bytes of libraries and thread buffers that only a reduction loads.
 LIBRARIES = 60e6

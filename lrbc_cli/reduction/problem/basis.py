@@ -23,6 +23,9 @@ RESIDUAL_STIFFNESS = 0.1
 #: Smallest deflation for which singular values are computed from the normal matrix, which squares them.
 SQUARED = 3e-7
 
+#: Rows (for each field) of the sparse sign embedding, which gives norms of residuals without forming the residuals.
+SKETCH = 96
+
 #: A block whose asymmetry is at most this fraction of its largest entry is projected as a symmetric one.
 MIRRORED = 1e-14
 
@@ -151,14 +154,12 @@ class Projected:
         Vᵀ B_ext, and Vᵀ times the dual right-hand sides.
     outputs : (p, r) float array
         L_ext V.
-    sketches, turned : three (fields * rows, r) arrays
+    sketches, turned : three (fields * SKETCH, r) arrays
         Sketches of K V, C V and M V; and the same for the transposed operators (equal to ``sketches`` for symmetric models).
-    sketched_inputs, sketched_dual : (fields * rows, m) and (fields * rows, q) float arrays
+    sketched_inputs, sketched_dual : (fields * SKETCH, m) and (fields * SKETCH, q) float arrays
         Sketches of B_ext and of the dual right-hand sides.
     sizes : list of int
         Reduced DOFs of each field.
-    rows : int
-        Rows of the sketch for each field.
     """
 
     operators: tuple[Any, Any, Any]
@@ -170,7 +171,6 @@ class Projected:
     sketched_inputs: Floats
     sketched_dual: Floats
     sizes: list[int]
-    rows: int
 
 
 class Projection:
@@ -191,8 +191,6 @@ class Projection:
         Residuals are divided by it, row by row, before their norm is taken.
     transposed : bool
         Keep sketches of the transposed operators too, for models that cannot be symmetrised.
-    sketch : int
-        Rows (for each field) of the sparse sign embedding, which gives norms of residuals without forming the residuals.
     """
 
     def __init__(
@@ -205,25 +203,24 @@ class Projection:
         dual: sp.csc_array,
         residual_weight: Floats,
         transposed: bool = False,
-        sketch: int = 96,
     ) -> None:
         self.fields = fields
-        self.rows, self._transposed = sketch, transposed
+        self._transposed = transposed
         count = range(len(fields))
         weights = [residual_weight[field.dofs] for field in fields]
         # Division by an array gives coordinate format, which SciPy before 1.16 cannot slice.
-        self._theta = [(_sparse_sign(sketch, weight.size, seed) / weight).tocsr() for seed, weight in enumerate(weights)]
+        self._theta = [(_sparse_sign(SKETCH, weight.size, seed) / weight).tocsr() for seed, weight in enumerate(weights)]
         self._parts = [_blocks_of(operator, fields) for operator in operators]
         self._mirrored = [{pair: pair[0] == pair[1] and _is_symmetric(part) for pair, part in parts.items()} for parts in self._parts]
         self._blocks: list[dict[tuple[int, int], Any]] = [
             {pair: np.zeros((0, 0), dtype=part.dtype) for pair, part in parts.items()} for parts in self._parts
         ]
         # The products K V, C V, M V are not kept: they would take as much memory as several bases.
-        self._sketches = [_empty_sketches(parts, sketch) for parts in self._parts]
+        self._sketches = [_empty_sketches(parts) for parts in self._parts]
         self._turned = [
             {(f, g): parts[g, f].T for f in count for g in count if (g, f) in parts} if transposed else {} for parts in self._parts
         ]
-        self._turned_sketches = [_empty_sketches(parts, sketch) for parts in self._turned]
+        self._turned_sketches = [_empty_sketches(parts) for parts in self._turned]
         self._inputs = [_Rows.of(inputs.tocsr()[field.dofs]) for field in fields]
         self._outputs = [_Rows.of(outputs.tocsc()[:, field.dofs].T.tocsr()) for field in fields]
         self._dual = [_Rows.of(dual.tocsr()[field.dofs]) for field in fields]
@@ -313,7 +310,7 @@ class Projection:
 
     def projected(self) -> Projected:
         """The present projections and sketches; later changes of the basis do not affect them."""
-        heights = [self.rows] * len(self.fields)
+        heights = [SKETCH] * len(self.fields)
         K, C, M = (self._assemble(sketches, heights) for sketches in self._sketches)
         turned = [self._assemble(sketches, heights) for sketches in self._turned_sketches] if self._transposed else [K, C, M]
         return Projected(
@@ -326,7 +323,6 @@ class Projection:
             sketched_inputs=self.sketched_inputs,
             sketched_dual=self.sketched_dual,
             sizes=self.sizes,
-            rows=self.rows,
         )
 
     def _assemble(self, blocks: dict[tuple[int, int], Any], heights: list[int]) -> Any:
@@ -367,8 +363,8 @@ class _Rows:
         return np.asarray((self.values.T @ (field.Q[self.rows] / field.weight[self.rows, None])).T)
 
 
-def _empty_sketches(parts: Mapping[tuple[int, int], Any], rows: int) -> dict[tuple[int, int], Any]:
-    return {pair: np.zeros((rows, 0), dtype=part.dtype) for pair, part in parts.items()}
+def _empty_sketches(parts: Mapping[tuple[int, int], Any]) -> dict[tuple[int, int], Any]:
+    return {pair: np.zeros((SKETCH, 0), dtype=part.dtype) for pair, part in parts.items()}
 
 
 def _is_symmetric(part: sp.csr_array) -> bool:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
-from lrbc_cli.reduction.problem.basis import Projected
+from lrbc_cli.reduction.problem.basis import SKETCH, Projected
 from lrbc_cli.reduction.problem.norms import ROUNDING, SILENT, local_responses
 from lrbc_cli.reduction.problem.problem import Problem
 from lrbc_cli.reduction.problem.resonant import resonant_vectors
@@ -150,11 +150,11 @@ class Estimator:
 
     def _weights(self, s: Complexes, basis: Projected) -> tuple[Floats, list[Any]]:
         """Weights, for sketched rows and for fields, that scale the acoustic field as in the symmetrised system: 1/sqrt|kappa s²|."""
-        kappa, rows = self._problem.Z.coupling.kappa, np.ones((s.size, basis.rows * len(basis.sizes), 1))
+        kappa, rows = self._problem.Z.coupling.kappa, np.ones((s.size, SKETCH * len(basis.sizes), 1))
         if kappa is None:
             return rows, [1.0] * len(basis.sizes)
         of_air = (1.0 / np.sqrt(np.abs(kappa * s**2)))[:, None, None]
-        rows[:, basis.rows :] = of_air
+        rows[:, SKETCH:] = of_air
         return rows, [1.0, of_air]
 
     def _outputs(self, dual: Complexes, primal: Complexes, s: Complexes) -> Complexes:
