@@ -78,6 +78,31 @@ def test_a_free_joint_is_loose_however_flat_the_data_are_there(truth: tuple[floa
     np.testing.assert_allclose(found.mean, mean, atol=0.15)
 
 
+@pytest.mark.parametrize("strength", [0.0, 1.0, 2.0, 3.0])
+def test_data_against_a_small_loss_say_nothing_on_a_large_one(strength: float) -> None:
+    """A resonance that passes a line: a part of the loss shows far more than all of it, which the linear problem excludes."""
+    width, start = 0.3, np.zeros(1)
+
+    def data(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        lost, left = -z[0] / width, 10.0 ** z[0]
+        passing = 40.0 * np.exp(-(lost**2))
+        r = np.array([passing * lost, -strength * left])
+        return r, np.array([[-passing * (1.0 - 2.0 * lost**2) / width], [-strength * np.log(10.0) * left]])
+
+    one = np.ones(1)
+    problem = replace(
+        Saturating((0.0, 0.0), 1.0).problem(), data=data, bounds=np.array([[-4.0, 2.0]]), bolts=np.arange(1), neighbours=[],
+        joint=one > 0.0, mean=0.0 * one, std=one,
+    )  # fmt: skip
+    t = np.linspace(-4.0, 1.0, 2001)
+    fits = np.array([-0.5 * float(np.sum(data(np.array([change]))[0] ** 2)) for change in t])
+    tight = logsumexp(fits + norm.logpdf(t, 0.0, PRIOR.joint_tight_std)) + np.log(1.0 - PRIOR.loose_share)
+    loose = logsumexp(fits + norm.logpdf(t, PRIOR.joint_loose_mean, PRIOR.joint_loose_std)) + np.log(PRIOR.loose_share)
+    exact = 1.0 / (1.0 + np.exp(tight - loose))
+    assert exact > 0.6
+    assert sample_changes(problem, [start], PRIOR, sweeps=50).inclusion[0] == pytest.approx(exact, abs=0.03)
+
+
 def test_data_that_say_little_leave_it_open() -> None:
     toy = Saturating((-2.5, 0.0), 6.5)
     found = sample_changes(toy.problem(), [np.zeros(2)], PRIOR, sweeps=250)

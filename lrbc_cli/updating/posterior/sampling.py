@@ -57,7 +57,7 @@ def beyond(
     prior : BoltPrior
     state : State
     doubt : float
-        A tight joint could be loose if the linear problem gives a flip more than this log evidence.
+        A tight joint could be loose if a flip gives more than this log evidence, see ``_doubted``.
     wide : float
         Standard deviation of a loose joint's change above which its profile is computed [decades].
     gain, rounds : float, int
@@ -78,10 +78,10 @@ def beyond(
     for turn in range(rounds):
         score = KindScore(state.A, state.b, prior, state.kinds, problem.neighbours, problem.joint)
         gains, means, stds = score.flips()
-        doubted = np.flatnonzero(problem.joint & (state.kinds | (gains > doubt))).tolist()
+        doubted = _doubted(problem, prior, state, np.where(state.kinds, np.inf, gains), means[:, 1], doubt)
         # If the covariance follows the state, a further descent alone moves the evidence by a nat: both kinds get the same descents.
         own = settle(problem, prior, state.kinds, state.z, stop) if doubted else state
-        asked = [(i, float(means[i, 1])) for i in doubted if i not in known]
+        asked = [(i, change) for i, change in doubted.items() if i not in known]
         others = dict(zip((i for i, _ in asked), side_by_side(partial(_other_kind, problem, prior, state, stop), asked), strict=True))
         for i, other in others.items():
             apart = own.evidence - other.evidence
@@ -93,7 +93,7 @@ def beyond(
         gained = best.evidence - own.evidence
         known = {i: apart - float(np.copysign(gained, apart)) for i, apart in known.items() if abs(apart) > certain + gained}
         state = best
-    last = _Turn(state=state, own=own, others=others, doubted=doubted, known=known, gains=gains)
+    last = _Turn(state=state, own=own, others=others, doubted=list(doubted), known=known, gains=gains)
     felt = np.where(problem.bounds[problem.bolts, 0] < -wide, stds[:, 1], 0.0)
     return state, last.said(problem, prior, np.where(felt > wide, felt, np.nan), (stop, held))
 
@@ -136,6 +136,32 @@ class _Turn:
             found.loose[i] = mean, std
             found.further[i] = apart + more + sign * self.gains[i]
         return found
+
+
+def _doubted(
+    problem: MixtureProblem, prior: BoltPrior, state: State, gains: Floats, changes: Floats, doubt: float, *, step: Stop = (1e-2, 1)
+) -> dict[int, float]:
+    """Joints that are loose or could be (a flip gives more than ``doubt``), with the change from which to descend if loose.
+
+    The linear problem (``gains``, ``changes`` if loose) extrapolates the effect of a small loss. Where a resonance moves past lines, or
+    the effect of the joint is soon exhausted, it excludes a loose joint with which the FRFs agree. Therefore each other joint is fixed at
+    the mean change of loose ones, with one step of everything else.
+    """
+    found = {int(i): float(changes[i]) for i in np.flatnonzero(problem.joint & (gains > doubt))}
+    rest = np.flatnonzero(problem.joint & (gains <= doubt)).tolist()
+
+    def loose(i: int) -> State:
+        z, kinds = state.z.copy(), state.kinds.copy()
+        change = max(prior.joint_loose_mean, float(problem.bounds[problem.bolts[i], 0]))
+        z[problem.bolts[i]], kinds[i] = change, True
+        return settle(problem, prior, kinds, z, step, held=(i, change), rounds=1)
+
+    if rest:
+        # Each further step moves the evidence: the state itself gets one, too.
+        own = settle(problem, prior, state.kinds, state.z, step, rounds=1)
+        far = zip(rest, side_by_side(loose, rest), strict=True)
+        found |= {i: float(there.z[problem.bolts[i]]) for i, there in far if there.evidence - own.evidence > doubt}
+    return dict(sorted(found.items()))
 
 
 def _other_kind(problem: MixtureProblem, prior: BoltPrior, state: State, stop: Stop, joint: tuple[int, float]) -> State:
