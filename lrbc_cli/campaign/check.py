@@ -20,7 +20,7 @@ from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
 from lrbc_cli.campaign.looking.axes import other_lines, without_coherence
 from lrbc_cli.campaign.looking.exchanges import exchanged_files, foreign_titles, mistitled
 from lrbc_cli.campaign.looking.first_look import FirstLook, first_look
-from lrbc_cli.campaign.looking.measured import of_file, other_chains, unclear, without_phases
+from lrbc_cli.campaign.looking.measured import of_file, other_chains, other_runs, unclear, without_phases
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import loss_factor, undamped_text
 from lrbc_cli.campaign.reduced import cache
@@ -271,11 +271,16 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     compared = {name: found for name, found in usable.items() if name not in look.doubted}
     # Beside a reference job that is not tight, the others differ by its loose bolts.
     out.found += [] if Kind.NOT_TIGHT in of_tight else other_chains(inputs, compared)
+    out.found += other_runs(inputs, usable)
     out.warn(*foreign_titles(inputs, readable))
-    out.warn(*(mistitled(inputs, readable) or [text for text in (exchanged_files(inputs, compared),) if text]))
+    titled = mistitled(inputs, readable)
+    told = [each for each in look.found if not titled or each.kind is not Kind.REMOVED]
+    if not titled and Kind.REMOVED not in kinds_of(told) and (text := exchanged_files(inputs, compared)):
+        titled = [text]
+    out.warn(*titled)
     if Kind.RESCALED in kinds_of(look.found):
         out.found = [each for each in out.found if each.kind is not Kind.GUESSED]
-    out.found += look.found
+    out.found += told
     return look.note
 
 

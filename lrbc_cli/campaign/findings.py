@@ -52,6 +52,7 @@ class Kind(Enum):
     FOREIGN = auto()
     FREED = auto()
     NOT_TIGHT = auto()
+    REMOVED = auto()
     UNLIKE = auto()
 
 

@@ -339,7 +339,8 @@ class JobConfig(Strict):
         "of files with the same lines, for instance one for each response or hammer point. {file:, format:} is a file with its own layout."
     )
     removed: Annotated[tuple[str, ...], AfterValidator(check_unique)] = Field(
-        default=(), description="Names of the bolts known to be removed. For the report only; the identification does not use them."
+        default=(),
+        description="Names of the bolts known to be removed. For the report and `lrbc check` only; the identification does not use them.",
     )
     format: TextFormat | None = Field(
         default=None, description="Layout of text files, and unit and quantity of files of any format. If omitted: recognised."

@@ -53,6 +53,19 @@ def test_all_damping_far_too_small() -> None:
     assert "Write beta: 4e-06" in str(told(alpha=1e-3 * ALPHA, beta=1e-3 * BETA))
 
 
+def test_coefficients_computed_from_frequencies_in_hz() -> None:
+    turn = 2.0 * np.pi
+    text = str(told(alpha=ALPHA / turn, beta=BETA * turn))
+    assert "were probably computed from frequencies in Hz in place of rad/s" in text
+    assert "Write alpha: 3, beta: 4e-06" in text
+    # Damping of another height, or one coefficient alone, is not that.
+    assert told(alpha=ALPHA / turn, beta=BETA) is None
+    assert told(alpha=ALPHA, beta=BETA * turn) is None
+    assert told(alpha=ALPHA * turn, beta=BETA / turn) is None
+    # The measured peaks may be those of the air.
+    assert told(alpha=ALPHA / turn, beta=BETA * turn, air=FieldDamping(alpha=ALPHA, beta=BETA)) is None
+
+
 def test_beside_air_only_a_structure_that_does_not_ring_is_told() -> None:
     """The measured peaks may be those of the air."""
     air = FieldDamping(alpha=ALPHA, beta=BETA)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from looking import seen
+from looking import measurement, seen
 from samples import reduced_cache, sample
 
 from lrbc_cli.campaign.findings import Finding, Kind
@@ -17,8 +18,8 @@ from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.looking import first_look
 from lrbc_cli.campaign.looking.all_jobs import OfJob
 from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, strike_text
-from lrbc_cli.campaign.looking.states import Seen
-from lrbc_cli.campaign.reduced.stage import FrfSource, obtain_reduction
+from lrbc_cli.campaign.looking.states import Looking, Seen
+from lrbc_cli.campaign.reduced.stage import obtain_reduction
 from lrbc_cli.config.settings import JobConfig
 
 HZ = np.arange(40.0, 500.0, 2.0)
@@ -26,9 +27,9 @@ S = 2j * np.pi * HZ
 
 
 @cache
-def plate() -> tuple[Any, FrfSource, Any]:
+def plate() -> tuple[Any, Looking, Any]:
     inputs = sample("plate")
-    source = FrfSource(inputs=inputs, stage=obtain_reduction(inputs, reduced_cache("plate")), kind="port")
+    source = Looking(inputs=inputs, stage=obtain_reduction(inputs, reduced_cache("plate")), kind="port")
     return inputs, source, parameterise(inputs, source, S)[0]
 
 
@@ -139,3 +140,21 @@ def test_an_excitation_that_no_calibration_fits_keeps_its_warning(
     first = OfJob([Finding(kind=Kind.UNLIKE, text="little in common")])
     _, found = first_look._calibrated(source, {"tight": measurement}, "tight", first)
     assert (found is first) == kept
+
+
+def test_nothing_is_compared_beyond_a_soft_tip() -> None:
+    inputs = sample("plate")
+    own = measurement(HZ, np.ones((HZ.size, len(inputs.responses)), dtype=complex))
+    coherent = np.where(HZ[:, None] < 300.0, 0.99, 0.1) * np.ones(own.values.shape)
+    heard = first_look._heard(inputs, "tight-1", replace(own, coherence=coherent), None)
+    assert np.array_equal(np.isfinite(heard).all(axis=1), HZ < 300.0)
+    assert np.isfinite(first_look._heard(inputs, "tight-1", replace(own, coherence=np.full(own.values.shape, 0.99)), None)).all()
+
+
+@pytest.mark.parametrize("doubt", [True, False])
+def test_with_springs_at_wrong_nodes_exchanged_sensors_of_other_jobs_are_not_told(doubt: bool) -> None:
+    campaign = SimpleNamespace(update=SimpleNamespace(reference="tight"))
+    source: Any = SimpleNamespace(inputs=SimpleNamespace(campaign=campaign, springs_doubt=doubt))
+    exchanged = [Finding(text="exchanged", kind=Kind.EXCHANGED, cycles=((0, 1),))]
+    found = {"tight": OfJob([Finding(text="alone", kind=Kind.ALONE, responses=(3,))]), "loose": OfJob(exchanged)}
+    assert [each.place for each in first_look._together(source, {}, found)] == ["job tight", *([] if doubt else ["job loose"])]

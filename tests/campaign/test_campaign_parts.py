@@ -12,6 +12,7 @@ import pytest
 import scipy.sparse as sp
 from looking import seen
 
+from lrbc_cli.campaign.looking.causes import rescaled
 from lrbc_cli.campaign.looking.causes.parts import lump_text, part_text
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.model.dofs import DofTable
@@ -104,6 +105,19 @@ def test_nothing_is_said_of_right_parts_or_of_one() -> None:
     """Errors of some per cent are left to the calibration; a single part is examined elsewhere."""
     assert told(assembly(), assembly(1.05, 0.93)) == ""
     assert told(assembly(joined=True), assembly(2.9, joined=True)) == ""
+
+
+@pytest.mark.parametrize("mass", [2.9, 1.0 / 2.9])
+def test_a_density_that_is_wrong_as_a_whole(monkeypatch: pytest.MonkeyPatch, mass: float) -> None:
+    """The level of the FRFs tells a wrong mass from a wrong stiffness; at few lines narrow peaks are missed."""
+    monkeypatch.setattr(rescaled, "mistake_text", lambda _, matrix, size: f"{matrix} {size:.2g}")
+
+    def lightly_damped(model: FeModel) -> FeModel:
+        return replace(model, C=sp.csc_array(0.1 * model.C))
+
+    given, true = lightly_damped(assembly()), lightly_damped(assembly(1.03 * mass, first=mass))
+    wrong = told(given, true, lambda job, _: rescaled.scaled_text(job, mass**-0.5) or "")
+    assert wrong == f"mass {1.0 / mass:.2g}"
 
 
 def test_a_structure_beside_air_of_another_material() -> None:

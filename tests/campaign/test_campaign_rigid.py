@@ -195,6 +195,12 @@ def test_springs_at_every_node_are_no_other_order():
     assert components_doubt(sp.csc_array(K + bed), dofs, "dofs.csv") is None
 
 
+def cylindrical(xyz: np.ndarray, unit: float) -> np.ndarray:
+    """Radius, angle over ``unit`` [rad] and z of places, with the digits of a file."""
+    x, y, z = xyz.T
+    return np.stack([np.round(np.hypot(x, y), 8), np.round(unit * np.arctan2(y, x), 6), z], axis=1)
+
+
 @pytest.mark.parametrize("kind", MODELS)
 def test_coordinates_of_another_model_are_told(kind):
     build, labels = MODELS[kind]
@@ -204,6 +210,8 @@ def test_coordinates_of_another_model_are_told(kind):
         (xyz * [1.0, 1.1, 1.0], "Give in dofs.csv the nodes"),
         (xyz * [1.0, -1.0, 1.0], "with y mirrored"),
         (xyz[:, [1, 0, 2]], "with x and y exchanged"),
+        (cylindrical(xyz, 180.0 / np.pi), "with x and y read as radius and angle in degrees (cylindrical coordinates"),
+        (cylindrical(xyz, 1.0), "with x and y read as radius and angle in radians (cylindrical coordinates"),
         (places(1), "Give in dofs.csv the nodes"),
         (np.roll(xyz, 1, axis=0), "Give in dofs.csv the nodes"),
     ):

@@ -81,3 +81,23 @@ def test_a_baseline_farther_off_than_most_jobs_to_be_judged() -> None:
     assert (
         tightness.not_tight(one, held, [near, far, far]) == tightness.not_tight(one, held, [near, near]) == tightness.not_tight(one, held)
     )
+
+
+def risen(*changes: tuple[float, ...], calibration: str = "tight") -> str:
+    """Warning about the reference job by the fitted changes of three bolts in other jobs."""
+    update = SimpleNamespace(reference="tight", baselines=())
+    settings = SimpleNamespace(update=update, calibration=SimpleNamespace(job=calibration))
+    inputs: Any = SimpleNamespace(campaign=settings, bolts=SimpleNamespace(name=["B1", "B2", "B3"]))
+    return tightness.risen_text(inputs, {f"job-{k}": np.array(own) for k, own in enumerate(changes)})
+
+
+def test_a_bolt_that_is_stiffer_in_most_other_jobs_was_loose_in_the_reference_job() -> None:
+    jobs = [(0.1, 0.9, np.nan), (-2.0, 1.0, np.nan), (0.2, 0.8, np.nan), (0.0, -1.3, np.nan), (0.0, 0.9, np.nan)]
+    assert "with a stiffer B2 (by 0.9 decades)" in risen(*jobs)
+    assert "Set update.reference and calibration.job to a job with all bolts tight" in risen(*jobs)
+    assert "Set update.reference to a job" in risen(*jobs, calibration="tight-2")
+
+
+def test_bolts_that_scatter_or_few_jobs_say_nothing_of_the_reference_job() -> None:
+    assert risen((0.9, 0.3), (0.2, -2.0), (0.3, 0.4), (0.1, 0.2)) == ""
+    assert risen((0.0, 0.9), (0.0, 1.0), (0.0, 0.9)) == ""

@@ -8,6 +8,7 @@ from samples import ROOT
 
 from lrbc_cli.io.frf import read_frf
 from lrbc_cli.updating.statistics.chain.modal import fitted_modes, other_chain, same_modes
+from lrbc_cli.updating.statistics.chain.runs import other_run
 
 F = np.arange(30.0, 501.0, 1.0)
 OMEGA = 2 * np.pi * np.array([62.0, 118.0, 171.0, 240.0, 333.0, 421.0])
@@ -149,3 +150,28 @@ def test_nothing_of_the_kind_in_the_samples(sample, tight):
     for name, (hz, values) in held.items():
         if name != tight:
             assert other_chain(hz, values, held[tight][1], tight, [str(k) for k in range(values.shape[1])]) is None, name
+
+
+def shown(*factors, jobs=3, noise=0.0):
+    """Frequencies of the modes that each sensor shows in some jobs, with a factor of its own."""
+    rng, hz = np.random.default_rng(2), OMEGA / 2 / np.pi
+    moved = {f"a{k + 1}": factor for k, factor in enumerate(factors)}
+    return [{name: factor * hz * (1 + noise * rng.standard_normal(hz.size)) for name, factor in moved.items()} for _ in range(jobs)]
+
+
+def test_sensors_of_another_run_show_all_modes_lower():
+    found = other_run(shown(1.0, 1.0, 0.988, 1.0, 0.988, noise=5e-4))
+    assert found is not None
+    assert (found.lower, found.higher) == (["a3", "a5"], ["a1", "a2", "a4"])
+    assert found.shift == pytest.approx(0.012, rel=0.05)
+
+
+def test_sensors_of_one_run():
+    assert other_run(shown(1.0, 1.0, 1.0, noise=0.01)) is None
+    # As temperature does between two measurements; too few modes; no two groups.
+    assert other_run(shown(1.0, 0.998, noise=5e-4)) is None
+    assert other_run(shown(1.0, 0.98, jobs=1)) is None
+    assert other_run(shown(1.0, 0.98, 0.96)) is None
+    # A mode more at one sensor, as of a neighbour, has no match.
+    assert other_run([{"a1": OMEGA, "a2": OMEGA[1:]}] * 4) is None
+    assert other_run([{}, {"a1": OMEGA}]) is None

@@ -14,6 +14,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.findings import Finding, Kind, kinds_of
+from lrbc_cli.campaign.identification.compared.chains import soft_tip
 from lrbc_cli.campaign.identification.compared.likeness import (
     CLEARLY,
     LEAST_DIFFERENCE,
@@ -37,6 +38,7 @@ from lrbc_cli.campaign.looking.axes import stretched_text
 from lrbc_cli.campaign.looking.causes.damped import misdamped_text
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
 from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings
+from lrbc_cli.campaign.looking.causes.removed import removed_findings
 from lrbc_cli.campaign.looking.causes.rescaled import overdamped_text, rescaled_text
 from lrbc_cli.campaign.looking.causes.tables import other_tables
 from lrbc_cli.campaign.looking.causes.tightness import (
@@ -45,6 +47,7 @@ from lrbc_cli.campaign.looking.causes.tightness import (
     lowered_text,
     not_tight,
     of_other_unit_text,
+    risen_text,
     taken_as_tight,
     tighter_text,
 )
@@ -155,7 +158,7 @@ def first_look(
             if name == reference:
                 source, found[name] = _calibrated(source, heard, name, found[name])
         later = f"; the other jobs are compared once the fault of {reference} is corrected" if len(found) < len(order) else ""
-        told = pooled(of_all_jobs(inputs, found, reference or ""), reference)
+        told = _together(source, heard, found)
         causes = {name: {each.cause for each in told if each.place == f"job {name}" and each.kind in _OF_NUMBERS} for name in found}
         return FirstLook(
             told,
@@ -166,9 +169,24 @@ def first_look(
         return FirstLook(note=f"measured and computed FRFs were not compared: {error.problem}")
 
 
+def _together(source: Looking, measurements: Mapping[str, Measurement], found: dict[str, OfJob]) -> list[Finding]:
+    """Findings of all jobs, and those that only several jobs show if the reference job alone shows no fault."""
+    inputs, reference = source.inputs, source.inputs.campaign.update.reference or ""
+    explained = reference in found and not kinds_of(found[reference].told)
+    if explained and (text := risen_text(inputs, source.changes)):
+        found[reference] = OfJob([Finding(text=text, kind=Kind.LOWERED)], found[reference].offsets)
+    told = pooled(of_all_jobs(inputs, found, reference), reference)
+    if inputs.springs_doubt:
+        # With springs at wrong nodes a loosened bolt looks like exchanged sensors.
+        told = [each for each in told if each.kind is not Kind.EXCHANGED or each.place == f"job {reference}"]
+    return told + (removed_findings(source, measurements) if explained else [])
+
+
 def _heard(inputs: Inputs, name: str, measurement: Measurement, tight: Measurement | None) -> Complexes:
-    """(F, R) measured values without those that are mostly noise, in the reference job if it is another one."""
-    return without_noise(inputs, name, measurement, None if name == inputs.campaign.update.reference else tight)
+    """(F, R) measured values without those that are mostly noise, in the reference job if it is another one, or beyond a soft tip."""
+    values = without_noise(inputs, name, measurement, None if name == inputs.campaign.update.reference else tight)
+    edge = soft_tip(measurement)
+    return values if edge is None else np.where(measurement.frequency_hz[:, None] < edge[0], values, np.nan)
 
 
 def _source(inputs: Inputs, folder: Path, progress: Callable[[str], None]) -> Looking | None:

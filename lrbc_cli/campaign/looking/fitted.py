@@ -22,7 +22,7 @@ from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.search.descent import descend
 from lrbc_cli.updating.search.search import search
 from lrbc_cli.updating.statistics.residuals import ResidualOptions
-from lrbc_cli.updating.unknowns.shapes import bolt_shapes, neighbouring_columns
+from lrbc_cli.updating.unknowns.shapes import Shapes, bolt_shapes, neighbouring_columns
 
 #: Standard deviation of the gain of a response, large because levels are compared up to a constant [dB].
 ANY_LEVEL_DB = 20.0
@@ -70,7 +70,16 @@ def fitted_theta(seen: Seen, *, lines: int = 100, iterations: int = 6, kept: int
     pairs = neighbouring_columns(parameters, bolts.xyz, shapes)
     found, _ = search(misfit, shapes, parameters.bounds, pairs, names=bolts.name, kept=kept)
     ends = [descend(misfit, theta, parameters.bounds, shapes.T, max_iterations=iterations) for theta in (prior, *found.values())]
-    return min(ends, key=lambda end: end.evaluation.total).theta
+    theta = min(ends, key=lambda end: end.evaluation.total).theta
+    # The first fit of a job is that of its records as stated.
+    source.changes.setdefault(seen.job, _changes(shapes, theta - prior))
+    return theta
+
+
+def _changes(shapes: Shapes, change: Floats) -> Floats:
+    """Change of each bolt [decades] in a change of theta; NaN for bolts without values."""
+    unknowns = np.linalg.pinv(shapes.T) @ change
+    return np.where(shapes.bolts >= 0, unknowns[shapes.bolts], np.nan)
 
 
 def expected_frf(seen: Seen, theta: Floats) -> Complexes:
@@ -78,6 +87,13 @@ def expected_frf(seen: Seen, theta: Floats) -> Complexes:
     assert seen.tight is not None
     model = seen.source.model(seen.s, seen.parameters)
     return np.asarray(model.frf(theta) / _factor(seen.inputs, model.frf(seen.parameters.initial), seen.tight))
+
+
+def expected_frfs(seen: Seen, states: Floats) -> Complexes:
+    """(S, F, R) as ``expected_frf`` of states (S, size) that differ from the start values in few stiffnesses."""
+    assert seen.tight is not None
+    model, prior = seen.source.model(seen.s, seen.parameters), seen.parameters.initial
+    return np.asarray(model.nearby(prior)(states) / _factor(seen.inputs, model.frf(prior), seen.tight))
 
 
 def _factor(inputs: Inputs, model: Complexes, tight: Complexes) -> Complexes:

@@ -9,10 +9,14 @@ import numpy as np
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared.chains import chain_doubt, coherence_doubt, noise_doubt, soft_tip
+from lrbc_cli.campaign.identification.compared.offsets import sensor_of
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import listing
+from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.statistics.chain.blows import differing_blows
+from lrbc_cli.updating.statistics.chain.modal import fitted_modes
+from lrbc_cli.updating.statistics.chain.runs import other_run
 from lrbc_cli.updating.statistics.lines import covers, few_digits, few_resonances, normalised, phaseless, too_wide, unresolved
 
 
@@ -141,3 +145,25 @@ def other_chains(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[Fi
         if incoherent := coherence_doubt(inputs, own, tight, reference):
             found.append(Finding(place=place, text=incoherent))
     return found
+
+
+def other_runs(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[Finding]:
+    """Finding of sensors whose records show all modes at other frequencies than those of the others; else empty."""
+    sensors: dict[tuple[object, ...], list[int]] = {}
+    for i in range(len(inputs.responses)):
+        sensors.setdefault(sensor_of(inputs, i), []).append(i)
+    named = {", ".join(inputs.responses[i].name for i in own): own for own in sensors.values()}
+    rule, modes = inputs.statistics.modal, list[dict[str, Floats]]()
+    for found in readable.values():
+        axis, values = found.frequency_hz, found.values
+        modes.append({name: fitted_modes(axis, values[:, own], rule).frequency_hz for name, own in named.items()} if evenly(axis) else {})
+    run = other_run(modes, rule)
+    if run is None:
+        return []
+    text = (
+        f"resonances in the records of {', '.join(run.lower)} are {run.shift:.2%} lower than in those of {', '.join(run.higher)} in the "
+        "same jobs, although a structure has the same resonances at all sensors. Check whether these were measured in another run, "
+        "with the mass of sensors at other places, at another temperature, or with another sampling rate. Measure all sensors in one run, "
+        "or with dummy masses at the places of the others; else remove the records of one run from the responses"
+    )
+    return [Finding(text=text)]

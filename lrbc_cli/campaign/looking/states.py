@@ -38,11 +38,14 @@ class Looking(FrfSource):
         Factors of the rough calibration.
     note : str
         Text for the user on the calibration used.
+    changes : dict of str to float array
+        Changes of the bolts fitted coarsely to each job [decades], NaN for bolts without values.
     """
 
     start: Mapping[str, Floats] = field(default_factory=dict, repr=False)
     factors: Mapping[str, float] = field(default_factory=dict, repr=False)
     note: str = ""
+    changes: dict[str, Floats] = field(default_factory=dict, repr=False)
 
     @property
     def fitted_to(self) -> str | None:

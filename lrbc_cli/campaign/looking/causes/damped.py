@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.config.structure import ProportionalDamping
+from lrbc_cli.config.structure import FieldDamping, ProportionalDamping
 from lrbc_cli.updating.statistics.chain.modal import fitted_modes
 
 
 def misdamped_text(inputs: Inputs, own: Measurement, *, decades: float = 1.5, seen: float = 0.2) -> str | None:
-    """Warning if the coefficients of the damping differ by powers of ten from the damping of the measured modes; else None.
+    """Warning if the coefficients of the damping differ by powers of ten, or of 2 pi, from the damping of the measured modes; else None.
 
     No state of the bolts and no other place does that. On right campaigns the median differed by at most 0.4 decades.
 
@@ -52,4 +53,35 @@ def misdamped_text(inputs: Inputs, own: Measurement, *, decades: float = 1.5, se
             f"ratio is {100.0 * ratio[field][at]:.4g} %, that of the measured resonances {100.0 * measured.min():.2g} to "
             f"{100.0 * measured.max():.2g} %. Write {key}: {stated * 10.0**-power:.6g}"
         )
-    return None
+    return _of_hertz(damping.structure, omega, measured) if len(parts) == 1 and there["structure"] else None
+
+
+def _of_hertz(own: FieldDamping, omega: Floats, measured: Floats, *, least: float = 0.35, left: float = 0.5) -> str | None:
+    """Warning if alpha and beta fit measured damping ratios only as if computed from frequencies in Hz in place of rad/s; else None.
+
+    Parameters
+    ----------
+    own : FieldDamping
+    omega, measured : (m,) float arrays
+        Frequencies of the modes [rad/s], and their damping ratios.
+    least : float
+        Least rms of their deviations as stated [decades]. On right campaigns of one field it was 0.21 at most.
+    left : float
+        Largest share of it that may remain with the right values.
+    """
+    if not own.alpha or not own.beta or own.loss_factor:
+        return None
+    turn = 2.0 * np.pi
+    right = (turn * own.alpha, own.beta / turn)
+    before, after = (
+        float(np.sqrt(np.mean(np.log10(0.5 * (alpha / omega + beta * omega) / measured) ** 2)))
+        for alpha, beta in ((own.alpha, own.beta), right)
+    )
+    if before < least or after > left * before:
+        return None
+    return (
+        f"model.damping.structure: alpha: {own.alpha:g} and beta: {own.beta:g} were probably computed from frequencies in Hz in place of "
+        f"rad/s: the damping ratios of {omega.size} measured resonances differ by a factor of {10.0**before:.2g} (rms), with alpha times "
+        f"2 pi and beta over 2 pi by {10.0**after:.2g}. Write alpha: {right[0]:.4g}, beta: {right[1]:.4g}; if beta of the damping under "
+        "parameters has the same origin, correct it, too"
+    )

@@ -98,7 +98,7 @@ def rescaled_text(seen: Seen, before: float, *, further: float = 1.0) -> str | N
     return f"{text}. This reduces the level misfit from {before:.1f} to {left:.1f} dB (mean level of each response removed)"
 
 
-def scaled_text(seen: Seen, ratio: float, *, most: int = 12) -> str | None:
+def scaled_text(seen: Seen, ratio: float, *, most: int = 12, share: float = 0.1, further: float = 1.5) -> str | None:
     """Warning that names the matrix and factor by which all resonances are shifted; None if shape and level of the FRFs do not decide.
 
     A factor on the mass acts relative to stiffness and bolt springs alike, so it is the square of ``ratio``. One on the stiffness leaves
@@ -111,8 +111,13 @@ def scaled_text(seen: Seen, ratio: float, *, most: int = 12) -> str | None:
         Measured over computed frequencies.
     most : int
         Largest number of full solutions of that minimisation.
+    share : float
+        Share of ``MOST_WORK`` up to which more than ``LINES`` lines are compared: few lines miss the narrow peaks of lightly damped modes.
+    further : float
+        See ``explains``.
     """
-    few, inputs = seen.few(LINES), seen.inputs
+    count = int(np.clip(share * MOST_WORK / (most * seen.work(1)), LINES, seen.s.size))
+    few, inputs, before = seen.few(count), seen.inputs, seen.misfit
     if most * seen.work(few.s.size) > MOST_WORK:
         return None
 
@@ -129,7 +134,7 @@ def scaled_text(seen: Seen, ratio: float, *, most: int = 12) -> str | None:
         power = float(minimize_scalar(stiffness, bounds=(middle - reach, middle + reach), method="bounded", options={"maxiter": most}).x)
         fits = {"stiffness": (10.0**-power, *misfit(next(_cases(few, 10.0**power))))}
         fits |= {case[0]: (case[1], *misfit(case)) for case in _cases(few, ratio**2) if case[0] == "mass"}
-        right = [name for name, (_, left, off) in fits.items() if left < MOST_LEFT and off < MOST_OFF]
+        right = [name for name, (_, left, off) in fits.items() if explains(left, off, before, further)]
         if len(right) == 1:
             size = fits[right[0]][0]
             return mistake_text(inputs.campaign, right[0], float(f"{size:.2g}") if size > 1.0 else 1.0 / float(f"{1.0 / size:.2g}"))

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.states import Seen
@@ -160,4 +160,33 @@ def lowered_text(before: Seen, after: Seen, *, least: float = 1.0) -> str:
     return (
         f"a rough calibration from this job lowers the stiffness of {named} more than that of the other bolts. Check whether all bolts "
         "were tight. If not, set update.reference and calibration.job to a tight job, or measure it again"
+    )
+
+
+def risen_text(inputs: Inputs, changes: Mapping[str, Floats], *, least: float = 0.6, jobs: int = 4) -> str:
+    """Warning that names bolts that are stiffer in most other jobs than in the reference job; empty if there are none.
+
+    A bolt that was loose in the reference job is fitted by a calibration as well as any other, but all other jobs show it stiffer.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    changes : mapping
+        Fitted changes of the bolts against the reference job [decades], by job.
+    least : float
+        Least median of the changes [decades]. On right campaigns it was 0.35 at most.
+    jobs : int
+        Least number of jobs fitted.
+    """
+    reference, bolts, calibration = inputs.campaign.update.reference, inputs.bolts, inputs.campaign.calibration
+    if bolts is None or len(changes) < jobs:
+        return ""
+    usual = np.median(list(changes.values()), axis=0)
+    named = ", ".join(f"{bolts.name[b]} (by {usual[b]:.1f} decades)" for b in np.flatnonzero(usual >= least))
+    if not named:
+        return ""
+    tight = "update.reference" + (" and calibration.job" if calibration is not None and calibration.job == reference else "")
+    return (
+        f"most other jobs are fitted best with a stiffer {named}: probably not all bolts were tight here. Set {tight} to a job with all "
+        "bolts tight, or tighten them and measure this job again"
     )

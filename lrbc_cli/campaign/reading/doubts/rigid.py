@@ -95,6 +95,10 @@ def places_doubt(K: sp.csc_array, dofs: DofTable, table: str, labels: str = "", 
             xyz = dofs.xyz.copy()
             xyz[:, ahead], xyz[:, behind] = -sign * dofs.xyz[:, behind], sign * dofs.xyz[:, ahead]
             ways[f"all rotated by {way}90 degrees about {name}"] = xyz
+    for unit, turn in (("degrees", np.pi / 180.0), ("radians", 1.0)):
+        radius, angle = dofs.xyz[:, 0], turn * dofs.xyz[:, 1]
+        plane = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), dofs.xyz[:, 2]])
+        ways[f"x and y read as radius and angle in {unit} (cylindrical coordinates; Cartesian ones are expected)"] = plane
     fit = next((way for way, xyz in ways.items() if max(_turned(K, dofs, xyz, rows).values()) <= most), None)
     forces = f"a rigid rotation about {axis} causes forces at {shares[axis]:.0%} of the DOFs where a translation causes none"
     if fit is None and (text := _relabelled(K, dofs, labels or table, most)):

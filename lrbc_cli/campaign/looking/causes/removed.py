@@ -1,0 +1,107 @@
+"""Tests whether measurements fit the removed bolts that are stated, those of another job, or those of bolts counted from the other end."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import combinations
+
+import numpy as np
+
+from lrbc_cli.arrays import Floats
+from lrbc_cli.campaign.findings import Finding, Kind
+from lrbc_cli.campaign.identification.compared.likeness import apart
+from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.looking.causes.tightness import NEARER
+from lrbc_cli.campaign.looking.fitted import expected_frfs
+from lrbc_cli.campaign.looking.states import MOST_STATES, Looking, Seen
+from lrbc_cli.updating.search.starts import LEVELS
+from lrbc_cli.updating.unknowns.shapes import bolt_shapes
+
+
+def removed_findings(source: Looking, measurements: Mapping[str, Measurement]) -> list[Finding]:
+    """Findings of bolts numbered from the other end, or else of jobs with exchanged files, by the removed bolts that the jobs state.
+
+    Parameters
+    ----------
+    source : Looking
+        Model that explains the reference job.
+    measurements : mapping
+        By job.
+    """
+    inputs, reference = source.inputs, source.inputs.campaign.update.reference or ""
+    tight, bolts = measurements.get(reference), inputs.bolts
+    stated = {name: frozenset(inputs.campaign.jobs[name].removed) for name in measurements if name != reference}
+    stated = {name: removed for name, removed in stated.items() if removed}
+    if tight is None or bolts is None or len(stated) < 2:
+        return []
+    opposite = dict(zip(bolts.name, bolts.name[::-1], strict=True))
+    turned = {name: frozenset(opposite[bolt] for bolt in removed) for name, removed in stated.items()}
+    sets = sorted({*stated.values(), *turned.values()}, key=sorted)
+    if len(sets) * len(LEVELS) > MOST_STATES:
+        return []
+    far: dict[str, dict[frozenset[str], float]] = {}
+    for name in stated:
+        seen = Seen.of(source, name, measurements[name], tight)
+        if seen.tight is not None:
+            far[name] = dict(zip(sets, _distances(seen, sets).tolist(), strict=True))
+    file = "the bolts" if inputs.campaign.bolts is None else inputs.campaign.bolts.name
+    return _numbering(far, stated, turned, file) or _exchanges(far, stated)
+
+
+def _distances(seen: Seen, sets: list[frozenset[str]]) -> Floats:
+    """Level misfits of a job with each set of bolts removed, at the loss that fits best: median over the responses used [dB]."""
+    inputs, prior = seen.inputs, seen.parameters.initial
+    assert inputs.bolts is not None
+    shapes = bolt_shapes(seen.parameters, inputs.bolts.xyz, inputs.statistics.values, inputs.statistics.bolts)
+    known = shapes.bolts >= 0
+    columns = [np.isin(inputs.bolts.name, list(removed)) & known for removed in sets]
+    # Hats of neighbouring bolts overlap.
+    lost = np.array([np.minimum(shapes.T[:, shapes.bolts[own]].sum(axis=1), 1.0) for own in columns])
+    states = np.clip(prior + np.array(LEVELS)[:, None, None] * lost, *seen.parameters.bounds.T)
+    expected = expected_frfs(seen, states.reshape(-1, prior.size))
+    every = np.median(apart(seen.measured, expected)[:, inputs.used], axis=1)
+    return np.asarray(every.reshape(len(LEVELS), -1).min(axis=0))
+
+
+def _numbering(
+    far: Mapping[str, Mapping[frozenset[str], float]],
+    stated: Mapping[str, frozenset[str]],
+    turned: Mapping[str, frozenset[str]],
+    file: str,
+) -> list[Finding]:
+    """Finding if each job fits the bolts counted from the other end better than the stated ones, and all of them clearly."""
+    own = {name: (all_far[stated[name]], all_far[turned[name]]) for name, all_far in far.items() if stated[name] != turned[name]}
+    before, after = (sum(each[k] for each in own.values()) for k in (0, 1))
+    if len(own) < 2 or after > NEARER * before or any(other > as_stated for as_stated, other in own.values()):
+        return []
+    text = (
+        f"the bolts of {file} are probably numbered from the other end: with the names in reverse order, the removed bolts explain the "
+        f"jobs with a level misfit of {after / len(own):.1f} dB on average, as stated with {before / len(own):.1f} dB. Correct the names "
+        f"in {file}, or those under jobs.JOB.removed"
+    )
+    return [Finding(text=text, kind=Kind.REMOVED)]
+
+
+def _exchanges(far: Mapping[str, Mapping[frozenset[str], float]], stated: Mapping[str, frozenset[str]]) -> list[Finding]:
+    """Findings of pairs of jobs that each fit the removed bolts of the other clearly better."""
+    found, gone = list[Finding](), set[str]()
+    ways = []
+    for one, other in combinations(far, 2):
+        before = far[one][stated[one]] + far[other][stated[other]]
+        after = far[one][stated[other]] + far[other][stated[one]]
+        if (
+            after <= NEARER * before
+            and far[one][stated[other]] < far[one][stated[one]]
+            and far[other][stated[one]] < far[other][stated[other]]
+        ):
+            ways.append((after / before, after, before, one, other))
+    for _, after, before, one, other in sorted(ways):
+        if gone.isdisjoint((one, other)):
+            gone |= {one, other}
+            text = (
+                f"the files of {one} and {other} are probably exchanged: each fits the removed bolts of the other (level misfits of "
+                f"{after / 2.0:.1f} dB on average, as stated {before / 2.0:.1f} dB). Exchange jobs.{one}.frf and jobs.{other}.frf, "
+                "or correct `removed` of both"
+            )
+            found.append(Finding(text=text, kind=Kind.REMOVED, detail=f"{one} {other}"))
+    return found

@@ -1,0 +1,64 @@
+"""Removed bolts that jobs state beside what they measured: exchanged files, and bolts numbered from the other end."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from looking import measurement
+from samples import reduced_cache, sample
+
+from lrbc_cli.campaign.looking.causes.removed import removed_findings
+from lrbc_cli.campaign.looking.states import Looking
+from lrbc_cli.campaign.reduced.stage import obtain_reduction
+
+HZ = np.arange(40.0, 500.0, 2.0)
+
+
+def told(jobs: dict[str, tuple[tuple[str, ...], tuple[str, ...]]]) -> list[str]:
+    """Texts about jobs of the plate that state removed bolts, and have other ones loose."""
+    inputs = sample("plate")
+    first = next(iter(inputs.campaign.jobs.values()))
+    stated = {name: first.model_copy(update={"removed": removed}) for name, (removed, _) in jobs.items()}
+    campaign = inputs.campaign.model_copy(update={"jobs": {"tight-1": first} | stated})
+    source = Looking(inputs=replace(inputs, campaign=campaign), stage=obtain_reduction(inputs, reduced_cache("plate")), kind="port")
+    s = 2j * np.pi * HZ
+    parameters, rng = source.parameters(s), np.random.default_rng(3)
+    assert inputs.bolts is not None
+    names = list(inputs.bolts.name)
+
+    def frfs(loose: tuple[str, ...]) -> Any:
+        theta = parameters.initial.copy()
+        for group, where, _ in parameters.placed:
+            if group.bolt is not None:
+                theta[where][np.isin(group.bolt, [names.index(name) for name in loose])] -= 1.6
+        y = source.model(s, parameters).frf(theta)
+        noise = rng.normal(size=(2, *y.shape))
+        return measurement(HZ, y * (1.0 + 0.02 * (noise[0] + 1j * noise[1])))
+
+    measured = {"tight-1": frfs(())} | {name: frfs(loose) for name, (_, loose) in jobs.items()}
+    return [finding.text for finding in removed_findings(source, measured)]
+
+
+ONE, TWO, THREE = ("B1",), ("B2", "B3"), ("B2",)
+
+
+def test_jobs_with_the_bolts_that_they_state() -> None:
+    assert told({"one": (ONE, ONE), "two": (TWO, TWO), "three": (THREE, THREE)}) == []
+    # Without statements, or with a single one, there is nothing to compare.
+    assert told({"one": ((), ONE), "two": (TWO, ONE)}) == []
+
+
+def test_files_of_two_jobs_exchanged() -> None:
+    (text,) = told({"one": (ONE, TWO), "two": (TWO, ONE), "three": (THREE, THREE)})
+    assert text.startswith("the files of one and two are probably exchanged: each fits the removed bolts of the other")
+    assert "Exchange jobs.one.frf and jobs.two.frf, or correct `removed` of both" in text
+
+
+def test_bolts_numbered_from_the_other_end() -> None:
+    names = list(sample("plate").bolts.name)  # type: ignore[union-attr]
+    opposite = dict(zip(names, names[::-1], strict=True))
+    jobs = {name: (own, tuple(opposite[bolt] for bolt in own)) for name, own in (("one", ONE), ("two", TWO), ("three", THREE))}
+    (text,) = told(jobs)
+    assert text.startswith("the bolts of bolts.csv are probably numbered from the other end: with the names in reverse order")
