@@ -158,3 +158,17 @@ def test_with_springs_at_wrong_nodes_exchanged_sensors_of_other_jobs_are_not_tol
     exchanged = [Finding(text="exchanged", kind=Kind.EXCHANGED, cycles=((0, 1),))]
     found = {"tight": OfJob([Finding(text="alone", kind=Kind.ALONE, responses=(3,))]), "loose": OfJob(exchanged)}
     assert [each.place for each in first_look._together(source, {}, found)] == ["job tight", *([] if doubt else ["job loose"])]
+
+
+def test_a_baseline_that_differs_from_a_reference_job_with_a_loose_bolt_is_not_told() -> None:
+    settings = SimpleNamespace(update=SimpleNamespace(reference="tight", baselines=("tight-2",)), calibration=None)
+    inputs = SimpleNamespace(campaign=settings, springs_doubt=False, bolts=SimpleNamespace(name=["B1"], xyz=np.zeros((1, 3))))
+    freed = Finding(text="differs", kind=Kind.FREED)
+
+    def told(change: float) -> list[str]:
+        found = {"tight": OfJob(), "tight-2": OfJob([freed])}
+        source: Any = SimpleNamespace(inputs=inputs, changes={f"job-{k}": np.array([change]) for k in range(5)})
+        return [each.place for each in first_look._together(source, {}, found)]
+
+    assert told(0.9) == ["job tight"]
+    assert told(0.1) == ["job tight-2"]

@@ -99,5 +99,7 @@ def test_a_bolt_that_is_stiffer_in_most_other_jobs_was_loose_in_the_reference_jo
 
 
 def test_bolts_that_scatter_or_few_jobs_say_nothing_of_the_reference_job() -> None:
-    assert risen((0.9, 0.3), (0.2, -2.0), (0.3, 0.4), (0.1, 0.2)) == ""
-    assert risen((0.0, 0.9), (0.0, 1.0), (0.0, 0.9)) == ""
+    assert risen((0.9, 0.3, 0.0), (0.2, -2.0, 0.0), (0.3, 0.4, 0.0), (0.1, 0.2, 0.0)) == ""
+    assert risen((0.0, 0.9, 0.0), (0.0, 1.0, 0.0), (0.0, 0.9, 0.0)) == ""
+    assert risen((0.0, 0.9, 0.0), (0.0, 1.0, 0.0), (0.0, 0.9, 0.0), (0.0, -0.9, 0.0)) == ""
+    assert risen() == ""

@@ -175,6 +175,8 @@ def _together(source: Looking, measurements: Mapping[str, Measurement], found: d
     explained = reference in found and not kinds_of(found[reference].told)
     if explained and (text := risen_text(inputs, source.changes)):
         found[reference] = OfJob([Finding(text=text, kind=Kind.LOWERED)], found[reference].offsets)
+        # A tight job differs from one that is not.
+        found.update({name: replace(of, told=[each for each in of.told if each.kind is not Kind.FREED]) for name, of in found.items()})
     told = pooled(of_all_jobs(inputs, found, reference), reference)
     if inputs.springs_doubt:
         # With springs at wrong nodes a loosened bolt looks like exchanged sensors.
