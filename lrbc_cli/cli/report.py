@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import click
@@ -14,6 +13,7 @@ from lrbc_cli.cli.common import progress, say_json
 from lrbc_cli.cli.options import campaign_options
 from lrbc_cli.cli.terminal import complain, say
 from lrbc_cli.config import load_campaign
+from lrbc_cli.reduction.threads import cores
 from lrbc_cli.report.reading import read_results
 from lrbc_cli.report.sections.top import NO_RESULT
 from lrbc_cli.report.summary import summary_text
@@ -48,7 +48,7 @@ def report(
     campaign = load_campaign(config, overrides)
     require_own_output(campaign)
     require_inputs_apart(campaign)
-    workers = min(2, os.cpu_count() or 1)
+    workers = min(2, cores())
     expected, gone = list(campaign.jobs), outlived(campaign)
     page = write_report(
         campaign.output,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import webbrowser
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from lrbc_cli.cli.options import accept_tolerance_option, calibration_option, ca
 from lrbc_cli.cli.terminal import complain, remark, say
 from lrbc_cli.cli.update import FAIL_HELP, finished, outcome_tree, tell_clearance, tell_troubles
 from lrbc_cli.errors import LrbcError
+from lrbc_cli.reduction.threads import cores
 from lrbc_cli.report.old import outdating
 from lrbc_cli.report.reading import read_results
 from lrbc_cli.report.write import write_report
@@ -64,7 +64,7 @@ def run(
     code, page = outcome.exit_code(fail_on_loose), None
     try:
         expected, beside = list(inputs.campaign.jobs), passed_over(inputs.campaign)
-        page = write_report(output, expected=expected, passed_over=beside, workers=min(2, os.cpu_count() or 1), progress=tell)
+        page = write_report(output, expected=expected, passed_over=beside, workers=min(2, cores()), progress=tell)
         wrong = [*read_results(output).unreadable.values()]
     except LrbcError as error:
         wrong = [error]

@@ -16,8 +16,8 @@ from lrbc_cli.reduction.outcome import ReductionOptions
 from lrbc_cli.reduction.problem.basis import SKETCH
 from lrbc_cli.reduction.problem.problem import Problem
 from lrbc_cli.reduction.solve.dynamic import columns_at_once
-from lrbc_cli.reduction.steps.full_lines import SIDE_BY_SIDE_BYTES, cores, moments_worth
-from lrbc_cli.reduction.threads import single_threaded
+from lrbc_cli.reduction.steps.full_lines import SIDE_BY_SIDE_BYTES, moments_worth
+from lrbc_cli.reduction.threads import cores, single_threaded
 
 COMPLEX, REAL = 16, 8
 

@@ -29,6 +29,12 @@ CACHED = 2_000_000
 _beside: ContextVar[bool] = ContextVar("beside", default=False)
 
 
+def cores() -> int:
+    """Number of cores that this process may use."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
 def side_by_side(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
     """Results of ``work`` for independent items, two items at a time.
 
@@ -44,7 +50,7 @@ def side_by_side(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
         In the order of the items, independent of the threads.
     """
     todo = list(items)
-    if len(todo) < 2 or (os.cpu_count() or 1) < 2 or _beside.get():
+    if len(todo) < 2 or cores() < 2 or _beside.get():
         return [work(item) for item in todo]
 
     settings = np.geterr()
@@ -87,7 +93,7 @@ def by_lines(lines: int, terms: int, states: int, work: Callable[[slice], None])
     Exception
         Any exception of ``work``, after both threads have ended.
     """
-    shared = lines * states * float(terms) ** 3 >= THREADED and (os.cpu_count() or 1) > 1 and not _beside.get()
+    shared = lines * states * float(terms) ** 3 >= THREADED and cores() > 1 and not _beside.get()
     count = max(-(-lines * states * terms**2 * np.dtype(complex).itemsize // CACHED), 2 if shared else 1)
     ends = np.linspace(0, lines, min(count, lines) + 1).round().astype(int).tolist()
     slices = [slice(first, last) for first, last in pairwise(ends)]

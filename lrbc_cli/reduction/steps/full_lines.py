@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import os
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -18,6 +17,7 @@ from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.reduction.problem.problem import Problem, distinct_columns
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.reduction.solve.dynamic import Analysis, DynamicStiffness, Factorisation, columns_at_once
+from lrbc_cli.reduction.threads import cores
 
 #: Factors of more bytes than this are computed one at a time, and released early.
 SIDE_BY_SIDE_BYTES = 400e6
@@ -219,9 +219,3 @@ def moments_worth(problem: Problem, analysis: Analysis) -> int:
     factor = analysis.operations * (1 if problem.Z.half else 2)
     block = 2 * analysis.triangle * (problem.inputs.shape[1] + problem.dual.shape[1])
     return 2 if factor > MOMENT_PAYS * SOLVE_EFFORT * block else 1
-
-
-def cores() -> int:
-    """Number of cores that this process may use."""
-    affinity = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
