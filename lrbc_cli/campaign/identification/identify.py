@@ -81,7 +81,7 @@ def _identified(job: Job) -> Identification:
     ends = other_ends(job.parameters, solution.starts)
     changes = changes_of(inputs, fit.plain, knowledge, solution.evaluation.jacobian, state, job.error, ends)
     beyond = beyond_of(job.model, fit, changes)
-    opens = opens_of(inputs, replace(fit, knowledge=knowledge), job.model.nearby(fit.solution.theta))
+    opens = opens_of(inputs, replace(fit, knowledge=knowledge), job.model.nearby(fit.solution.theta), job.error)
     tight, expected = job.of_reference(), None
     if tight is not None and job.against_reference and not unlike(job.measurement.frequency_hz, tight.frequency_hz):
         with np.errstate(divide="ignore", invalid="ignore"):

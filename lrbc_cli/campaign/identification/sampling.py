@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -157,7 +156,7 @@ def beyond_of(model: FrfModel, fit: Fit, changes: ChangeSamples | None, *, steps
     return found
 
 
-def opens_of(inputs: Inputs, fit: Fit, frf: Callable[[Floats], Complexes]) -> tuple[Bools, Bools]:
+def opens_of(inputs: Inputs, fit: Fit, frf: Callable[[Floats], Complexes], error: ChangeError | None = None) -> tuple[Bools, Bools]:
     """Whether the data allow each stiffness value, with its surroundings of half a bolt pitch, to be free, and to be clamped.
 
     Parameters
@@ -166,6 +165,8 @@ def opens_of(inputs: Inputs, fit: Fit, frf: Callable[[Floats], Complexes]) -> tu
     fit : Fit
     frf : callable
         From theta to FRFs near the end of the fit, see ``FrfModel.nearby``.
+    error : ChangeError or None
+        Error of predicted changes: the covariance follows the change, as in the posterior of the verdicts.
 
     Returns
     -------
@@ -173,5 +174,10 @@ def opens_of(inputs: Inputs, fit: Fit, frf: Callable[[Floats], Complexes]) -> tu
         True if the data do not exclude it: the interval is open to that side.
     """
     pitch = 0.0 if inputs.bolts is None else pitch_of(inputs.bolts.xyz)
-    data, noise = partial(fit.plain.data_sum, frf=frf), fit.knowledge.noise
-    return open_values(fit.plain.model.parameters, pitch, data, fit.solution.theta, noise.variance * noise.ratio**2)
+    plain, noise = fit.plain, fit.knowledge.noise
+
+    def data(theta: Floats) -> float:
+        there = plain if error is None else plain.about(theta, error)
+        return there.data_sum(theta, frf) + there.log_det * there.level**2
+
+    return open_values(plain.model.parameters, pitch, data, fit.solution.theta, noise.variance * noise.ratio**2)
