@@ -144,7 +144,7 @@ def _doubted(
     """Joints that are loose or could be (a flip gives more than ``doubt``), with the change from which to descend if loose.
 
     The linear problem (``gains``, ``changes`` if loose) extrapolates the effect of a small loss. Where a resonance moves past lines, or
-    the effect of the joint is soon exhausted, it excludes a loose joint with which the FRFs agree. Therefore each other joint is fixed at
+    the effect of the joint soon saturates, it excludes a loose joint with which the FRFs agree. Therefore each other joint is fixed at
     the mean change of loose ones, with one step of everything else.
     """
     found = {int(i): float(changes[i]) for i in np.flatnonzero(problem.joint & (gains > doubt))}
