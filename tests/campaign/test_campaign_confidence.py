@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from campaigns import BOX_TRUTH, Folder, box, frame, two_jobs
+from linear import line_group
+from scipy.stats import norm
 
 import lrbc_cli
 from lrbc_cli import Measurement
 from lrbc_cli.campaign.identification import nuisances
+from lrbc_cli.campaign.identification.sampling import opens_of
 from lrbc_cli.campaign.reduced.stage import affine_model
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfSet
+from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.misfit.extended import ExtendedFrf
 from lrbc_cli.updating.misfit.nuisances import ModelFactor, Nuisance, Shift
 from lrbc_cli.updating.statistics.error_model import ERRORS
@@ -433,3 +438,29 @@ def test_the_frame_with_all_of_it(tmp_path: Path) -> None:
     assert set(nuisances["hammer_offset_mm"]) == {"hammer x", "hammer y"}
     assert {b["name"] for b in results["loose-2"]["bolts"] if b["verdict"] == "loose"} == {"B3", "B4"}
     assert folder.run("report", "--job", "loose-2").code == 0
+
+
+class OneResidual:
+    """A cost of one residual ``slope (theta - 4)`` [dB], of which a share may be predicted wrongly."""
+
+    level = 1.0
+
+    def __init__(self, slope: float, std: float = 1.0) -> None:
+        self.model = SimpleNamespace(parameters=Parameterisation((line_group(1),)))
+        self.slope, self.std, self.log_det = slope, std, 2.0 * np.log(std)
+
+    def about(self, theta: np.ndarray, share: float) -> OneResidual:
+        return OneResidual(self.slope, float(np.hypot(1.0, share * self.slope * (theta[0] - 4.0))))
+
+    def data_sum(self, theta: np.ndarray, frf: object) -> float:
+        return float((self.slope * (theta[0] - 4.0) / self.std) ** 2)
+
+
+@pytest.mark.parametrize("change", [1.0, 2.5, 4.0])
+@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
+def test_a_value_is_open_where_its_likelihood_with_the_error_of_the_change_allows_it(share: float, change: float) -> None:
+    noise, solution = SimpleNamespace(variance=1.0, ratio=1.0), SimpleNamespace(theta=np.array([4.0]))
+    given: Any = (SimpleNamespace(plain=OneResidual(-change / 4.0), solution=solution, knowledge=SimpleNamespace(noise=noise)), None, share)
+    down, _ = opens_of(cast(Any, SimpleNamespace(bolts=None)), *given)
+    lost = norm.logpdf(0.0) - norm.logpdf(change, scale=np.hypot(1.0, share * change))
+    assert bool(down[0]) == (2.0 * lost < 1.96**2)
