@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from samples import ROOT, sample
 
 from lrbc_cli.campaign.reading.doubts.astray import (
     beside_their_springs,
@@ -17,7 +18,9 @@ from lrbc_cli.campaign.reading.doubts.astray import (
     stray_springs,
 )
 from lrbc_cli.campaign.reading.doubts.points import NearPoint, beside_nodes, exchanged_axes
+from lrbc_cli.campaign.reading.inputs import read_as_exported
 from lrbc_cli.campaign.reading.places import EXCHANGES, require_near
+from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.text.bushings import BushingTable
 from lrbc_cli.model.dofs import DofTable, PointTable
@@ -230,3 +233,16 @@ def test_bolts_in_polar_coordinates_are_no_millimetres() -> None:
     assert "probably millimetres" in told(1000.0 * ring, ring)
     assert told(1000.0 * ring[::-1], ring).startswith("correct the coordinates")
     assert "probably millimetres" in told(1000.0 * ring, None)
+
+
+def test_a_stray_spring_puts_the_springs_in_doubt(tmp_path: Path) -> None:
+    """Then what loosened bolts do not explain in other jobs is not told as exchanged sensors."""
+    own = (ROOT / "data_samples/plate/bushings.csv").read_text()
+    (tmp_path / "bushings.csv").write_text(own.replace("B2,135,,UZ", "B2,393,,UZ"))
+    campaign = load_campaign(
+        ROOT / "configs/plate.yaml", [f"parameters.bolts.select.bushings={tmp_path / 'bushings.csv'}", "parameters.bolts.baseline=0"]
+    )
+    inputs = read_as_exported(campaign)
+    assert any("node 393 lies" in text and "from B2" in text for text in inputs.warnings)
+    assert inputs.springs_doubt
+    assert not sample("plate").springs_doubt

@@ -289,6 +289,7 @@ class GroupReader(ModelReader):
             misnamed = misnamed_springs(table, places, self.bolts)
             self.misnamed |= set(misnamed.values())
             stray = stray_springs(table, places, self.bolts, self.dofs, self.unit.length, misnamed=misnamed)
+            self.strayed |= bool(stray)
             self.warn(*(f"{file.name}: {text}" for text in (misnamed_text(table, misnamed), stray) if text))
         if len(set(zip(table.bolt, table.component, strict=True))) > len(set(table.bolt)):
             self.notes.append(

@@ -106,7 +106,7 @@ class Inputs:
     units_doubt : str or None
         The warning that guesses wrong units from the mesh alone.
     places_doubt, springs_doubt : bool
-        Whether hammer and sensors seem to be given from another origin or in another numbering; springs, nearer to other bolts.
+        Whether hammer and sensors seem to be given from another origin or in another numbering; springs, far from their bolts.
     hashes : dict
         SHA-256 of every file that was read, by its absolute path.
     recipe : Recipe
@@ -337,7 +337,7 @@ def read_as_exported(campaign: Campaign) -> Inputs:
         recipe=recipe_of(campaign, model),
         units_doubt=reader.units_doubt,
         places_doubt=reader.moved or bool(reader.axes) or reader.misplaced,
-        springs_doubt=bool(reader.beside),
+        springs_doubt=bool(reader.beside) or reader.strayed,
         shifts=reader.shifts,
     )
 

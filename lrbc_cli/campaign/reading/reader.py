@@ -100,8 +100,9 @@ class ModelReader:
         self.misplaced = False
         #: Warnings about bolts far from their own springs, with the names of the tables concerned.
         self.beside: dict[str, list[str]] = {}
-        #: Bolts whose springs bear the name of another bolt.
+        #: Bolts whose springs bear the name of another bolt; whether a few springs lie far from theirs.
         self.misnamed: set[str] = set()
+        self.strayed = False
         #: Whether all points seem to refer to another origin, or to exchanged axes (then these), and whether the bolts do so, too.
         self.moved = False
         self.axes = ""
