@@ -31,16 +31,25 @@ def beside(inputs: Any, name: str, measured: np.ndarray) -> Seen:
     return seen(measured, states, job=name, inputs=inputs, parameters=parameters, loosened=[np.zeros(0, dtype=np.int64)])
 
 
-def tighter(monkeypatch: pytest.MonkeyPatch, other_db: float, *baselines: str) -> str:
+def tighter(monkeypatch: pytest.MonkeyPatch, other_db: float, *baselines: str, **further_db: float) -> str:
     monkeypatch.setattr(tightness.Seen, "of", lambda _, name, whole: beside(campaign(*baselines), name, whole))
     jobs: dict[str, Any] = {"tight": job(8.3, 1), "tight-2": job(other_db, 2)}
+    jobs |= {name: job(spread_db, 3 + k) for k, (name, spread_db) in enumerate(further_db.items())}
     return tightness.tighter_text(beside(campaign(*baselines), "tight", jobs["tight"]), jobs)
 
 
 def test_a_baseline_that_is_nearer_to_the_tight_model_names_a_loose_bolt_in_the_reference_job(monkeypatch: pytest.MonkeyPatch) -> None:
     text = tighter(monkeypatch, 4.8, "tight-2")
     assert text.startswith("tight-2 (4.8 dB) fits the tight model far better than tight (8.3 dB)")
-    assert "If a bolt was loose in tight, set update.reference" in text
+    assert "exchange jobs.tight.frf and that of a job to be judged. If a bolt was loose in tight, set update.reference" in text
+
+
+def test_a_baseline_is_not_exchanged_with_the_reference_job_but_a_job_that_is_as_near(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = tighter(monkeypatch, 4.8, "tight-2", loose=5.1, free=7.0)
+    assert text.startswith("loose (5.1 dB), tight-2 (4.8 dB) fit the tight model far better than tight (8.3 dB)")
+    assert "exchange jobs.tight.frf and jobs.loose.frf. If a bolt" in text
+    # Without a baseline that shows it, such a job is no sign.
+    assert tighter(monkeypatch, 7.0, "tight-2", loose=5.1) == ""
 
 
 def test_a_job_that_nobody_called_tight_has_to_be_far_nearer(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -103,3 +112,12 @@ def test_bolts_that_scatter_or_few_jobs_say_nothing_of_the_reference_job() -> No
     assert risen((0.0, 0.9, 0.0), (0.0, 1.0, 0.0), (0.0, 0.9, 0.0)) == ""
     assert risen((0.0, 0.9, 0.0), (0.0, 1.0, 0.0), (0.0, 0.9, 0.0), (0.0, -0.9, 0.0)) == ""
     assert risen() == ""
+
+
+def test_a_bolt_far_looser_in_a_baseline_was_not_tight_there() -> None:
+    inputs = campaign("tight-2")
+    inputs.bolts = SimpleNamespace(name=["B1", "B2", "B3"])
+    text = tightness.fallen_text(inputs, "tight-2", np.array([-0.7, -1.9, np.nan]))
+    assert "is fitted best with a looser B2 (by 1.9 decades)" in text
+    assert text.endswith("Remove it from update.baselines, or measure it again")
+    assert tightness.fallen_text(inputs, "tight-2", np.array([-0.7, 1.9, np.nan])) == ""

@@ -320,14 +320,20 @@ def test_springs_in_another_unit_show_after_a_rough_calibration() -> None:
     def seen(*initial: float, table: Path | None = Path("bending.csv")) -> Any:
         select = SimpleNamespace(select=SimpleNamespace(bushings=table))
         group = SimpleNamespace(name="bending")
-        parameters = SimpleNamespace(initial=np.array(initial), placed=[(group, slice(0, len(initial)), None)])
+        bounds = np.tile([-4.0, 1.5], (len(initial), 1))
+        parameters = SimpleNamespace(initial=np.array(initial), bounds=bounds, placed=[(group, slice(0, len(initial)), None)])
         campaign = SimpleNamespace(parameters={"bending": select})
         return SimpleNamespace(parameters=parameters, inputs=SimpleNamespace(campaign=campaign))
 
     low = seen(-3.1, -2.9, -3.3, -2.8, -3.0)
     told = of_other_unit_text(seen(*[0.0] * 5), low)
     assert "multiplies all springs of bending by about 1e-03" in told
-    assert "multiply the column stiffness of bending.csv by that" in told
+    assert "multiply the column stiffness of bending.csv by 1e-03" in told
+    # At their bound the springs say no power of ten.
+    told = of_other_unit_text(seen(*[0.0] * 5), seen(1.49, 1.5, 1.45, 1.2, 1.1))
+    assert "multiplies all springs of bending by 28, to their bounds" in told
+    assert "multiply the column stiffness of bending.csv by 1e+03" in told
+    assert of_other_unit_text(seen(*[0.0] * 5), seen(1.49, 1.5, 1.2, 1.2, 1.1)) == ""
     assert of_other_unit_text(seen(*[0.0] * 5, table=None), low) == ""
     assert of_other_unit_text(seen(*[0.0] * 5), seen(-3.0, 0.1, -0.2, 0.0, -2.9)) == ""
     assert of_other_unit_text(seen(*[0.0] * 5), seen(-3.0, -5.0, -1.0, -2.0, -4.5)) == ""

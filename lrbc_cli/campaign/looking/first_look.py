@@ -43,6 +43,7 @@ from lrbc_cli.campaign.looking.causes.rescaled import overdamped_text, rescaled_
 from lrbc_cli.campaign.looking.causes.tables import other_tables
 from lrbc_cli.campaign.looking.causes.tightness import (
     UNLIKE,
+    fallen_text,
     looser,
     lowered_text,
     not_tight,
@@ -177,6 +178,10 @@ def _together(source: Looking, measurements: Mapping[str, Measurement], found: d
         found[reference] = OfJob([Finding(text=text, kind=Kind.LOWERED)], found[reference].offsets)
         # A tight job differs from one that is not.
         found.update({name: replace(of, told=[each for each in of.told if each.kind is not Kind.FREED]) for name, of in found.items()})
+    elif explained:
+        for name in taken_as_tight(inputs) & found.keys() & source.changes.keys() - {reference}:
+            if not kinds_of(found[name].told) and (text := fallen_text(inputs, name, source.changes[name])):
+                found[name] = replace(found[name], told=[*found[name].told, Finding(text=text, kind=Kind.FREED)])
     told = pooled(of_all_jobs(inputs, found, reference), reference)
     if inputs.springs_doubt:
         # With springs at wrong nodes a loosened bolt looks like exchanged sensors.

@@ -45,7 +45,7 @@ def _first_rows(matrix: sp.csc_array) -> NDArray[np.int64]:
     return first
 
 
-def require_reach(model: FeModel, responses: list[str], excitations: list[str], input_of: list[int]) -> None:
+def require_reach(model: FeModel, responses: list[str], excitations: list[str], input_of: list[int], misplaced: str = "") -> None:
     """Refuse a response that is not connected with its excitation: its FRF is zero for all parameters.
 
     Parameters
@@ -55,6 +55,8 @@ def require_reach(model: FeModel, responses: list[str], excitations: list[str], 
         Names.
     input_of : list of int
         Excitation of each response.
+    misplaced : str
+        Doubt about the DOF table, which is the likely cause; may be empty.
 
     Raises
     ------
@@ -83,12 +85,12 @@ def require_reach(model: FeModel, responses: list[str], excitations: list[str], 
         grounded = int((np.diff(model.terms.left.indptr) == 1).sum())
         ground = f"{grounded} of {model.terms.size} springs go to ground: where they join two parts, give node_b. " if grounded else ""
         place = f"{ground}{'Otherwise correct' if ground else 'correct'} the place of the response"
+        fix = f"{place}, or export the parts merged or tied. If the mesh is in one piece, the DOF table is not in the order of the matrices"
         raise DataError(
             f"{zero}: nothing in the matrices connects them",
             expected="a model in one piece",
             found=f"{int(part.max()) + 1} separate pieces",
-            hint=f"{place}, or export the parts merged or tied. If the mesh is in one piece, the DOF table is not "
-            "in the order of the matrices",
+            hint=misplaced or fix,
         )
 
 

@@ -95,9 +95,9 @@ class ModelReader:
         self.kept: NDArray[np.int64] | None = None
         self.row_of: NDArray[np.int64] | None = None
         self.n = 0
-        #: Points given by coordinates, by their keys, and whether the DOF table seems to have wrong coordinates or another order.
+        #: Points given by coordinates, by their keys, and the warning that the DOF table has wrong coordinates or another order, or none.
         self.near: dict[tuple[str, ...], NearPoint] = {}
-        self.misplaced = False
+        self.misplaced = ""
         #: Warnings about bolts far from their own springs, with the names of the tables concerned.
         self.beside: dict[str, list[str]] = {}
         #: Bolts whose springs bear the name of another bolt; whether a few springs lie far from theirs.

@@ -39,12 +39,18 @@ def tighter_text(seen: Seen, measurements: Mapping[str, Measurement]) -> str:
     near = {name: own for name, own in far.items() if name != reference and own < min(UNLIKE, share(name) * far[reference])}
     if not near:
         return ""
-    order = sorted(near.items(), key=lambda each: each[1])
-    other = " (or that of another of these)" if len(near) > 1 else ""
-    named, first = ", ".join(f"{name} ({own:.1f} dB)" for name, own in order), order[0][0]
+    assumed = taken_as_tight(seen.inputs)
+    if near.keys() <= assumed:
+        # Other tight jobs show that the reference job is not tight: they are not exchanged with it, but with a job that is to be judged.
+        near |= {name: own for name, own in far.items() if name not in {reference, *assumed} and own < min(UNLIKE, NEARER * far[reference])}
+    order = sorted(near.items(), key=lambda each: (each[0] in assumed, each[1]))
+    judged = [name for name in near if name not in assumed]
+    other = f"jobs.{order[0][0]}.frf" if judged else "that of a job to be judged"
+    other += " (or that of another of these)" if len(judged) > 1 else ""
+    named = ", ".join(f"{name} ({own:.1f} dB)" for name, own in order)
     return (
         f"{named} {'fits' if len(near) == 1 else 'fit'} the tight model far better than {reference} ({far[reference]:.1f} dB). If files "
-        f"are exchanged, exchange jobs.{reference}.frf and jobs.{first}.frf{other}. If a bolt was loose in "
+        f"are exchanged, exchange jobs.{reference}.frf and {other}. If a bolt was loose in "
         f"{reference}, set update.reference to a tight job"
     )
 
@@ -74,22 +80,17 @@ def not_tight(seen: Seen, held: Complexes, others: Sequence[Complexes] = (), *, 
     farther = len(others) >= least and before > LEAST_DIFFERENCE and 2 * within > len(others)
     if not freed and not nearer and not farther and before <= UNLIKE:
         return ""
-    campaign, fixes = seen.inputs.campaign, list[str]()
-    if name in campaign.update.baselines:
-        fixes.append("remove it from update.baselines")
-    if campaign.calibration is not None and campaign.calibration.job == name:
-        fixes.append("set calibration.job to a tight job")
-    fix = " and ".join(fixes)
+    fix = _fix(seen.inputs, name)
     if nearer and (not freed or before > UNLIKE):
         return (
             f"it is taken as tight, but differs from {reference} by {before:.1f} dB, and is nearer to the tight model ({found:.1f} dB) "
             f"than {reference} is ({stated:.1f} dB). Check whether a bolt was loose in {reference}. Correct jobs.{reference}.frf, or set "
-            f"update.reference to a tight job; otherwise {fix}"
+            f"update.reference to a tight job; otherwise {fix[:1].lower()}{fix[1:]}"
         )
     return (
         f"it is taken as tight, but differs from {reference} by {before:.1f} dB"
         f"{f', more than {within} of {len(others)} jobs that are to be judged' if farther else ''}"
-        f"{freed or '. Check whether all bolts were tight'}. {fix[:1].upper()}{fix[1:]}, or measure it again"
+        f"{freed or '. Check whether all bolts were tight'}. {fix}, or measure it again"
     )
 
 
@@ -112,7 +113,7 @@ def looser(seen: Seen, typical: float) -> str:
     return ""
 
 
-def of_other_unit_text(before: Seen, after: Seen, *, least: float = 1.5, alike: float = 0.5) -> str:
+def of_other_unit_text(before: Seen, after: Seen, *, least: float = 1.5, alike: float = 0.5, close: float = 0.1, share: float = 0.5) -> str:
     """Warning that names a table of springs that a rough calibration changes by a power of ten as a whole; empty if there is none.
 
     Parameters
@@ -121,17 +122,25 @@ def of_other_unit_text(before: Seen, after: Seen, *, least: float = 1.5, alike: 
         The reference job with the model as exported, and with the roughly calibrated one.
     least, alike : float
         Least change of the median of a table, and largest scatter of its springs about it (median) [decades].
+    close, share : float
+        Share of the springs of a table within ``close`` [decades] of one bound that counts as a change beyond it. On right campaigns no
+        table had one spring there.
     """
     for group, where, _ in before.parameters.placed:
         table = before.inputs.campaign.parameters[group.name].select.bushings
         moved = (after.parameters.initial - before.parameters.initial)[where]
         by = float(np.median(moved))
-        if table is None or abs(by) < least or float(np.median(np.abs(moved - by))) > alike:
+        bound = after.parameters.bounds[where][:, int(by > 0.0)]
+        beyond = float(np.mean(np.abs(after.parameters.initial[where] - bound) <= close)) >= share and by != 0.0
+        if table is None or not (beyond or abs(by) >= least) or float(np.median(np.abs(moved - by))) > alike:
             continue
+        # Up to the bounds, the next unit is that of millimetres.
+        power = int(np.copysign(3.0, by)) if beyond else round(by)
+        size = f"by {10.0**by:.2g}, to their bounds" if beyond else f"by about {10.0**power:.0e}"
         return (
-            f"a rough calibration from this job multiplies all springs of {group.name} by about {10.0 ** round(by):.0e}. Check their unit: "
-            "stiffnesses are in N/m and N m/rad, or in the units of `units` (1 N/mm = 1e3 N/m, 1 N mm/rad = 1e-3 N m/rad). If so, multiply "
-            f"the column stiffness of {table.name} by that"
+            f"a rough calibration from this job multiplies all springs of {group.name} {size}. Check their unit: "
+            "stiffnesses are in N/m and N m/rad, or in the units of `units` (1 N/mm = 1e3 N/m, 1 N mm/rad = 1e-3 N m/rad). If it is "
+            f"another one, multiply the column stiffness of {table.name} by {10.0**power:.0e}"
         )
     return ""
 
@@ -191,3 +200,38 @@ def risen_text(inputs: Inputs, changes: Mapping[str, Floats], *, least: float = 
         f"most other jobs are fitted best with a stiffer {named}: probably not all bolts were tight here. Set {tight} to a job with all "
         "bolts tight, or tighten them and measure this job again"
     )
+
+
+def fallen_text(inputs: Inputs, name: str, change: Floats, *, least: float = 1.2) -> str:
+    """Warning that names bolts that are far looser in a job that is assumed tight than in the reference job; empty if there are none.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    name : str
+        Baseline, or job of the calibration.
+    change : (b,) float array
+        Fitted changes of the bolts against the reference job [decades].
+    least : float
+        Least loss [decades]. On right campaigns it was 0.7 at most.
+    """
+    if inputs.bolts is None:
+        return ""
+    named = ", ".join(f"{bolt} (by {-own:.1f} decades)" for bolt, own in zip(inputs.bolts.name, change, strict=True) if own <= -least)
+    if not named:
+        return ""
+    return (
+        f"it is taken as tight, but is fitted best with a looser {named}. Check whether all bolts were tight. {_fix(inputs, name)}, "
+        "or measure it again"
+    )
+
+
+def _fix(inputs: Inputs, name: str) -> str:
+    """What to write if a job that is assumed tight is not."""
+    campaign, fixes = inputs.campaign, list[str]()
+    if name in campaign.update.baselines:
+        fixes.append("remove it from update.baselines")
+    if campaign.calibration is not None and campaign.calibration.job == name:
+        fixes.append("set calibration.job to a tight job")
+    fix = " and ".join(fixes)
+    return f"{fix[:1].upper()}{fix[1:]}"

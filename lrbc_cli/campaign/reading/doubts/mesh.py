@@ -24,13 +24,13 @@ class MeshDoubts:
     ----------
     units : str or None
         The warning that guesses wrong units; it is among ``warnings``.
-    misplaced : bool
-        Whether rows, components or coordinates are in doubt, so that places say nothing.
+    misplaced : str
+        The warning that rows, components or coordinates are wrong, so that places say nothing; it is among ``warnings``, empty if none.
     warnings : tuple of str
     """
 
     units: str | None
-    misplaced: bool
+    misplaced: str
     warnings: tuple[str, ...]
 
 
@@ -61,4 +61,4 @@ def mesh_doubts(
     order = exchanged or order_doubt(K, dofs, campaign.model.dofs)
     wrong = order or places_doubt(K, dofs, table, components_place(campaign)) or coupled_doubt(K, M, dofs, table)
     told = (units, wrong, digits_doubt(K, entries, dofs.component), None if order else symmetry_doubt(K, dofs))
-    return MeshDoubts(units=units, misplaced=wrong is not None, warnings=tuple(text for text in told if text))
+    return MeshDoubts(units=units, misplaced=wrong or "", warnings=tuple(text for text in told if text))
