@@ -440,27 +440,30 @@ def test_the_frame_with_all_of_it(tmp_path: Path) -> None:
     assert folder.run("report", "--job", "loose-2").code == 0
 
 
-class OneResidual:
-    """A cost of one residual ``slope (theta - 4)`` [dB], of which a share may be predicted wrongly."""
+class Alike:
+    """A cost of residuals that are all ``slope (theta - 4)`` [dB], of which a share may be predicted wrongly."""
 
     level = 1.0
 
-    def __init__(self, slope: float, std: float = 1.0) -> None:
+    def __init__(self, slope: float, count: int, std: float = 1.0) -> None:
         self.model = SimpleNamespace(parameters=Parameterisation((line_group(1),)))
-        self.slope, self.std, self.log_det = slope, std, 2.0 * np.log(std)
+        self.slope, self.count, self.std, self.log_det = slope, count, std, 2.0 * count * np.log(std)
 
-    def about(self, theta: np.ndarray, share: float) -> OneResidual:
-        return OneResidual(self.slope, float(np.hypot(1.0, share * self.slope * (theta[0] - 4.0))))
+    def about(self, theta: np.ndarray, share: float) -> Alike:
+        return Alike(self.slope, self.count, float(np.hypot(1.0, share * self.slope * (theta[0] - 4.0))))
 
     def data_sum(self, theta: np.ndarray, frf: object) -> float:
-        return float((self.slope * (theta[0] - 4.0) / self.std) ** 2)
+        return float(self.count * (self.slope * (theta[0] - 4.0) / self.std) ** 2)
 
 
-@pytest.mark.parametrize("change", [1.0, 2.5, 4.0])
+@pytest.mark.parametrize(("change", "count"), [(1.0, 1), (2.5, 1), (4.0, 1), (0.35, 30), (0.37, 30)])
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
-def test_a_value_is_open_where_its_likelihood_with_the_error_of_the_change_allows_it(share: float, change: float) -> None:
+def test_a_value_is_open_where_the_likelihood_with_or_without_the_error_of_the_change_allows_it(
+    share: float, change: float, count: int
+) -> None:
     noise, solution = SimpleNamespace(variance=1.0, ratio=1.0), SimpleNamespace(theta=np.array([4.0]))
-    given: Any = (SimpleNamespace(plain=OneResidual(-change / 4.0), solution=solution, knowledge=SimpleNamespace(noise=noise)), None, share)
+    plain = Alike(-change / 4.0, count)
+    given: Any = (SimpleNamespace(plain=plain, solution=solution, knowledge=SimpleNamespace(noise=noise)), None, share)
     down, _ = opens_of(cast(Any, SimpleNamespace(bolts=None)), *given)
-    lost = norm.logpdf(0.0) - norm.logpdf(change, scale=np.hypot(1.0, share * change))
-    assert bool(down[0]) == (2.0 * lost < 1.96**2)
+    lost = [count * (norm.logpdf(0.0) - norm.logpdf(change, scale=scale)) for scale in (1.0, np.hypot(1.0, share * change))]
+    assert bool(down[0]) == (2.0 * min(lost) < 1.96**2)

@@ -334,6 +334,8 @@ def test_springs_in_another_unit_show_after_a_rough_calibration() -> None:
     assert "multiplies all springs of bending by 28, to their bounds" in told
     assert "multiply the column stiffness of bending.csv by 1e+03" in told
     assert of_other_unit_text(seen(*[0.0] * 5), seen(1.49, 1.5, 1.2, 1.2, 1.1)) == ""
+    told = of_other_unit_text(seen(*[0.0] * 5), seen(*[-4.0] * 5))
+    assert "multiply the column stiffness of bending.csv by 1e-04" in told
     assert of_other_unit_text(seen(*[0.0] * 5, table=None), low) == ""
     assert of_other_unit_text(seen(*[0.0] * 5), seen(-3.0, 0.1, -0.2, 0.0, -2.9)) == ""
     assert of_other_unit_text(seen(*[0.0] * 5), seen(-3.0, -5.0, -1.0, -2.0, -4.5)) == ""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -166,18 +167,25 @@ def opens_of(inputs: Inputs, fit: Fit, frf: Callable[[Floats], Complexes], error
     frf : callable
         From theta to FRFs near the end of the fit, see ``FrfModel.nearby``.
     error : ChangeError or None
-        Error of predicted changes: the covariance follows the change, as in the posterior of the verdicts.
+        Error of predicted changes.
 
     Returns
     -------
     two (size,) bool arrays
-        True if the data do not exclude it: the interval is open to that side.
+        True if the data do not exclude it, with the covariance of the fit, or with the one that follows the change as in the posterior
+        of the verdicts: the interval is open to that side.
     """
     pitch = 0.0 if inputs.bolts is None else pitch_of(inputs.bolts.xyz)
-    plain, noise = fit.plain, fit.knowledge.noise
+    plain, variance = fit.plain, fit.knowledge.noise.variance * fit.knowledge.noise.ratio**2
 
-    def data(theta: Floats) -> float:
-        there = plain if error is None else plain.about(theta, error)
+    def following(theta: Floats) -> float:
+        assert error is not None
+        there = plain.about(theta, error)
         return there.data_sum(theta, frf) + there.log_det * there.level**2
 
-    return open_values(plain.model.parameters, pitch, data, fit.solution.theta, noise.variance * noise.ratio**2)
+    # Errors of a large change may explain what it changes. Of small changes on many lines they raise the determinant only, which must not
+    # exclude what the data allow.
+    costs: list[Callable[[Floats], float]] = [partial(plain.data_sum, frf=frf), *([] if error is None else [following])]
+    sides = [open_values(plain.model.parameters, pitch, data, fit.solution.theta, variance) for data in costs]
+    down, up = (np.any(side, axis=0) for side in zip(*sides, strict=True))
+    return down, up

@@ -134,8 +134,8 @@ def of_other_unit_text(before: Seen, after: Seen, *, least: float = 1.5, alike: 
         beyond = float(np.mean(np.abs(after.parameters.initial[where] - bound) <= close)) >= share and by != 0.0
         if table is None or not (beyond or abs(by) >= least) or float(np.median(np.abs(moved - by))) > alike:
             continue
-        # Up to the bounds, the next unit is that of millimetres.
-        power = int(np.copysign(3.0, by)) if beyond else round(by)
+        # A bound short of the unit of millimetres hides how far the springs would go.
+        power = int(np.copysign(max(round(abs(by)), 3), by)) if beyond else round(by)
         size = f"by {10.0**by:.2g}, to their bounds" if beyond else f"by about {10.0**power:.0e}"
         return (
             f"a rough calibration from this job multiplies all springs of {group.name} {size}. Check their unit: "
