@@ -26,7 +26,7 @@ from lrbc_cli.updating.judging.evidence import (
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import NO_SCATTER, DecisionRule, TightScatter
 from lrbc_cli.updating.normal import normal_cdf
-from lrbc_cli.updating.posterior.mixture import ChangeSamples
+from lrbc_cli.updating.posterior.samples import ChangeSamples
 from lrbc_cli.updating.statistics.priors import BoltPrior
 
 RULE = DecisionRule()
@@ -174,9 +174,18 @@ class TestSampled:
         """A bolt whose axial spring is felt is judged by it, and its rocking spring is told."""
         part = replace(PLACE, change=Change(mean=0.0, std=0.1, unfelt=("rocking",)))
         assert one(part).verdict == "tight"
-        assert "sensitive to those of rocking" in str(one(part).note)
+        assert str(one(part).note).endswith("do not exclude that its springs of rocking alone are loose")
         loose = one(replace(PLACE, change=Change(mean=-2.0, std=0.1, unfelt=("rocking",))))
         assert (loose.verdict, loose.note) == ("loose", None)
+
+    @pytest.mark.parametrize(("ratio", "told"), [(-1000.0, False), (-3.0, False), (-2.9, True), (0.0, True), (1000.0, True)])
+    def test_groups_that_may_be_loose_alone_are_named_beside_a_tight_verdict(self, ratio: float, told: bool) -> None:
+        """Excluded where the loss is less probable than 1 - confidence at even prior odds: log(0.05 / 0.95) = -2.94."""
+        own = Change(mean=0.0, std=0.1, unfelt=("rocking",), alone=(("axial", -50.0), ("rocking", 0.0), ("torsion", ratio)))
+        found = one(replace(PLACE, change=own))
+        which = "rocking or torsion" if told else "rocking"
+        assert found.verdict == "tight"
+        assert found.note == f"tight as a whole; the data do not exclude that its springs of {which} alone are loose"
 
     def test_a_probability_is_none_above_one(self) -> None:
         """Rounded weights may add up to more."""

@@ -11,7 +11,8 @@ from linear import line_group
 from scipy.stats import multivariate_normal, norm
 
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.posterior.mixture import ChangeSamples, KindScore, MixtureProblem, adjacency
+from lrbc_cli.updating.posterior.mixture import KindScore, MixtureProblem, adjacency
+from lrbc_cli.updating.posterior.samples import ChangeSamples
 from lrbc_cli.updating.posterior.sampling import sample_changes
 from lrbc_cli.updating.statistics.priors import BoltPrior
 from lrbc_cli.updating.unknowns.shapes import bolt_shapes, neighbours

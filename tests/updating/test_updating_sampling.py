@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.special import logsumexp
-from scipy.stats import norm
+from scipy.stats import multivariate_normal, norm
 
 from lrbc_cli.updating.posterior import sampling
 from lrbc_cli.updating.posterior.mixture import MixtureProblem, State, settle
-from lrbc_cli.updating.posterior.sampling import about_itself, beyond, profile, sample_changes
+from lrbc_cli.updating.posterior.sampling import about_itself, beyond, by_group, profile, sample_changes
 from lrbc_cli.updating.statistics.priors import BoltPrior
 
 PRIOR = BoltPrior()
@@ -101,6 +101,39 @@ def test_data_against_a_small_loss_say_nothing_on_a_large_one(strength: float) -
     exact = 1.0 / (1.0 + np.exp(tight - loose))
     assert exact > 0.6
     assert sample_changes(problem, [start], PRIOR, sweeps=50).inclusion[0] == pytest.approx(exact, abs=0.03)
+
+
+@pytest.mark.parametrize("lost", [0.0, -0.7, -1.5])
+@pytest.mark.parametrize("follows", [False, True])
+def test_the_loss_of_one_group_alone_is_weighed_by_its_likelihood(lost: float, follows: bool) -> None:
+    """Of linear data: two normal densities, also where the covariance of the data is asked for anew in each state."""
+    rng = np.random.default_rng(3)
+    # Common change and contrast of a joint with two groups, of which the data hardly show the second; and another joint.
+    J = rng.normal(size=(ROWS, 3)) @ np.diag([3.0, 1.0, 2.0])
+    way = np.array([0.5, -np.sqrt(0.5), 0.0])
+    J[:, 0] += J[:, 1] * np.sqrt(2.0) + 0.6 * rng.normal(size=ROWS)
+    r0 = rng.normal(size=ROWS) - lost * J @ way
+    three, joints = np.ones(3), np.array([0, 2])
+
+    def data(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return r0 + J @ z, J
+
+    problem = replace(
+        Saturating((0.0, 0.0), 1.0).problem(), data=data, bounds=np.tile([-4.0, 2.0], (3, 1)), bolts=joints, mean=0.0 * three,
+        std=np.array([1.0, PRIOR.deviation_std, 1.0]), groups=((0, "second", way), (1, "loose", way)),
+        about=(lambda z: (data, 0.25 * float(z @ z))) if follows else None,
+    )  # fmt: skip
+    kinds = np.array([False, True])
+    state = settle(problem, PRIOR, kinds, np.zeros(3), (1e-6, 20))
+    ((joint, name, ratio),) = by_group(problem, PRIOR, state, step=(1e-9, 20))
+    std = np.array([PRIOR.joint_tight_std, PRIOR.deviation_std, PRIOR.joint_loose_std])
+    mean = J @ np.array([0.0, 0.0, PRIOR.joint_loose_mean]) + r0
+    spread = np.eye(ROWS) + J @ np.diag(std**2) @ J.T
+    exact = [multivariate_normal.logpdf(mean + change * J @ way, np.zeros(ROWS), spread) for change in (PRIOR.joint_loose_mean, 0.0)]
+    assert (joint, name) == (0, "second")
+    moved = state.z + PRIOR.joint_loose_mean * way
+    offset = 0.25 * float(moved @ moved - state.z @ state.z) if follows else 0.0
+    assert ratio == pytest.approx(exact[0] - exact[1] + offset, abs=1e-6)
 
 
 def test_data_that_say_little_leave_it_open() -> None:

@@ -11,7 +11,7 @@ from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.posterior.fit import Posterior
-from lrbc_cli.updating.posterior.mixture import ChangeSamples
+from lrbc_cli.updating.posterior.samples import ChangeSamples
 from lrbc_cli.updating.search.lcurve import LCurve
 from lrbc_cli.updating.search.optimise import Solution
 from lrbc_cli.updating.statistics.saturation import Saturation

@@ -18,11 +18,12 @@ from lrbc_cli.updating.misfit.cost import ChangeError, Misfit
 from lrbc_cli.updating.misfit.frf import FrfModel
 from lrbc_cli.updating.posterior.confidence import beyond_errors, open_values
 from lrbc_cli.updating.posterior.fit import Posterior
-from lrbc_cli.updating.posterior.mixture import ChangeSamples, MixtureProblem
+from lrbc_cli.updating.posterior.mixture import MixtureProblem
+from lrbc_cli.updating.posterior.samples import ChangeSamples
 from lrbc_cli.updating.posterior.sampling import sample_changes
 from lrbc_cli.updating.search.descent import Level
 from lrbc_cli.updating.unknowns.places import pitch_of
-from lrbc_cli.updating.unknowns.shapes import neighbours
+from lrbc_cli.updating.unknowns.shapes import joints_of, neighbours
 
 
 def changes_of(
@@ -100,6 +101,13 @@ def changes_of(
     order, joint = order[order >= 0], shapes.joint[first[order >= 0]]
     place = {int(column): i for i, column in enumerate(order)}
     pairs = [(place[int(shapes.bolts[a])], place[int(shapes.bolts[b])]) for a, b in neighbours(parameters, bolts, shapes)]
+    inverse, rest = np.linalg.pinv(shapes.T), np.zeros(further.shape[1])
+    groups: list[tuple[int, str, Floats]] = []
+    for bolt, own in enumerate(joints_of(parameters, bolts.shape[0])):
+        if len(own) > 1 and int(shapes.bolts[bolt]) in place:
+            lone = [inverse @ np.isin(np.arange(parameters.size), values) for values in own.values()]
+            named = [parameters.groups[group].name for group in own]
+            groups += [(place[int(shapes.bolts[bolt])], name, np.concatenate([z, rest])) for name, z in zip(named, lone, strict=True)]
     problem = MixtureProblem(
         data=data_by(level, further),
         variance=variance,
@@ -112,8 +120,8 @@ def changes_of(
         about=None if error is None else about,
         shared=plain.errors.shift_error,
         ratio=knowledge.noise.ratio,
+        groups=groups,
     )
-    inverse, rest = np.linalg.pinv(shapes.T), np.zeros(further.shape[1])
     starts = [knowledge.z, *(inverse @ (theta - prior) for theta in ends)]
     return sample_changes(problem, [np.concatenate([z, rest]) for z in starts], inputs.statistics.bolts)
 

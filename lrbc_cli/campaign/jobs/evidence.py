@@ -239,7 +239,9 @@ def _bolts(inputs: Inputs, result: Identification) -> tuple[bool, tuple[BoltEvid
         if found is None:
             return None
         own = _partial_changes(inputs, result, parts) if result.posterior.shapes.by_bolt else ()
-        return replace(found, may_be_free=not felt, unfelt=free if felt else (), parts=own)
+        at, told = _sampled(result, bolt), () if result.changes is None else result.changes.groups
+        alone = tuple((group, ratio) for i, group, ratio in told if i == at)
+        return replace(found, may_be_free=not felt, unfelt=free if felt else (), parts=own, alone=alone)
 
     found = at_bolts(groups, names, xyz, change_of)
     if result.changes is not None:

@@ -316,8 +316,8 @@ def _by_role(bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: s
             excused = "the data do not rule out that it is free: no response is sensitive to it in its present state"
         if excused is not None:
             word, note = UNDECIDED, excused
-        elif word == TIGHT and posterior.unfelt:
-            note = f"judged by its other springs: no response is sensitive to those of {', '.join(posterior.unfelt)}"
+        elif word == TIGHT and (hidden := _hidden(posterior, rule)):
+            note = f"tight as a whole; the data do not exclude that its springs of {' or '.join(hidden)} alone are loose"
         change = posterior.mean if posterior.ceiling is None else min(posterior.mean, posterior.ceiling)
         std = float(np.hypot(posterior.std, between))
         return replace(
@@ -354,6 +354,12 @@ def _most_changed(posterior: Change, own: float, scatter: float, rule: DecisionR
         if probability > found[1]:
             found = part, probability
     return found
+
+
+def _hidden(posterior: Change, rule: DecisionRule) -> tuple[str, ...]:
+    """Groups of a joint's springs of which the data do not exclude, at even prior odds, that they alone are free or loose."""
+    lost = (group for group, ratio in posterior.alone if rule.word(0.5 + 0.5 * float(np.tanh(0.5 * ratio))) != TIGHT)
+    return tuple(dict.fromkeys([*posterior.unfelt, *lost]))
 
 
 def _excused(posterior: Change, own: float, rule: DecisionRule) -> str | None:

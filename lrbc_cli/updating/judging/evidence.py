@@ -13,7 +13,7 @@ from lrbc_cli.updating.normal import NORMAL_95, normal_cdf
 
 if TYPE_CHECKING:
     # Only for types: judging stored evidence should not load the sampling.
-    from lrbc_cli.updating.posterior.mixture import ChangeSamples
+    from lrbc_cli.updating.posterior.samples import ChangeSamples
     from lrbc_cli.updating.unknowns.places import Edge, Joints, Spot
 
 #: Lower and upper limit; None if open.
@@ -119,6 +119,8 @@ class Change:
         Groups whose springs the data allow to be free, if other groups of the bolt affect the FRFs: these alone determine the change.
     parts : tuple of PartialChange
         Groups of a joint with springs in several groups whose change is known to within ``deviation``.
+    alone : tuple of (str, float)
+        Groups of a joint with several, each with the log likelihood ratio of a typical loss of it alone against none.
     """
 
     mean: float
@@ -132,6 +134,7 @@ class Change:
     may_be_free: bool = False
     unfelt: tuple[str, ...] = ()
     parts: tuple[PartialChange, ...] = ()
+    alone: tuple[tuple[str, float], ...] = ()
 
     def below(self, limit: float, scatter: float, *, changed: bool = False) -> float:
         """Posterior probability of a change below a limit, widened by the scatter of tight states; with ``changed`` given it is loose."""
