@@ -558,7 +558,7 @@ def test_the_reference_job_begins_where_the_calibration_ended(box: Folder, monke
     nowhere: dict[str, Any] = {"max_iterations": 0, "knots": ()}
     monkeypatch.setattr(job_module, "gauss_newton_by_levels", lambda *given, **known: search(*given, **known | nowhere))
     stay = partial(descent.descend, max_iterations=0)
-    monkeypatch.setattr(job_module.Job, "_descend", lambda self, misfit, start: stay(misfit, start, self.parameters.bounds))
+    monkeypatch.setattr(job_module.Job, "descend", lambda self, misfit, start: stay(misfit, start, self.parameters.bounds))
     use = CalibrationUse(used=True, text="used", boundary={"springs": Boundary(log10=MILD)})
     found = [identification.identify(replace(study.inputs, calibration=own), study.source, "tight") for own in (None, use)]
     before, after = (one.misfit_final.mean() for one in found)

@@ -132,7 +132,9 @@ def samples(seed: int) -> ChangeSamples:
     loose = rng.uniform(size=(4, 3))[few, np.arange(3)]
     means = rng.normal(size=(4, 3, 2))[few, np.arange(3)]
     stds = rng.uniform(0.05, 0.5, size=(4, 3, 2))[few, np.arange(3)]
-    return ChangeSamples(bolts=np.arange(3), loose=loose, means=means, stds=stds, kinds=np.zeros(3, dtype=bool), neighbours=[(0, 1)])
+    return ChangeSamples(
+        bolts=np.arange(3), loose=loose, means=means, stds=stds, kinds=np.zeros(3, dtype=bool), z=np.zeros(3), neighbours=[(0, 1)]
+    )
 
 
 class TestSampled:
@@ -614,6 +616,7 @@ class TestErrorOfTheTightState:
             means=np.array([[[0.0, -0.86]]]),
             stds=np.full((1, 1, 2), 0.12),
             kinds=np.array([True]),
+            z=np.array([-0.86]),
         )
         sure, doubted = (Change(mean=-0.86, std=0.12, sampled=SampledChange.of(samples, 0, std)) for std in (0.0, 0.25))
         assert [one(replace(PLACE, difference=-0.86, change=change, joint=True)).verdict for change in (sure, doubted)] == [

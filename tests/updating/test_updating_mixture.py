@@ -11,7 +11,7 @@ from linear import line_group
 from scipy.stats import multivariate_normal, norm
 
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.posterior.mixture import KindScore, MixtureProblem, adjacency
+from lrbc_cli.updating.posterior.mixture import KindScore, MixtureProblem, adjacency, best_states, settle
 from lrbc_cli.updating.posterior.samples import ChangeSamples
 from lrbc_cli.updating.posterior.sampling import sample_changes
 from lrbc_cli.updating.statistics.priors import BoltPrior
@@ -143,6 +143,27 @@ def test_a_nonlinear_problem_is_linearised_where_it_ends() -> None:
     assert found.below(-0.3)[3] > 0.99
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_no_bolt_that_is_loose_alone_is_more_probable_than_the_state_found(seed: int) -> None:
+    """Data with valleys: all starts lie in one of another bolt, and no linearisation leads from there to the right one."""
+    rng = np.random.default_rng(seed)
+    A, B, turned = 6.0 * rng.normal(size=(20, 3)) / np.sqrt(20), 2.0 + 3.0 * rng.random((20, 3)), 2.0 * np.pi * rng.random((20, 3))
+
+    def measured(z: np.ndarray) -> np.ndarray:
+        return np.asarray((A * np.sin(B * z + turned)).sum(axis=1))
+
+    y = measured(np.array([-1.6, 0.0, 0.0])) + 0.3 * rng.normal(size=20)
+    three = np.ones(3)
+    problem = MixtureProblem(
+        data=lambda z: (measured(z) - y, A * B * np.cos(B * z + turned)), variance=1.0, bounds=np.tile([-4.0, 2.0], (3, 1)),
+        bolts=np.arange(3), neighbours=[], joint=three > 0.0, mean=0.0 * three, std=three,
+    )  # fmt: skip
+    wrong = settle(problem, PRIOR, np.array([False, True, False]), np.array([0.0, -0.7, 0.0]), (1e-4, 12))
+    best = best_states(problem, [wrong.z], PRIOR)[0]
+    alone = settle(problem, PRIOR, np.array([True, False, False]), np.array([-1.5, 0.0, 0.0]), (1e-4, 12))
+    assert best.evidence >= alone.evidence - 0.05
+
+
 def test_a_state_answers_for_its_own_errors_only() -> None:
     """Errors that a large change brings along are no excuse for no change at all."""
     rows, truth = 40, -1.2
@@ -220,6 +241,7 @@ def test_moments_of_two_conditionals() -> None:
         means=np.array([[[0.0, -1.0]]]),
         stds=np.array([[[0.1, 0.2]]]),
         kinds=np.array([False]),
+        z=np.zeros(1),
     )
     assert found.mean[0] == pytest.approx(-0.25)
     assert found.std[0] == pytest.approx(np.sqrt(0.75 * 0.01 + 0.25 * 0.04 + 0.75 * 0.25))

@@ -8,7 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.found import Fit, Identification
+from lrbc_cli.campaign.identification.gains import Gains
 from lrbc_cli.campaign.identification.job import Job
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.identification.sampling import beyond_of, changes_of, opens_of
@@ -18,8 +20,11 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.misfit.cost import mean_misfit
+from lrbc_cli.updating.posterior.samples import ChangeSamples
 from lrbc_cli.updating.search.ends import other_ends
 from lrbc_cli.updating.search.lcurve import curve_notes
+from lrbc_cli.updating.search.optimise import Start
+from lrbc_cli.updating.search.valleys import worth
 
 
 def fit(inputs: Inputs, source: FrfSource, name: str, reference: ReferenceState | None, measurements: Mapping[str, Measurement]) -> Fit:
@@ -64,24 +69,55 @@ def identify(
         return _identified(Job(inputs, source, name, reference, measurements or {}))
 
 
+def _resumed(job: Job, fit: Fit, z: Floats) -> Fit | None:
+    """The fit continued from another state; None unless its cost there is lower by what the data resolve, and its misfit lower.
+
+    By the last weights, which did not guide the search, a state may be nearer to the measurement than any of its ends.
+    """
+    T, bounds = job.shapes.T, job.parameters.bounds.T
+    first = job.cost(*job.compared)
+    misfit = first.with_eta(fit.plain.eta).weighted_as(fit.plain)
+    here, there = (job.descend(misfit, np.clip(place, *bounds)) for place in (fit.solution.theta, job.prior + T @ z[: T.shape[1]]))
+    resolved = here.evaluation.total - worth(misfit, here.evaluation)
+    if there.status == "failed" or not there.evaluation.total < resolved or there.evaluation.misfit_db >= here.evaluation.misfit_db:
+        return None
+    at = first(there.theta)
+    start = Start(description="the most probable state of the bolts", cost=at.cost, total=at.total, kept=True, theta=there.theta)
+    starts = (*(replace(one, kept=False) for one in fit.solution.starts), start)
+    again = job.weighted(misfit, replace(there, starts=starts), job.compared, (job.prior,))
+    return job.drifted(again.after(fit.evaluations + here.evaluations))
+
+
+def _judged(job: Job, best: Fit, *others: Floats) -> tuple[Fit, Gains | None, Complexes, ChangeSamples | None]:
+    """A fit with the posterior that verdicts rest on: its gains, the (F, R) FRFs of the model with them, and changes at bolts.
+
+    The search of the most probable state also begins at ``others``, theta of further ends.
+    """
+    inputs, fit = job.inputs, job.about_reference(best)
+    gains = job.gains_of(fit)
+    updated = job.frf(fit.solution.theta, fit.knowledge) * job.lifted * (1.0 if gains is None else gains.factors(inputs))
+    told = replace(job.measurement, values=job.told(job.name, job.measurement))
+    ratio = ratio_of(inputs, told, inputs.campaign.jobs[job.name], job.selected, updated)
+    fit = replace(fit, knowledge=fit.knowledge.wider(ratio))
+    state = None if fit.relative else stored_covariance(job.parameters, job.reference)
+    ends = [*others, *other_ends(job.parameters, fit.solution.starts)]
+    changes = changes_of(inputs, fit.plain, fit.knowledge, fit.solution.evaluation.jacobian, state, job.error, ends)
+    return fit, gains, updated, changes
+
+
 def _identified(job: Job) -> Identification:
     ports = time.perf_counter()
-    inputs, reference = job.inputs, job.reference
-    fit = job.about_reference(job.best())
-    told, compared = (job.told(job.name, job.measurement, known=known) for known in (False, True))
-    initial, updated = job.frf(job.start), job.frf(fit.solution.theta, fit.knowledge)
-    gains = job.gains_of(fit)
-    updated = updated * job.lifted * (1.0 if gains is None else gains.factors(inputs))
+    inputs, reference, best = job.inputs, job.reference, job.best()
+    fit, gains, updated, changes = _judged(job, best)
+    if changes is not None and (again := _resumed(job, best, changes.z)) is not None:
+        fit, gains, updated, changes = _judged(job, again, best.solution.theta)
+    initial, compared = job.frf(job.start), job.told(job.name, job.measurement, known=True)
     before, after = mean_misfit(initial, compared), mean_misfit(updated, compared)
-    ratio = ratio_of(inputs, replace(job.measurement, values=told), inputs.campaign.jobs[job.name], job.selected, updated)
-    solution, knowledge = fit.solution, fit.knowledge.wider(ratio)
+    solution, knowledge = fit.solution, fit.knowledge
     if fit.curve is not None:
         job.notes += curve_notes(fit.curve)
-    state = None if fit.relative else stored_covariance(job.parameters, reference)
-    ends = other_ends(job.parameters, solution.starts)
-    changes = changes_of(inputs, fit.plain, knowledge, solution.evaluation.jacobian, state, job.error, ends)
     beyond = beyond_of(job.model, fit, changes)
-    opens = opens_of(inputs, replace(fit, knowledge=knowledge), job.model.nearby(fit.solution.theta), job.error)
+    opens = opens_of(inputs, fit, job.model.nearby(fit.solution.theta), job.error)
     tight, expected = job.of_reference(), None
     if tight is not None and job.against_reference and not unlike(job.measurement.frequency_hz, tight.frequency_hz):
         with np.errstate(divide="ignore", invalid="ignore"):

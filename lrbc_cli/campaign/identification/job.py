@@ -195,8 +195,7 @@ class Job:
     def fit(self, measured: Complexes, relative: bool, *, unexplained_db: float = 3.0) -> Fit:
         """Minimum of the cost, with the weight of the prior as the method sets it; more starts if more than ``unexplained_db`` is left."""
         method, bounds, weight = self.method, self.parameters.bounds, self.method.regularisation
-        eta = self.statistics.values.first_variance if weight == "noise" else 0.0 if weight == "l-curve" else float(weight)
-        misfit = self._misfit(measured, eta, relative)
+        misfit = self.cost(measured, relative)
         span = self.shapes.T if self.shapes.by_bolt else None
         curve, sought = None, 0
         further = {} if span is not None else calibrated_start(self.inputs, self.parameters)
@@ -207,7 +206,7 @@ class Job:
             misfit = misfit.with_eta(curve.chosen)
             further |= {"end of the L-curve": curve.nearest}
         if method.optimiser == "bfgs":
-            solution = self._descend(misfit, begin)
+            solution = self.descend(misfit, begin)
         else:
             stop: dict[str, Any] = {"tolerance": method.tolerance, "max_iterations": method.max_iterations}
             mirrors = alone if self.inputs.bolts is None else partial(self.shapes.mirrored, self.inputs.bolts.xyz)
@@ -225,22 +224,18 @@ class Job:
                 sought += (first.evaluations + again.evaluations) - solution.evaluations
         if solution.status == "failed":
             raise NumericalError(f"job {self.name}: {solution.reason}")
-        if method.follows_noise:
-            misfit, solution, noise = follow_noise(misfit, solution, self._descend, self.selected, self.error, (begin, *known))
+        found = self.weighted(misfit, solution, (measured, relative), (begin, *known))
+        return replace(found, curve=curve, evaluations=found.evaluations + (curve.evaluations if curve else 0)).after(sought)
+
+    def weighted(self, misfit: Misfit, solution: Solution, compared: tuple[Complexes, bool], places: Sequence[Floats]) -> Fit:
+        """The fit after a descent to ``solution``, with weights that follow the noise; ``places``: see ``follow_noise``."""
+        if self.method.follows_noise:
+            misfit, solution, noise = follow_noise(misfit, solution, self.descend, self.selected, self.error, places)
         else:
             noise = noise_of(misfit, solution.evaluation, self.selected)
         knowledge = posterior(misfit, solution, self.shapes, (), noise, self.prior)
-        evaluations = solution.evaluations + (curve.evaluations if curve else 0)
-        return Fit(
-            measured=measured,
-            relative=relative,
-            plain=misfit,
-            misfit=misfit,
-            solution=solution,
-            knowledge=knowledge,
-            curve=curve,
-            evaluations=evaluations,
-        ).after(sought)
+        known: dict[str, Any] = {"plain": misfit, "misfit": misfit, "solution": solution, "knowledge": knowledge, "curve": None}
+        return Fit(measured=compared[0], relative=compared[1], evaluations=solution.evaluations, **known)
 
     def _table(self, misfit: Misfit, levels: Sequence[float] = LEVELS) -> tuple[dict[str, Floats], int]:
         """Theta of the best states of loosened bolts by tables, by description, and evaluations; neighbours are tried in pairs, too."""
@@ -259,9 +254,11 @@ class Job:
         led, most = narrowed(wide, tabled, self.parameters.bounds, self.shapes.T)
         return further | led, sought + more + most
 
-    def _misfit(self, measured: Complexes, eta: float, relative: bool) -> Misfit:
-        # A ratio of two measurements has the noise of both.
-        sigma = joint_sigma(self.sigma, self.tight_sigma if relative else None)
+    def cost(self, measured: Complexes, relative: bool) -> Misfit:
+        """The first cost, with the weight of the prior as the method sets it."""
+        weight = self.method.regularisation
+        eta = self.statistics.values.first_variance if weight == "noise" else 0.0 if weight == "l-curve" else float(weight)
+        sigma = joint_sigma(self.sigma, self.tight_sigma if relative else None)  # a ratio has the noise of both
         options, errors = self.method.residual, self.statistics.errors
         rows = penalty_of(self.method, self.statistics.values, self.parameters, self.shapes, self.against_reference)
         further: dict[str, Any] = {"options": options, "sharp": self.sharp, "gains": self.gains}
@@ -275,7 +272,7 @@ class Job:
         own, model = self._used(self.name, self.measurement, every), lambda s: self.source.model(s, self.parameters, None, used)
         return smoothed_costs(misfit, model, self.measurement.frequency_hz, own, tight, self.statistics.calibration)
 
-    def _descend(self, misfit: Misfit, start: Floats) -> Solution:
+    def descend(self, misfit: Misfit, start: Floats) -> Solution:
         """One descent from theta ``start`` by the optimiser of the method; the Jacobian of its result is with respect to z."""
         method, bounds = self.method, self.parameters.bounds
         if method.optimiser == "gauss-newton":
@@ -353,14 +350,14 @@ class Job:
         # Nuisance parameters are taken out of the measurement at their estimates, so that later steps can use the interface FRFs.
         own = solution.theta
         measured = fit.measured * (self.model.frf(own) / model.frf(found.theta))
-        plain = self._misfit(measured, misfit.eta if fit.plain.eta else 0.0, fit.relative).weighted_as(misfit)
+        plain = self.cost(measured, fit.relative).with_eta(misfit.eta if fit.plain.eta else 0.0).weighted_as(misfit)
         return replace(fit, measured=measured, plain=plain, misfit=misfit, solution=solution, knowledge=knowledge, evaluations=evaluations)
 
     def best(self) -> Fit:
         """Final fit: relative to the reference job if its lines are the same, with gains if accepted, then with nuisance parameters."""
         corrected = self.corrected() if self.method.relative and self.error is not None else None
         known = (self.measured(), False) if corrected is None else (corrected, True)
-        found = self.fit(*known)
+        self.compared, found = known, self.fit(*known)
         if self._may_have_gains(found):
             off, more = self._off(found)
             if off:
@@ -392,7 +389,7 @@ class Job:
         Changes at bolts partly compensate for a gain, so there is a second descent from the reference state or the start values.
         """
         misfit = fit.misfit.with_gains(columns_of(self.inputs, shared=self.against_reference))
-        ends = [self._descend(misfit, theta) for theta in (fit.solution.theta, self.prior)]
+        ends = [self.descend(misfit, theta) for theta in (fit.solution.theta, self.prior)]
         best = min(ends, key=lambda end: end.evaluation.total)
         knowledge = posterior(misfit, best, self.shapes, (), noise_of(misfit, best.evaluation, self.selected), self.prior)
         gains = self.gains_of(replace(fit, plain=misfit, solution=best, knowledge=knowledge))

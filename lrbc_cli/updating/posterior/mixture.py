@@ -335,6 +335,14 @@ def _climb(problem: MixtureProblem, prior: BoltPrior, limits: tuple[int, int], s
     return end
 
 
+def _alone(problem: MixtureProblem, prior: BoltPrior, tight: Floats, stop: Stop, i: int) -> State:
+    """The state a few steps from one bolt alone at the mean change of loose ones, and all else as ``tight``."""
+    kinds, z = np.zeros(problem.bolts.size, dtype=bool), tight.copy()
+    kinds[i] = True
+    z[problem.bolts[i]] = max(float(_priors(problem, prior, kinds)[1][problem.bolts[i]]), float(problem.bounds[problem.bolts[i], 0]))
+    return settle(problem, prior, kinds, z, stop, rounds=1)
+
+
 def best_states(
     problem: MixtureProblem,
     starts: Sequence[Floats],
@@ -344,6 +352,8 @@ def best_states(
     rounds: int = 8,
     moves: int = 3,
     near: float = 5.0,
+    kept: int = 3,
+    first: Stop = (1e-2, 3),
     search: Stop = (1e-3, 5),
     last: Stop = (1e-4, 12),
 ) -> list[State]:
@@ -373,6 +383,9 @@ def best_states(
     # Starts that are equal to a tenth of a decade are searched from once.
     apart = {np.round(z, 1).tobytes(): z for z in reversed(starts)}
     begun = [(tight, np.zeros(starts[0].size)), *((z[problem.bolts] < large, z) for z in reversed(apart.values()))]
+    # The ends of a fit may all be in valleys of other bolts: from the tight state each bolt alone is tried, too.
+    alone = side_by_side(partial(_alone, problem, prior, settle(problem, prior, tight, begun[0][1], search).z, first), range(tight.size))
+    begun += [(state.kinds, state.z) for state in sorted(alone, key=lambda state: -state.evidence)[:kept]]
     ends: dict[bytes, State] = {}
     for end in side_by_side(partial(_climb, problem, prior, (rounds, moves), search), begun):
         key = end.kinds.tobytes()

@@ -23,6 +23,8 @@ class ChangeSamples:
     ----------
     bolts : (b,) int array
         Index of each bolt among the unknowns z.
+    z : (m,) float array
+        The most probable state.
     loose : (s, b) float array
         Conditional probability of the loose kind.
     means, stds : (s, b, 2) float arrays
@@ -40,6 +42,7 @@ class ChangeSamples:
     """
 
     bolts: NDArray[np.int64]
+    z: Floats = field(repr=False)
     loose: Floats = field(repr=False)
     means: Floats = field(repr=False)
     stds: Floats = field(repr=False)

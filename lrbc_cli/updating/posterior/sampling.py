@@ -332,7 +332,7 @@ def sample_changes(
             parts.append(_sweeps(problem, prior, state, about, own, burn_in, rng))
             alternatives.append((state.z[problem.bolts], own / int(count.sum())))
     loose, means, stds = (np.concatenate(part) for part in zip(*parts, strict=True))
-    further: dict[str, Any] = {"neighbours": hats, "alternatives": alternatives, "groups": by_group(problem, prior, best)}
+    further: dict[str, Any] = {"neighbours": hats, "alternatives": alternatives, "groups": by_group(problem, prior, best), "z": best.z}
     return ChangeSamples(bolts=problem.bolts, loose=loose, means=means, stds=stds, kinds=best.kinds, prior=prior, **further)
 
 
