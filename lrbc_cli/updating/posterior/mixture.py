@@ -336,10 +336,10 @@ def _climb(problem: MixtureProblem, prior: BoltPrior, limits: tuple[int, int], s
 
 
 def _alone(problem: MixtureProblem, prior: BoltPrior, tight: Floats, stop: Stop, i: int) -> State:
-    """The state a few steps from one bolt alone at the mean change of loose ones, and all else as ``tight``."""
+    """The state a few steps from one joint alone at the mean change of loose ones, and all else as ``tight``."""
     kinds, z = np.zeros(problem.bolts.size, dtype=bool), tight.copy()
     kinds[i] = True
-    z[problem.bolts[i]] = max(float(_priors(problem, prior, kinds)[1][problem.bolts[i]]), float(problem.bounds[problem.bolts[i], 0]))
+    z[problem.bolts[i]] = max(prior.joint_loose_mean, float(problem.bounds[problem.bolts[i], 0]))
     return settle(problem, prior, kinds, z, stop, rounds=1)
 
 
@@ -357,7 +357,9 @@ def best_states(
     search: Stop = (1e-3, 5),
     last: Stop = (1e-4, 12),
 ) -> list[State]:
-    """Most probable kinds by local search with relinearisation, begun from all tight and from each start with its large changes as loose.
+    """Most probable kinds by local search with relinearisation.
+
+    It begins from all tight, from each start with its large changes as loose, and from the most probable states of one loose joint.
 
     Parameters
     ----------
@@ -370,6 +372,8 @@ def best_states(
         Largest number of linearisations, and of moves at each.
     near : float
         States with so much less log evidence are no alternatives: 1 in 150.
+    kept, first : int, (float, int)
+        Number of states of one loose joint from which the search begins, and stop rule of the descents by which they are compared.
     search, last : (float, int)
         Stop rules of the descents during the search, and of the last one. The sum of squares is a few hundred to a few thousand, and a
         tenth matters.
@@ -383,9 +387,11 @@ def best_states(
     # Starts that are equal to a tenth of a decade are searched from once.
     apart = {np.round(z, 1).tobytes(): z for z in reversed(starts)}
     begun = [(tight, np.zeros(starts[0].size)), *((z[problem.bolts] < large, z) for z in reversed(apart.values()))]
-    # The ends of a fit may all be in valleys of other bolts: from the tight state each bolt alone is tried, too.
-    alone = side_by_side(partial(_alone, problem, prior, settle(problem, prior, tight, begun[0][1], search).z, first), range(tight.size))
-    begun += [(state.kinds, state.z) for state in sorted(alone, key=lambda state: -state.evidence)[:kept]]
+    if joints := np.flatnonzero(problem.joint).tolist():
+        # The ends of a fit may all be in valleys of other joints: from the tight state each joint alone is tried, too.
+        own = settle(problem, prior, tight, begun[0][1], search)
+        alone = side_by_side(partial(_alone, problem, prior, own.z, first), joints)
+        begun += [(state.kinds, state.z) for state in sorted(alone, key=lambda state: -state.evidence)[:kept]]
     ends: dict[bytes, State] = {}
     for end in side_by_side(partial(_climb, problem, prior, (rounds, moves), search), begun):
         key = end.kinds.tobytes()
