@@ -7,13 +7,20 @@ import json
 import subprocess
 from functools import partial
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from campaigns import Folder, command, environment
 from grillage import BOLTS, JOBS, grillage, node
 from shared import shared
 
 from lrbc_cli import load
+from lrbc_cli.arrays import Floats
+from lrbc_cli.campaign.identification import job as job_module
+from lrbc_cli.updating.misfit.cost import Misfit
+from lrbc_cli.updating.search.descent import descend
+from lrbc_cli.updating.search.optimise import Solution
 
 #: Fast tests of plate and rigs take the same way.
 pytestmark = pytest.mark.slow
@@ -80,6 +87,25 @@ def test_changes_have_limits_and_values_no_narrower_ones(folder: Folder, job: st
                 assert upper is None or max(value, before[k] + change) < upper
                 assert lower is None or (lower < value and low is not None)
     assert all((bolt["change_interval95"] is None) == (bolt["change_std"] is None) for bolt in tight["bolts"])
+
+
+@pytest.mark.parametrize("wrong", ["B3", "B7"])
+def test_a_fit_goes_on_from_the_most_probable_state(folder: Folder, monkeypatch: pytest.MonkeyPatch, wrong: str) -> None:
+    """A search that ends with another joint loosened: the joint that was is found, and the fit ends where it would have."""
+    study = load(folder.config, cache=folder.cache)
+    tight = study.identify("tight")
+    right = study.identify("single", reference=tight)
+
+    def search(misfit: Misfit, begin: Floats, bounds: Floats, **known: Any) -> Solution:
+        start = begin - 1.5 * known["span"][:, known["joints"][list(BOLTS).index(wrong)]]
+        return descend(misfit, np.clip(start, *bounds.T), bounds, known["span"], max_iterations=5)
+
+    monkeypatch.setattr(job_module, "gauss_newton_by_levels", search)
+    found = study.identify("single", reference=tight)
+    assert found.verdicts == right.verdicts
+    np.testing.assert_allclose(found.identification.solution.theta, right.identification.solution.theta, atol=0.02)
+    assert found.misfit_db == pytest.approx(right.misfit_db, rel=0.01)
+    assert [start.description for start in found.record.optimiser.starts if start.kept] == ["the most probable state of the bolts"]
 
 
 def test_values_name_their_bolts(folder: Folder) -> None:
