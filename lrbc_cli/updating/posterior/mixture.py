@@ -335,12 +335,15 @@ def _climb(problem: MixtureProblem, prior: BoltPrior, limits: tuple[int, int], s
     return end
 
 
-def _alone(problem: MixtureProblem, prior: BoltPrior, tight: Floats, stop: Stop, i: int) -> State:
-    """The state a few steps from one joint alone at the mean change of loose ones, and all else as ``tight``."""
-    kinds, z = np.zeros(problem.bolts.size, dtype=bool), tight.copy()
+def _alone(problem: MixtureProblem, prior: BoltPrior, tight: Floats, stop: Stop, i: int) -> list[State]:
+    """States a few steps from one joint alone at the mean change of loose ones or a standard deviation from it, and all else as ``tight``."""
+    kinds, at, found = np.zeros(problem.bolts.size, dtype=bool), problem.bolts[i], []
     kinds[i] = True
-    z[problem.bolts[i]] = max(prior.joint_loose_mean, float(problem.bounds[problem.bolts[i], 0]))
-    return settle(problem, prior, kinds, z, stop, rounds=1)
+    for away in (-prior.joint_loose_std, 0.0, prior.joint_loose_std):
+        z = tight.copy()
+        z[at] = max(prior.joint_loose_mean + away, float(problem.bounds[at, 0]))
+        found.append(settle(problem, prior, kinds, z, stop, rounds=1))
+    return found
 
 
 def best_states(
@@ -390,7 +393,9 @@ def best_states(
     if joints := np.flatnonzero(problem.joint).tolist():
         # The ends of a fit may all be in valleys of other joints: from the tight state each joint alone is tried, too.
         own = settle(problem, prior, tight, begun[0][1], search)
-        alone = side_by_side(partial(_alone, problem, prior, own.z, first), joints)
+        alone = [
+            max(levels, key=lambda one: one.evidence) for levels in side_by_side(partial(_alone, problem, prior, own.z, first), joints)
+        ]
         begun += [(state.kinds, state.z) for state in sorted(alone, key=lambda state: -state.evidence)[:kept]]
     ends: dict[bytes, State] = {}
     for end in side_by_side(partial(_climb, problem, prior, (rounds, moves), search), begun):
