@@ -336,7 +336,7 @@ def _climb(problem: MixtureProblem, prior: BoltPrior, limits: tuple[int, int], s
 
 
 def _alone(problem: MixtureProblem, prior: BoltPrior, tight: Floats, stop: Stop, i: int) -> list[State]:
-    """States a few steps from one joint alone at the mean change of loose ones or a standard deviation from it, and all else as ``tight``."""
+    """States a few steps from one joint alone at the mean change of loose ones or one standard deviation beside, all else as ``tight``."""
     kinds, at, found = np.zeros(problem.bolts.size, dtype=bool), problem.bolts[i], []
     kinds[i] = True
     for away in (-prior.joint_loose_std, 0.0, prior.joint_loose_std):
