@@ -32,7 +32,7 @@ def without_coherence(measurements: Mapping[str, Measurement]) -> list[str]:
 
 
 def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) -> list[str]:
-    """Warnings about measurements that cannot be corrected by the reference job because their lines differ.
+    """Warnings about measurements whose lines differ from those of the reference job, or whose files begin at another line.
 
     Parameters
     ----------
@@ -44,9 +44,14 @@ def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) 
     tight = measurements.get(reference or "")
     found = []
     for name, own in measurements.items() if tight is not None else ():
-        if tight is None or not (difference := unlike(own.frequency_hz, tight.frequency_hz)) or _cut(own, tight):
+        if tight is None or _cut(own, tight):
             continue
-        aside = shifted(own, tight)
+        aside, recount = shifted(own, tight), "Check whether they were counted from another first line, and correct its frequencies"
+        # After a shift by whole lines, those in the band are the same.
+        if not (difference := unlike(own.frequency_hz, tight.frequency_hz)):
+            if aside:
+                found.append(f"job {name}: its file begins {aside} than that of {reference}, with as many lines. {recount}")
+            continue
         counted, other = numbered(own, tight), clocked(own, tight)
         found.append(
             f"job {name}: its frequency lines differ from those of {reference} ({difference}). It is compared without the correction by "
@@ -55,8 +60,7 @@ def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) 
                 f"Its frequencies are probably the numbers of its lines, counted from {counted}: give the column of the frequencies under "
                 f"jobs.{name}.format.frequency"
                 if counted
-                else f"Its file begins {aside}, with as many lines. Check whether they were counted from another first line, and correct "
-                "its frequencies"
+                else f"Its file begins {aside}, with as many lines. {recount}"
                 if aside
                 else f"Its frequencies are {other:.5g} times those of {reference}, line by line. Check whether another sampling rate was "
                 f"entered. Divide them by {other:.5g}, or measure again with the settings of {reference}"
