@@ -261,7 +261,7 @@ def offset_findings(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list
         delayed = tuple(o.response for o in late)
         text = (
             f"probably {word}: {_names(inputs, delayed, len(offsets))}: sensors {1e3 * abs(delay):.3g} ms {side} the hammer (measured "
-            f"phases leave the model's by 360 degrees every {abs(1.0 / delay):.3g} Hz). Possible causes: another front end, filter or "
+            f"phases leave the model's by 360 degrees every {abs(1.0 / delay):.4g} Hz). Possible causes: another front end, filter or "
             "trigger. Let the analyser correct the delay of its channels, and export again; the calibration is sensitive to the delay"
         )
         found.append(Finding(text=text, kind=Kind.LATE if delay > 0 else Kind.EARLY, responses=delayed))
