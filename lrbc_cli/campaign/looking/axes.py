@@ -9,7 +9,7 @@ import numpy as np
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, MOST_LEFT, levels, spread
 from lrbc_cli.campaign.identification.records import Measurement, unlike
-from lrbc_cli.campaign.looking.causes.rescaled import scaled_text
+from lrbc_cli.campaign.looking.causes.rescaled import both_text, scaled_text
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.statistics.lines import MIN_BAND
@@ -162,9 +162,11 @@ def stretched_text(measurement: Measurement, seen: Seen, *, most: float = 2.0, s
     """
     own, here, frequency_hz = levels(measurement.values), levels(seen.model), seen.measurement.frequency_hz
 
+    def read(there: Floats) -> Floats:
+        return np.column_stack([np.interp(there, measurement.frequency_hz, level, np.nan, np.nan) for level in own.T])
+
     def left(there: Floats) -> float:
-        read = np.column_stack([np.interp(there, measurement.frequency_hz, level, np.nan, np.nan) for level in own.T])
-        return float(np.median(spread(read - here, 0)))
+        return float(np.median(spread(read(there) - here, 0)))
 
     factors = most ** (np.arange(-steps, steps + 1) / steps)
     found = [left(frequency_hz * factor) for factor in factors]
@@ -186,7 +188,10 @@ def stretched_text(measurement: Measurement, seen: Seen, *, most: float = 2.0, s
     # Confused sampling rates have a smaller ratio than wrong materials.
     typed = 1.0 / RATES <= best <= RATES
     cause = f"{rate if typed else wrong[:1].upper() + wrong[1:]}; stiffness off by a factor of {best**2:.2g}, springs of bolts in addition"
-    if not typed and (scaled := scaled_text(seen, best)):
+    level = float(np.nanmedian(read(frequency_hz * best) - here))
+    if both := both_text(seen, measurement, best, level):
+        cause = both
+    elif not typed and (scaled := scaled_text(seen, best)):
         cause = f"{wrong[:1].upper() + wrong[1:]}; {scaled}"
     return (
         f"all measured resonances are probably at {best:.3g} times the frequencies of the model: this factor reduces the level misfit "
