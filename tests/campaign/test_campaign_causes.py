@@ -12,7 +12,7 @@ from rods import rod
 
 from lrbc_cli import load
 from lrbc_cli.campaign.jobs.evidence import evidence_of
-from lrbc_cli.campaign.looking.axes import without_coherence
+from lrbc_cli.campaign.looking.axes import other_lines, without_coherence
 from lrbc_cli.updating.judging.evidence import Evidence
 
 #: Jobs: changes of bolts in decades, and a factor on the damping.
@@ -53,3 +53,17 @@ def test_a_job_without_coherence_beside_others_with_it() -> None:
     assert told.startswith("job one: no coherence in its file, but the other jobs have it")
     assert without_coherence({"tight": known, "two": known} | {"one": known}) == []
     assert without_coherence({"tight": unknown, "two": unknown}) == []
+
+
+def test_a_file_that_was_counted_from_another_line() -> None:
+    """By whole lines: those in the band are the same, only more of one side are left out."""
+    hz = np.arange(10.0, 451.0)
+
+    def job(below: int, above: int) -> Any:
+        return SimpleNamespace(frequency_hz=hz, left_out=(below, above))
+
+    (told,) = other_lines("tight", {"tight": job(5, 5), "one": job(4, 6), "two": job(5, 5)})
+    assert told.startswith("job one: its file begins 1 Hz higher than that of tight, with as many lines")
+    assert told.endswith("correct its frequencies")
+    # Another range is no mistake.
+    assert other_lines("tight", {"tight": job(5, 5), "shorter": job(4, 5), "whole": job(5, 150)}) == []

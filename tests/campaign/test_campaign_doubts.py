@@ -184,6 +184,22 @@ def test_what_is_found_is_told_apart_by_kind_and_responses(frame: Folder) -> Non
     assert [(found.kind, found.responses) for found in offset_findings(inputs, [wrong, *sound[1:]], "tight")] == [(Kind.UNITS, (0,))]
 
 
+def test_one_factor_of_all_responses_may_be_the_material_of_the_model(frame: Folder) -> None:
+    inputs = frame.inputs()
+    offsets = [Offset(response=i, db=-8.7, half=0.5, power=0, known=(), before=9.0, after=1.0, named=True) for i in range(4)]
+    (one,) = offset_findings(inputs, offsets, "tight")
+    assert "or modulus and density of the model, both about 2.7 times too small (steel and aluminium differ by 2.9)" in one.text
+    assert one.text.endswith("otherwise check the sensitivities, then write jobs.tight.scale: 2.7227")
+    # Not of one job alone, of some responses, or beside air, which is as it is.
+    air = replace(inputs, model=replace(inputs.model, is_acoustic=np.arange(inputs.model.size) == 0))
+    for told in (
+        offset_findings(inputs, offsets, "loose-2"),
+        offset_findings(inputs, [*offsets[:2], *(replace(offset, db=0.1, named=False) for offset in offsets[2:])], "tight"),
+        offset_findings(air, offsets, "tight"),
+    ):
+        assert "modulus and density" not in told[0].text
+
+
 def test_a_measurement_alone_that_is_not_explained(frame: Folder) -> None:
     """The reference job is: then model and units are right."""
     inputs = frame.inputs()

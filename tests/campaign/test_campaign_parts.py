@@ -120,6 +120,42 @@ def test_a_density_that_is_wrong_as_a_whole(monkeypatch: pytest.MonkeyPatch, mas
     assert wrong == f"mass {1.0 / mass:.2g}"
 
 
+@pytest.mark.parametrize(
+    ("stiffness", "mass", "says"),
+    [
+        (0.30, 0.66, "The thickness of plates, or the height of beams, is probably 1.5 times too large in the model"),
+        (2.2, 1.29, "The thickness of plates, or the height of beams, is probably 1.3 times too small in the model"),
+        (0.35, 0.33, "Stiffness and mass of the model are probably both about 2.9 times too large"),
+        (0.53, 1.02, ""),
+        (0.98, 2.2, ""),
+        # Another clock, and a gain.
+        (1.14, 1.04, ""),
+    ],
+)
+def test_what_the_factors_of_a_rough_calibration_mean(monkeypatch: pytest.MonkeyPatch, stiffness: float, mass: float, says: str) -> None:
+    """Found in rounds, each of which reaches no farther than its bounds."""
+    names = ("stiffness.structure", "mass.structure")
+    true, starts = dict(zip(names, (stiffness, mass), strict=True)), list[dict[str, float]]()
+
+    def calibrated(_: Any, __: Any, *, beside: dict[str, float]) -> Any:
+        starts.append(beside)
+        return SimpleNamespace(factors={name: np.clip(true[name] / beside[name], 0.74, 1.35) for name in names})
+
+    monkeypatch.setattr(rescaled, "roughly_calibrated", calibrated)
+    monkeypatch.setattr(Seen, "of", lambda *_: SimpleNamespace(misfit=0.7))
+    settings = SimpleNamespace(job="tight", names=names)
+    inputs = SimpleNamespace(campaign=SimpleNamespace(calibration=settings))
+    job: Any = SimpleNamespace(inputs=inputs, job="tight", source=None)
+    ratio, level = (stiffness / mass) ** 0.5 * 1.1, -20.0 * np.log10(mass) + 4.0
+    text = rescaled.both_text(job, Any, ratio, level)
+    assert text.startswith(says)
+    assert bool(text) == bool(says)
+    assert len(starts) == 3
+    # Where one of the two is not calibrated, nothing is known.
+    settings.names = names[:1]
+    assert rescaled.both_text(job, Any, ratio, level) == ""
+
+
 def test_a_structure_beside_air_of_another_material() -> None:
     text = told(assembly(0.34, joined=True, first=0.34), assembly(joined=True), air=True)
     assert text.startswith("the mass of the structure is probably about 2.9 times too small")

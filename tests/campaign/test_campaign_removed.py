@@ -6,11 +6,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 from looking import measurement
 from samples import reduced_cache, sample
 
+from lrbc_cli.campaign.looking.causes import removed
 from lrbc_cli.campaign.looking.causes.removed import removed_findings
-from lrbc_cli.campaign.looking.states import Looking
+from lrbc_cli.campaign.looking.states import Looking, Seen
 from lrbc_cli.campaign.reduced.stage import obtain_reduction
 
 HZ = np.arange(40.0, 500.0, 2.0)
@@ -54,6 +56,23 @@ def test_files_of_two_jobs_exchanged() -> None:
     (text,) = told({"one": (ONE, TWO), "two": (TWO, ONE), "three": (THREE, THREE)})
     assert text.startswith("the files of one and two are probably exchanged: each fits the removed bolts of the other")
     assert "Exchange jobs.one.frf and jobs.two.frf, or correct `removed` of both" in text
+
+
+def test_bolts_numbered_from_the_other_end_of_a_structure_that_is_nearly_symmetrical(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stated bolts explain the jobs half as badly again: enough if each job is nearest to the others among the bolts of all jobs."""
+    one, two = frozenset({"B1", "B2"}), frozenset({"B2"})
+
+    def distances(seen: Seen, sets: list[frozenset[str]], third: float) -> np.ndarray:
+        stated = one if seen.job == "one" else two
+        turned = frozenset({"B5", "B6"}) if seen.job == "one" else frozenset({"B5"})
+        return np.array([1.5 if each == stated else 1.0 if each == turned else third for each in sets])
+
+    jobs = {"one": (("B1", "B2"), ()), "two": (("B2",), ())}
+    monkeypatch.setattr(removed, "_distances", lambda seen, sets: distances(seen, sets, 2.0))
+    (text,) = told(jobs)
+    assert "are probably numbered from the other end" in text
+    monkeypatch.setattr(removed, "_distances", lambda seen, sets: distances(seen, sets, 0.99))
+    assert told(jobs) == []
 
 
 def test_bolts_numbered_from_the_other_end() -> None:

@@ -314,6 +314,28 @@ def test_a_bolt_that_was_loose_in_the_reference_job_shows_after_a_rough_calibrat
     assert "set update.reference and calibration.job to a tight job" in told
 
 
+@pytest.mark.parametrize(
+    ("stiffness", "mass", "told"),
+    [
+        (0.7**3, 0.7, "The thickness of plates, or the height of beams, is probably 1.4 times too small in the model: with its stiffness"),
+        (2.9, 2.9, "modulus and density of the model, both about 2.9 times too large"),
+        # Of one matrix it is that one.
+        (2.2, 1.0, "the stiffness matrix is 2.2 times too large"),
+    ],
+)
+def test_stiffness_and_mass_that_are_wrong_together(tmp_path: Path, stiffness: float, mass: float, told: str) -> None:
+    file = beam.make(tmp_path)
+    times("K.mtx", stiffness)(tmp_path)
+    times("M.mtx", mass)(tmp_path)
+    # Springs are not known well either.
+    text("bushings.csv", f"{beam.SPRING:g}", f"{0.8 * beam.SPRING:g}")(tmp_path)
+    block = "calibration: {job: ref, factors: [stiffness.structure, mass.structure, alpha.structure, beta.structure]}\n"
+    file.write_text(file.read_text(encoding="utf-8") + block, encoding="utf-8")
+    warnings = lrbc("check", file).stdout.partition("\nwarnings\n")[2]
+    assert told in warnings
+    assert ("height of beams" in warnings) == ("height of beams" in told)
+
+
 def test_springs_in_another_unit_show_after_a_rough_calibration() -> None:
     """All springs of a table a thousand times lower, within the scatter of joints; no table, or a few springs alone, is none of it."""
 

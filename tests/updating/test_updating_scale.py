@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from pads import PADS, S, loosened, pads_model, pads_ports
 
-from lrbc_cli.updating.comparison.scale import Offset, delay_of, grouped, misses_unit, offsets_of
+from lrbc_cli.updating.comparison.delays import delay_of
+from lrbc_cli.updating.comparison.scale import Offset, grouped, misses_unit, offsets_of
 from lrbc_cli.updating.misfit.frf import port_model
 
 FREQUENCY = S.imag / (2 * np.pi)
@@ -49,11 +50,20 @@ def test_a_delay_of_the_sensors(frfs, milliseconds):
         assert [o.delay for o in found(sign * late, frfs["far"], frfs["computed"])] == [pytest.approx(1e-3 * milliseconds, rel=0.05)] * 4
 
 
+def test_a_delay_that_shows_in_all_responses_together(frfs):
+    """A fifth of a turn at the upper end of the band: no response alone shows it beside errors of the model."""
+    late = frfs["measured"] * np.exp(-2j * np.pi * FREQUENCY * 0.5e-3)[:, None]
+    assert not any(delay_of(FREQUENCY, late[:, [i]], frfs["computed"][:, [i]]) for i in range(4))
+    assert [o.delay for o in found(late, frfs["far"], frfs["computed"])] == [pytest.approx(0.5e-3, rel=0.05)] * 4
+    # Delays of single responses are none of all.
+    assert not any(o.delay for o in found(np.where(np.arange(4) < 2, late, frfs["measured"]), frfs["computed"]))
+
+
 def test_resonances_that_the_model_has_not_are_no_delay():
     """Each turns the phase by 180 degrees: a stair, which a straight line fits badly."""
     frequency = np.linspace(10.0, 500.0, 400)
     stair = np.exp(-1j * np.pi * np.floor(frequency / 25.0))
-    assert delay_of(frequency, stair, np.ones(400, dtype=complex)) == 0.0
+    assert delay_of(frequency, stair[:, None], np.ones((400, 1), dtype=complex)) == 0.0
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy as np
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, MOST_LEFT, levels, spread
 from lrbc_cli.campaign.identification.records import Measurement, unlike
-from lrbc_cli.campaign.looking.causes.rescaled import scaled_text
+from lrbc_cli.campaign.looking.causes.rescaled import both_text, scaled_text
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.statistics.lines import MIN_BAND
@@ -32,7 +32,7 @@ def without_coherence(measurements: Mapping[str, Measurement]) -> list[str]:
 
 
 def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) -> list[str]:
-    """Warnings about measurements that cannot be corrected by the reference job because their lines differ.
+    """Warnings about measurements whose lines differ from those of the reference job, or whose files begin at another line.
 
     Parameters
     ----------
@@ -44,9 +44,14 @@ def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) 
     tight = measurements.get(reference or "")
     found = []
     for name, own in measurements.items() if tight is not None else ():
-        if tight is None or not (difference := unlike(own.frequency_hz, tight.frequency_hz)) or _cut(own, tight):
+        if tight is None or _cut(own, tight):
             continue
-        aside = shifted(own, tight)
+        aside, recount = shifted(own, tight), "Check whether they were counted from another first line, and correct its frequencies"
+        # After a shift by whole lines, those in the band are the same.
+        if not (difference := unlike(own.frequency_hz, tight.frequency_hz)):
+            if aside:
+                found.append(f"job {name}: its file begins {aside} than that of {reference}, with as many lines. {recount}")
+            continue
         counted, other = numbered(own, tight), clocked(own, tight)
         found.append(
             f"job {name}: its frequency lines differ from those of {reference} ({difference}). It is compared without the correction by "
@@ -55,8 +60,7 @@ def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) 
                 f"Its frequencies are probably the numbers of its lines, counted from {counted}: give the column of the frequencies under "
                 f"jobs.{name}.format.frequency"
                 if counted
-                else f"Its file begins {aside}, with as many lines. Check whether they were counted from another first line, and correct "
-                "its frequencies"
+                else f"Its file begins {aside}, with as many lines. {recount}"
                 if aside
                 else f"Its frequencies are {other:.5g} times those of {reference}, line by line. Check whether another sampling rate was "
                 f"entered. Divide them by {other:.5g}, or measure again with the settings of {reference}"
@@ -158,9 +162,11 @@ def stretched_text(measurement: Measurement, seen: Seen, *, most: float = 2.0, s
     """
     own, here, frequency_hz = levels(measurement.values), levels(seen.model), seen.measurement.frequency_hz
 
+    def read(there: Floats) -> Floats:
+        return np.column_stack([np.interp(there, measurement.frequency_hz, level, np.nan, np.nan) for level in own.T])
+
     def left(there: Floats) -> float:
-        read = np.column_stack([np.interp(there, measurement.frequency_hz, level, np.nan, np.nan) for level in own.T])
-        return float(np.median(spread(read - here, 0)))
+        return float(np.median(spread(read(there) - here, 0)))
 
     factors = most ** (np.arange(-steps, steps + 1) / steps)
     found = [left(frequency_hz * factor) for factor in factors]
@@ -182,7 +188,10 @@ def stretched_text(measurement: Measurement, seen: Seen, *, most: float = 2.0, s
     # Confused sampling rates have a smaller ratio than wrong materials.
     typed = 1.0 / RATES <= best <= RATES
     cause = f"{rate if typed else wrong[:1].upper() + wrong[1:]}; stiffness off by a factor of {best**2:.2g}, springs of bolts in addition"
-    if not typed and (scaled := scaled_text(seen, best)):
+    level = float(np.nanmedian(read(frequency_hz * best) - here))
+    if both := both_text(seen, measurement, best, level):
+        cause = both
+    elif not typed and (scaled := scaled_text(seen, best)):
         cause = f"{wrong[:1].upper() + wrong[1:]}; {scaled}"
     return (
         f"all measured resonances are probably at {best:.3g} times the frequencies of the model: this factor reduces the level misfit "

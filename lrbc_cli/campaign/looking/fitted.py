@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -13,8 +14,10 @@ from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.weights import correction
 from lrbc_cli.campaign.looking.states import Looking, Seen
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reduced.stage import affine_model
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.factors import with_factors
+from lrbc_cli.reduction.reduced.affine import AffineModel
 from lrbc_cli.updating.calibration.calibrate import FactorProblem, descents
 from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.comparison.scale import LEAST_LINES
@@ -154,7 +157,9 @@ def _rough_theta(problem: FactorProblem, *, lines: int = 150, size: int = 120, l
     return descents(few, few.start, far=True, limit=iterations, soft=True)[0].theta
 
 
-def roughly_calibrated(source: Looking, measurement: Measurement, *, uneven: float = 1.5) -> Looking | None:
+def roughly_calibrated(
+    source: Looking, measurement: Measurement, *, beside: Mapping[str, float] | None = None, uneven: float = 1.5
+) -> Looking | None:
     """Model with the factors and boundary values of a rough calibration.
 
     Parameters
@@ -163,6 +168,8 @@ def roughly_calibrated(source: Looking, measurement: Measurement, *, uneven: flo
         FRFs of the model as exported.
     measurement : Measurement
         Of the calibration job.
+    beside : mapping of str to float or None
+        Factors from which to start instead of the model as exported; those of the result are relative to them.
     uneven : float
         If the misfits of two excitations differ by this factor, or one is not fitted, the model is calibrated from each alone, and the
         best fit counts: the place of another excitation may be wrong.
@@ -180,6 +187,8 @@ def roughly_calibrated(source: Looking, measurement: Measurement, *, uneven: flo
     if before <= LEAST_DIFFERENCE:
         return None
     try:
+        if beside is not None:
+            source = _multiplied(source, affine_model(inputs, source.stage), beside)
         problem, _ = first_problem(source, measurement)
         with source.threads():
             found = _calibrated_by(source, problem, _rough_theta(problem))
@@ -207,14 +216,20 @@ def _of_excitation(inputs: Inputs, problem: FactorProblem, at: int) -> FactorPro
 
 def _calibrated_by(source: Looking, problem: FactorProblem, theta: Floats) -> Looking:
     """The model with the factors and boundary values that theta holds."""
-    assert source.stage is not None
-    inputs, parameters = source.inputs, problem.parameters
+    parameters = problem.parameters
     factors = {name: float(np.exp(value)) for name, value in zip(problem.names, theta[parameters.size :], strict=False)}
     start: dict[str, Floats] = {}
     for group, values, at in parameters.placed:
         start[group.name] = theta[values]
         if at is not None:
             start[f"{group.name}.damping"] = theta[at : at + 1]
-    model, recipe = with_factors(inputs.model, inputs.recipe, factors)
-    stage = replace(source.stage, reduction=replace(source.stage.reduction, model=problem.model.at(factors)))
-    return Looking(inputs=replace(inputs, model=model, recipe=recipe), stage=stage, kind="port", start=start, factors=factors)
+    return replace(_multiplied(source, problem.model, factors), start=start, factors=factors)
+
+
+def _multiplied(source: Looking, model: AffineModel, factors: Mapping[str, float]) -> Looking:
+    """FRFs with these factors of the model."""
+    assert source.stage is not None
+    inputs = source.inputs
+    whole, recipe = with_factors(inputs.model, inputs.recipe, factors)
+    stage = replace(source.stage, reduction=replace(source.stage.reduction, model=model.at(factors)))
+    return Looking(inputs=replace(inputs, model=whole, recipe=recipe), stage=stage, kind="port")

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, lru_cache
+from functools import cache
 from itertools import product
 
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.updating.comparison.delays import delay_of
 from lrbc_cli.updating.robust import scatter
 
 #: Number of parts of the band whose medians are compared, least number of lines of each, Student's t for so many medians (two-sided 95 %).
@@ -44,13 +45,6 @@ ALIKE, TURNED = 0.6, 0.6
 
 #: The same for the mean over all responses, to decide that all are mirrored.
 LEAST_ALIKE = 0.35
-
-#: Least mean cosine between measured and computed phases with a delay taken out, and its least excess over the cosine without: phases that
-#: fall by 180 degrees at each resonance, compared with those of a model that do not, reach 2 / pi = 0.64.
-LATE, LATER = 0.8, 0.3
-
-#: Largest number of lines from which a delay is estimated.
-DELAY_LINES = 200
 
 OWN_UNITS = {"pressure": "Pa", "displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}
 
@@ -300,43 +294,8 @@ def offset_of(
     big = best.power != 0 or abs(best.db) >= max(LEAST_OFFSET, best.half)
     named = bool(big and np.isfinite(best.half) and best.after <= LEFT * least)
     known = tuple(k for k in best.known if k.db != 0.0 or best.power)
-    return replace(best, known=known, before=least, named=named, phases=_scores(x, y, best.power), delay=delay_of(lines, x, y))
-
-
-def delay_of(frequency_hz: Floats, measured: Complexes, model: Complexes) -> float:
-    """Delay of the measured relative to the computed FRFs [s]; 0 if no delay makes their phases agree, or they agree without.
-
-    Parameters
-    ----------
-    frequency_hz : (F,) float array
-    measured, model : (F,) complex arrays
-        No zeros.
-    """
-    few = np.unique(np.linspace(0, frequency_hz.size - 1, min(frequency_hz.size, DELAY_LINES)).round().astype(np.int64))
-    f, z = frequency_hz[few], (measured / np.abs(measured) * np.conj(model / np.abs(model)))[few]
-    width = float(np.ptp(f))
-
-    def alike(turns: Complexes) -> Floats:
-        # Absolute value, because a sensor may be reversed, too.
-        return np.asarray(np.abs(np.real(turns @ z)) / f.size)
-
-    coarse, turns = _delays(f.tobytes())
-    fine = coarse[int(np.argmax(alike(turns)))] + np.linspace(-1.0, 1.0, 41) / (4.0 * width)
-    found = alike(np.exp(2j * np.pi * np.outer(fine, f)))
-    best = int(np.argmax(found))
-    clear = found[best] >= LATE and found[best] - alike(np.ones((1, f.size), dtype=complex))[0] >= LATER
-    return float(fine[best]) if clear else 0.0
-
-
-@lru_cache(maxsize=4)
-def _delays(lines: bytes) -> tuple[Floats, Complexes]:
-    """Delays to try for given lines, and the factors that undo each; cached, since most responses of a campaign have the same lines."""
-    f = np.frombuffer(lines)
-    width, step = float(np.ptp(f)), float(np.median(np.diff(f)))
-    # Up to a quarter turn from line to line, in four steps over the width of the maximum.
-    count = int(np.ceil(width / step))
-    delays = np.arange(-count, count + 1) / (4.0 * width)
-    return delays, np.exp(2j * np.pi * np.outer(delays, f))
+    delay = delay_of(lines, x[:, None], y[:, None])
+    return replace(best, known=known, before=least, named=named, phases=_scores(x, y, best.power), delay=delay)
 
 
 def moved(quantity: str, power: int) -> str | None:
@@ -384,7 +343,14 @@ def offsets_of(frequency_hz: Floats, measured: Complexes, states: Sequence[Compl
                     other, clear = replace(clearest, response=offset.response, before=offset.before, after=offset.after), True
             if other is not None and clear:
                 found[i] = other
-    return tuple(_one_convention(found))
+    found = _one_convention(found)
+    if any(o.delay or o.conjugate for o in found):
+        return tuple(found)
+    # One front end: what is not clear for any response alone may be for all together, in the state in which their phases agree best.
+    every = [o.response for o in found]
+    unturned = measured[:, every] * 1j ** -np.array([o.power for o in found])
+    delay = max((delay_of(frequency_hz, unturned, y[:, every]) for y in states), key=abs, default=0.0) if every else 0.0
+    return tuple(replace(o, delay=delay) for o in found)
 
 
 @dataclass(frozen=True)

@@ -188,7 +188,7 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
             f"known here (then {own})"
         )
     if not causes:
-        return text, f"{likely} a sensitivity, a gain or a unit that is not known here. Check it, then write {own}"
+        return text, f"{likely} {_unknown_text(inputs, offset, own, some=some)}"
     known = next(known for known in recognised if known.cause)
     own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-known.db / 20.0))}"
     cause = f"{likely} {' or '.join(causes)}. Write "
@@ -196,6 +196,20 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
         scales = (f"responses.{inputs.responses[i].name}.scale: {10.0 ** (known.db / 20.0):.6g}" for i in common.responses)
         return text, cause + ", ".join(scales)
     return text, cause + (f"jobs.{job}.format.unit: {unit}, or {own}" if unit and len(common.responses) == count else own)
+
+
+def _unknown_text(inputs: Inputs, offset: Offset, own: str, *, some: bool) -> str:
+    """Causes of a factor that no unit explains, and the fix (``own``: for a sensitivity), of all responses in all jobs unless ``some``."""
+    unknown = "a sensitivity, a gain or a unit that is not known here"
+    # Beside air, which is as it is, another material of the structure is not one factor.
+    if some or inputs.model.is_acoustic.any():
+        return f"{unknown}. Check it, then write {own}"
+    times = f"{10.0 ** (abs(offset.db) / 20.0):.2g} times too {'large' if offset.db > 0.0 else 'small'}"
+    return (
+        f"{unknown}, or modulus and density of the model, both about {times} (steel and aluminium differ by 2.9). Compare the mass sum "
+        "with the weight of the structure: if it is wrong by this factor, correct the material in the FE model and export it again; "
+        f"otherwise check the sensitivities, then write {own}"
+    )
 
 
 def _beside_unit(inputs: Inputs, common: Common, job: str) -> str:
@@ -261,7 +275,7 @@ def offset_findings(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list
         delayed = tuple(o.response for o in late)
         text = (
             f"probably {word}: {_names(inputs, delayed, len(offsets))}: sensors {1e3 * abs(delay):.3g} ms {side} the hammer (measured "
-            f"phases leave the model's by 360 degrees every {abs(1.0 / delay):.3g} Hz). Possible causes: another front end, filter or "
+            f"phases leave the model's by 360 degrees every {abs(1.0 / delay):.4g} Hz). Possible causes: another front end, filter or "
             "trigger. Let the analyser correct the delay of its channels, and export again; the calibration is sensitive to the delay"
         )
         found.append(Finding(text=text, kind=Kind.LATE if delay > 0 else Kind.EARLY, responses=delayed))

@@ -11,12 +11,15 @@ from scipy.optimize import minimize_scalar
 
 from lrbc_cli.arrays import Complexes, Integers, spaced
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, levels, spread
+from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.looking.fitted import roughly_calibrated
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.places import GRAVITIES, POWERS, mistake_text
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.problem.full import full_ports
 from lrbc_cli.reduction.reduced.ports import PortFrf
+from lrbc_cli.updating.comparison.scale import LEAST_OFFSET
 from lrbc_cli.updating.peaks import peaks_of
 
 #: Largest level misfit that may remain, constants removed, and largest difference of the constants [dB].
@@ -139,6 +142,56 @@ def scaled_text(seen: Seen, ratio: float, *, most: int = 12, share: float = 0.1,
             size = fits[right[0]][0]
             return mistake_text(inputs.campaign, right[0], float(f"{size:.2g}") if size > 1.0 else 1.0 / float(f"{1.0 / size:.2g}"))
     return None
+
+
+def both_text(seen: Seen, whole: Measurement, ratio: float, level: float, *, rounds: int = 3) -> str:
+    """Warning if stiffness and mass of the model are wrong together, as by a thickness or by the material; else empty.
+
+    A thickness changes the bending stiffness by its cube and the mass in proportion; steel and aluminium differ in both by 2.9. The springs
+    of bolts remain, so frequencies alone do not tell this from one wrong matrix: rough calibrations find both factors, each from the end
+    of the one before.
+
+    Parameters
+    ----------
+    seen : Seen
+    whole : Measurement
+        The same on all its lines.
+    ratio, level : float
+        Measured over computed frequencies, and level of the FRFs with this taken out [dB].
+    rounds : int
+        Number of calibrations: each reaches a factor of 1.35.
+    """
+    inputs, names = seen.inputs, ("stiffness.structure", "mass.structure")
+    settings = inputs.campaign.calibration
+    if settings is None or settings.job != seen.job or not set(names) <= set(settings.names):
+        return ""
+    mass, left = 10.0 ** (-level / 20.0), np.inf
+    now = dict(zip(names, (mass * ratio**2, mass), strict=True))
+    for _ in range(rounds):
+        if (found := roughly_calibrated(seen.source, whole, beside=now)) is None:
+            return ""
+        now, left = {name: value * found.factors[name] for name, value in now.items()}, Seen.of(found, seen.job, whole).misfit
+    stiffness, mass = np.log(list(now.values())).tolist()
+    # Distances from what errors of a thickness, of the material, and of one matrix leave.
+    away = {"thickness": abs(stiffness - 3.0 * mass) / 10.0**0.5, "material": abs(stiffness - mass) / 2.0**0.5}
+    likely, *others = sorted((*away.items(), ("mass", abs(stiffness)), ("stiffness", abs(mass))), key=lambda each: each[1])
+    # A smaller factor of the mass cannot be told from gains of the sensors, beside another clock for example.
+    if likely[0] not in away or likely[1] > CLEARLY * others[0][1] or abs(mass) < np.log(10.0) / 20.0 * LEAST_OFFSET:
+        return ""
+    thin = likely[0] == "thickness"
+    size = float(np.exp((3.0 * stiffness + mass) / 10.0 if thin else (stiffness + mass) / 2.0))
+    wrong = f"{1.0 / size:.2g} times too large" if size < 1.0 else f"{size:.2g} times too small"
+    factors = f"stiffness times {np.exp(stiffness):.2g} and mass times {np.exp(mass):.2g}"
+    said = f"with its {factors} a rough calibration leaves {left:.1f} dB"
+    if thin:
+        return (
+            f"The thickness of plates, or the height of beams, is probably {wrong} in the model: {said}, and these are about the third and "
+            "the first power of one factor. Correct it in the FE model, and export it again"
+        )
+    return (
+        f"Stiffness and mass of the model are probably both about {wrong}: {said}. Steel and aluminium differ by 2.9 in both. Correct "
+        "modulus and density in the FE model, and export it again"
+    )
 
 
 def overdamped_text(seen: Seen, most: float) -> str | None:
