@@ -96,6 +96,13 @@ def changes_of(
         offset = -0.5 * there.log_det * there.level**2 / variance
         return data_by(Level(there, prior, shapes.T), there.carried(further, plain)), offset
 
+    def nearby(z: Floats) -> Callable[[Floats], Floats]:
+        theta = np.clip(level.theta(z[:count]), *parameters.bounds.T)
+        there = plain if error is None else plain.about(theta, error)
+        carried = further if error is None else there.carried(further, plain)
+        frf = plain.model.nearby(theta) if isinstance(plain.model, FrfModel) else plain.model.frf
+        return lambda z: there.residuals(level.theta(z[:count]), frf) + carried @ z[count:]
+
     free = np.tile([-np.inf, np.inf], (further.shape[1], 1))
     order, first = np.unique(shapes.bolts, return_index=True)
     order, joint = order[order >= 0], shapes.joint[first[order >= 0]]
@@ -121,6 +128,7 @@ def changes_of(
         shared=plain.errors.shift_error,
         ratio=knowledge.noise.ratio,
         groups=groups,
+        nearby=nearby,
     )
     starts = [knowledge.z, *(inverse @ (theta - prior) for theta in ends)]
     return sample_changes(problem, [np.concatenate([z, rest]) for z in starts], inputs.statistics.bolts)

@@ -255,10 +255,14 @@ class Misfit:
         gains = self._data.gains_db(y)
         return float(np.mean(np.abs(decibel(y) - self.target + (0.0 if gains is None else gains))[self.valid]))
 
-    def data_sum(self, theta: Floats, frf: Callable[[Floats], Complexes] | None = None) -> float:
-        """Sum of squares of the data residuals [dB²], without derivatives; ``frf`` may give the FRFs faster, see ``FrfModel.nearby``."""
+    def residuals(self, theta: Floats, frf: Callable[[Floats], Complexes] | None = None) -> Floats:
+        """Data residuals [dB], without derivatives; ``frf`` may give the FRFs faster, see ``FrfModel.nearby``."""
         y = (frf or self.model.frf)(theta)
-        own, _, _ = self._data(y, np.zeros((*y.shape, 0), dtype=complex))
+        return self._data(y, np.zeros((*y.shape, 0), dtype=complex))[0]
+
+    def data_sum(self, theta: Floats, frf: Callable[[Floats], Complexes] | None = None) -> float:
+        """Sum of squares of ``residuals`` [dB²]."""
+        own = self.residuals(theta, frf)
         return float(own @ own)
 
     def sum(self, theta: Floats, frf: Callable[[Floats], Complexes] | None = None) -> float:

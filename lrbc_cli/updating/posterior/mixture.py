@@ -59,6 +59,8 @@ class MixtureProblem:
     groups : sequence of (int, str, (m,) float array)
         Each group of springs of a joint with several: the joint as a position in ``bolts``, the group's name, and the change of z by
         which this group alone changes by one decade.
+    nearby : callable or None
+        From z to the residuals near it, without their Jacobian and with the covariance at z; None if ``data`` is as fast.
     """
 
     data: Callable[[Floats], tuple[Floats, Floats]]
@@ -73,6 +75,7 @@ class MixtureProblem:
     shared: float = 0.0
     ratio: float = 1.0
     groups: Sequence[tuple[int, str, Floats]] = ()
+    nearby: Callable[[Floats], Callable[[Floats], Floats]] | None = None
 
 
 def along_edges(pairs: Sequence[tuple[int, int]], joint: Bools) -> list[tuple[int, int]]:
@@ -335,15 +338,35 @@ def _climb(problem: MixtureProblem, prior: BoltPrior, limits: tuple[int, int], s
     return end
 
 
-def _alone(problem: MixtureProblem, prior: BoltPrior, tight: Floats, stop: Stop, i: int) -> list[State]:
-    """States a few steps from one joint alone at the mean change of loose ones or one standard deviation beside, all else as ``tight``."""
-    kinds, at, found = np.zeros(problem.bolts.size, dtype=bool), problem.bolts[i], []
-    kinds[i] = True
-    for away in (-prior.joint_loose_std, 0.0, prior.joint_loose_std):
-        z = tight.copy()
-        z[at] = max(prior.joint_loose_mean + away, float(problem.bounds[at, 0]))
-        found.append(settle(problem, prior, kinds, z, stop, rounds=1))
-    return found
+def _alone(problem: MixtureProblem, prior: BoltPrior, z: Floats, kept: int) -> list[tuple[Bools, Floats]]:
+    """Kinds and unknowns of the best states of one loose joint, from the tight state z: at most ``kept`` joints.
+
+    Each joint is moved to the mean change of loose ones and one standard deviation to either side. The sums of squares are compared that
+    one linear step of all else leaves.
+    """
+    none = np.zeros(problem.bolts.size, dtype=bool)
+    data = problem.data if problem.about is None else problem.about(z)[0]
+    _, J = data(z)
+    residual = (lambda z: data(z)[0]) if problem.nearby is None else problem.nearby(z)
+    precision, mean = _priors(problem, prior, none)
+    C = np.linalg.inv(J.T @ J / problem.variance + np.diag(precision))
+
+    def nearest(i: int) -> tuple[float, Floats]:
+        at, found = problem.bolts[i], []
+        for away in (-prior.joint_loose_std, 0.0, prior.joint_loose_std):
+            moved = z.copy()
+            moved[at] = max(prior.joint_loose_mean + away, float(problem.bounds[at, 0]))
+            r = residual(moved)
+            slope = J.T @ r / problem.variance + precision * (moved - mean)
+            slope[at] = 0.0
+            # The inverse without the row and the column of the joint itself.
+            step = C @ slope - C[:, at] * ((C[at] @ slope) / C[at, at])
+            found.append((float(r @ r) / problem.variance - float(slope @ step), moved))
+        return min(found, key=lambda one: one[0])
+
+    joints = np.flatnonzero(problem.joint).tolist()
+    ranked = sorted(zip(joints, side_by_side(nearest, joints), strict=True), key=lambda one: one[1][0])
+    return [(none | (np.arange(none.size) == i), start) for i, (_, start) in ranked[:kept]]
 
 
 def best_states(
@@ -356,7 +379,6 @@ def best_states(
     moves: int = 3,
     near: float = 5.0,
     kept: int = 3,
-    first: Stop = (1e-2, 3),
     search: Stop = (1e-3, 5),
     last: Stop = (1e-4, 12),
 ) -> list[State]:
@@ -375,8 +397,8 @@ def best_states(
         Largest number of linearisations, and of moves at each.
     near : float
         States with so much less log evidence are no alternatives: 1 in 150.
-    kept, first : int, (float, int)
-        Number of states of one loose joint from which the search begins, and stop rule of the descents by which they are compared.
+    kept : int
+        Number of states of one loose joint from which the search begins.
     search, last : (float, int)
         Stop rules of the descents during the search, and of the last one. The sum of squares is a few hundred to a few thousand, and a
         tenth matters.
@@ -390,13 +412,9 @@ def best_states(
     # Starts that are equal to a tenth of a decade are searched from once.
     apart = {np.round(z, 1).tobytes(): z for z in reversed(starts)}
     begun = [(tight, np.zeros(starts[0].size)), *((z[problem.bolts] < large, z) for z in reversed(apart.values()))]
-    if joints := np.flatnonzero(problem.joint).tolist():
+    if problem.joint.any():
         # The ends of a fit may all be in valleys of other joints: from the tight state each joint alone is tried, too.
-        own = settle(problem, prior, tight, begun[0][1], search)
-        alone = [
-            max(levels, key=lambda one: one.evidence) for levels in side_by_side(partial(_alone, problem, prior, own.z, first), joints)
-        ]
-        begun += [(state.kinds, state.z) for state in sorted(alone, key=lambda state: -state.evidence)[:kept]]
+        begun += _alone(problem, prior, settle(problem, prior, tight, begun[0][1], search).z, kept)
     ends: dict[bytes, State] = {}
     for end in side_by_side(partial(_climb, problem, prior, (rounds, moves), search), begun):
         key = end.kinds.tobytes()
