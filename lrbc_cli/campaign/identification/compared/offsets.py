@@ -188,7 +188,7 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
             f"known here (then {own})"
         )
     if not causes:
-        return text, f"{likely} {_unknown_text(inputs, offset, own, some=some)}"
+        return text, f"{likely} {_unknown_text(offset, own, some=some)}"
     known = next(known for known in recognised if known.cause)
     own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-known.db / 20.0))}"
     cause = f"{likely} {' or '.join(causes)}. Write "
@@ -198,15 +198,14 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
     return text, cause + (f"jobs.{job}.format.unit: {unit}, or {own}" if unit and len(common.responses) == count else own)
 
 
-def _unknown_text(inputs: Inputs, offset: Offset, own: str, *, some: bool) -> str:
+def _unknown_text(offset: Offset, own: str, *, some: bool) -> str:
     """Causes of a factor that no unit explains, and the fix (``own``: for a sensitivity), of all responses in all jobs unless ``some``."""
     unknown = "a sensitivity, a gain or a unit that is not known here"
-    # Beside air, which is as it is, another material of the structure is not one factor.
-    if some or inputs.model.is_acoustic.any():
+    if some:
         return f"{unknown}. Check it, then write {own}"
     times = f"{10.0 ** (abs(offset.db) / 20.0):.2g} times too {'large' if offset.db > 0.0 else 'small'}"
     return (
-        f"{unknown}, or modulus and density of the model, both about {times} (steel and aluminium differ by 2.9). Compare the mass sum "
+        f"{unknown}, or modulus and density of the structure, both about {times} (steel and aluminium differ by 2.9). Compare the mass sum "
         "with the weight of the structure: if it is wrong by this factor, correct the material in the FE model and export it again; "
         f"otherwise check the sensitivities, then write {own}"
     )
