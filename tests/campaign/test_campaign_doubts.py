@@ -23,6 +23,7 @@ from lrbc_cli.campaign.identification.compared.doubts import (
 from lrbc_cli.campaign.identification.compared.offsets import offset_findings, trusted
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.jobs.evidence import guessed_text
+from lrbc_cli.campaign.looking.measured import unclear
 from lrbc_cli.campaign.looking.unexplained import single_responses
 from lrbc_cli.campaign.reading.doubts import springs
 from lrbc_cli.config.settings import TextFormat
@@ -196,6 +197,25 @@ def test_one_factor_of_all_responses_may_be_the_material_of_the_model(frame: Fol
         offset_findings(inputs, [*offsets[:2], *(replace(offset, db=0.1, named=False) for offset in offsets[2:])], "tight"),
     ):
         assert "modulus and density" not in told[0].text
+
+
+@pytest.mark.parametrize(("first", "last", "told"), [(0, 395, True), (0, 399, False), (0, 410, False), (5, 395, False)])
+def test_lines_from_zero_that_end_before_the_band(frame: Folder, first: int, last: int, told: bool) -> None:
+    """An export without the first lines, and a start frequency of 0: all frequencies are too low."""
+    inputs = frame.inputs()
+    low, high = 20.0, 400.0
+    inputs = replace(
+        inputs,
+        campaign=inputs.campaign.model_copy(update={"reduction": inputs.campaign.reduction.model_copy(update={"band": (low, high)})}),
+    )
+    every = np.arange(float(first), last + 1.0)
+    hz = every[(every >= low) & (every <= high)]
+    left_out = (int((every < low).sum()), int((every > high).sum()))
+    values, unknown = np.ones((hz.size, len(inputs.responses)), dtype=complex), np.full((hz.size, len(inputs.responses)), np.nan)
+    one: Any = SimpleNamespace(frequency_hz=hz, left_out=left_out, values=values, coherence=unknown)
+    found = [each.text for each in unclear(inputs, {"tight": one}) if "begin at 0 Hz" in each.text]
+    assert len(found) == told
+    assert not told or "end at 395 Hz, 5 Hz below the end of reduction.band" in found[0]
 
 
 def test_a_measurement_alone_that_is_not_explained(frame: Folder) -> None:

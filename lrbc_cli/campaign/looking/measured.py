@@ -71,8 +71,16 @@ def _few_text(inputs: Inputs, measurement: Measurement, count: int) -> str:
 
 
 def unclear(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[Finding]:
-    """Findings of jobs whose lines do not resolve the peaks, or whose coherence is low from some frequency on; one per cause."""
+    """Findings of jobs whose lines do not resolve the peaks, end early, or have a low coherence from some frequency on; one per cause."""
     rule, causes, told = inputs.statistics.resolution, dict[str, list[str]](), list[Finding]()
+    if early := [name for name, found in readable.items() if _from_zero(found, inputs.campaign.reduction.band[1])]:
+        last, high = float(readable[early[0]].frequency_hz[-1]), inputs.campaign.reduction.band[1]
+        text = (
+            f"the lines begin at 0 Hz and end at {last:g} Hz, {high - last:g} Hz below the end of reduction.band. If the export left out "
+            "the first lines, all frequencies are too low by the first one that was measured: correct the start frequency in the files. "
+            f"Otherwise let reduction.band end at {last:g}"
+        )
+        told.append(Finding(place=_jobs(early), text=text))
     if soft := {name: edge for name, found in readable.items() if (edge := soft_tip(found)) is not None}:
         ends, worst = [hz for hz, _ in soft.values()], max(own for _, own in soft.values())
         text = (
@@ -95,6 +103,13 @@ def unclear(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[Finding
                 Finding(place=_jobs(names), text=f"{text}, or expect wide intervals, other local minima of the cost, and no all-clear")
             )
     return told
+
+
+def _from_zero(measurement: Measurement, high: float) -> bool:
+    """Whether evenly spaced lines begin at 0 Hz exactly and end by more than one line below ``high`` [Hz]."""
+    axis, (below, above) = measurement.frequency_hz, measurement.left_out
+    step = float(np.median(np.diff(axis)))
+    return abs(axis[0] - step * below) < 1e-6 * step and not above and bool(axis[-1] < high - 1.5 * step)
 
 
 def _jobs(names: Sequence[str]) -> str:
