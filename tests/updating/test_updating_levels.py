@@ -351,6 +351,8 @@ class TestStarts:
         assert near_tie(parameters, (start(2.06, other), start(2.0, truth, True))) is None
         assert near_tie(parameters, (start(2.0, truth + 0.01), start(2.0, truth, True))) is None
         assert near_tie(parameters, (start(2.0, truth, True),)) is None
+        # The result is neither of the two.
+        assert near_tie(parameters, (start(2.04, other), start(2.0, truth), start(2.5, truth, True))) is None
         assert near_tie(parameters, ()) is None
 
     def test_other_ends_are_about_as_good_and_apart(self):

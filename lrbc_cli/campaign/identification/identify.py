@@ -88,7 +88,7 @@ def _resumed(job: Job, fit: Fit, z: Floats) -> Fit | None:
     return job.drifted(again.after(fit.evaluations + here.evaluations))
 
 
-def _judged(job: Job, best: Fit, *others: Floats) -> tuple[Fit, Gains | None, Complexes, ChangeSamples | None]:
+def _with_posterior(job: Job, best: Fit, *others: Floats) -> tuple[Fit, Gains | None, Complexes, ChangeSamples | None]:
     """A fit with the posterior that verdicts rest on: its gains, the (F, R) FRFs of the model with them, and changes at bolts.
 
     The search of the most probable state also begins at ``others``, theta of further ends.
@@ -108,9 +108,9 @@ def _judged(job: Job, best: Fit, *others: Floats) -> tuple[Fit, Gains | None, Co
 def _identified(job: Job) -> Identification:
     ports = time.perf_counter()
     inputs, reference, best = job.inputs, job.reference, job.best()
-    fit, gains, updated, changes = _judged(job, best)
+    fit, gains, updated, changes = _with_posterior(job, best)
     if changes is not None and (again := _resumed(job, best, changes.z)) is not None:
-        fit, gains, updated, changes = _judged(job, again, best.solution.theta)
+        fit, gains, updated, changes = _with_posterior(job, again, best.solution.theta)
     initial, compared = job.frf(job.start), job.told(job.name, job.measurement, known=True)
     before, after = mean_misfit(initial, compared), mean_misfit(updated, compared)
     solution, knowledge = fit.solution, fit.knowledge

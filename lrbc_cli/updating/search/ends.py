@@ -33,10 +33,11 @@ def near_tie(
 ) -> tuple[Start, Start, float] | None:
     """The two best ends and their distance [decades], if within ``tie`` in cost (log10) and at least ``distance`` apart; else None.
 
-    The distance is the rms over the terms of the difference of log10(W 10^p), so that differences which the smoothing W hides do not count.
+    Also None if the best end is not the result, because the fit went on elsewhere. The distance is the rms over the terms of the difference
+    of log10(W 10^p), so that differences which the smoothing W hides do not count.
     """
     if len(starts) < 2:
         return None
     best, second = sorted(starts, key=lambda start: start.total)[:2]
     apart = float(np.sqrt(np.mean((np.log10(parameters.scales(best.theta)) - np.log10(parameters.scales(second.theta))) ** 2)))
-    return (best, second, apart) if second.cost - best.cost <= tie and apart >= distance else None
+    return (best, second, apart) if best.kept and second.cost - best.cost <= tie and apart >= distance else None
