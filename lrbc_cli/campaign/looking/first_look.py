@@ -36,6 +36,7 @@ from lrbc_cli.campaign.identification.weights import without_noise
 from lrbc_cli.campaign.looking.all_jobs import OfJob, of_all_jobs, pooled
 from lrbc_cli.campaign.looking.axes import out_of_reach_text, stretched_text
 from lrbc_cli.campaign.looking.causes.damped import misdamped_text
+from lrbc_cli.campaign.looking.causes.held import supports_text
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
 from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings
 from lrbc_cli.campaign.looking.causes.removed import removed_findings
@@ -316,8 +317,7 @@ def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: 
         return source, first
     calibrated = roughly_calibrated(source, measurements[name])
     if calibrated is None:
-        far = out_of_reach_text(measurements[name], seen) if Kind.UNLIKE in kinds else ""
-        return source, replace(first, told=[Finding(text=far, kind=Kind.MATERIAL)]) if far else first
+        return source, replace(first, told=_uncalibrated(seen, measurements[name], first.told))
     again, after = _looked_at(calibrated, measurements, name), Seen.of(calibrated, name, measurements[name])
     # A calibration takes a wrong clock for another stiffness, so only a place that it shows is told instead.
     if Kind.STRETCHED in kinds and not kinds_of(again.told) & {Kind.COORDINATES, Kind.HAMMER, Kind.HAMMERS, Kind.EXCHANGED}:
@@ -329,6 +329,20 @@ def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: 
         return calibrated, OfJob([Finding(text=unit, kind=Kind.SPRINGS)])
     lowered = lowered_text(seen, after)
     return calibrated, replace(again, told=[*again.told, Finding(text=lowered, kind=Kind.LOWERED)]) if lowered else again
+
+
+def _uncalibrated(seen: Seen, measurement: Measurement, told: list[Finding]) -> list[Finding]:
+    """Findings of the reference job, of which no rough calibration brings the model near: a stiffness out of reach, or supports."""
+    if Kind.UNLIKE in kinds_of(told):
+        far = out_of_reach_text(measurement, seen)
+        return [Finding(text=far, kind=Kind.MATERIAL)] if far else told
+    if not told and seen.misfit > LEAST_DIFFERENCE and (held := supports_text(seen)):
+        text = (
+            f"measured and computed FRFs differ by {seen.misfit:.1f} dB (median of the responses, mean level of each removed), more than a "
+            f"calibration corrects{held}; if not, remove the constraint in the FE model, and export it again"
+        )
+        return [Finding(text=text, kind=Kind.UNLIKE)]
+    return told
 
 
 def _channels(seen: Seen, near: list[Complexes], movable: Floats | float, *, backwards: bool) -> tuple[list[Finding], tuple[Offset, ...]]:
@@ -353,9 +367,23 @@ def _channels(seen: Seen, near: list[Complexes], movable: Floats | float, *, bac
     if not any(o.power or o.delay or o.conjugate or o.reversed for o in offsets):
         opposite = turned(seen.measured, seen.states)
         offsets = tuple(replace(o, reversed=o.response in opposite) for o in offsets)
+    offsets = _late_together(seen, offsets)
     cycled = by_sensors(inputs, exchanges)
     found = [Finding(text=exchanged_text(inputs, cycles, seen.job), kind=Kind.EXCHANGED, cycles=cycles) for cycles in cycled]
     return [*offset_findings(inputs, offsets, seen.job), *found], offsets
+
+
+def _late_together(seen: Seen, offsets: tuple[Offset, ...]) -> tuple[Offset, ...]:
+    """The same without delays of single responses of a sensor and of a hammer point, where the model is not near.
+
+    A channel is late at every blow, and a blow at every channel; phases of a model that is not near agree with a delay by chance.
+    """
+    inputs, late = seen.inputs, {o.response for o in offsets if o.delay}
+    if not late or seen.misfit <= LEAST_DIFFERENCE:
+        return offsets
+    struck = {i: set(np.flatnonzero(inputs.input_of == inputs.input_of[i]).tolist()) for i in late}
+    alone = {i for i in late if not late >= {i, *same_sensor(inputs, i)} and not late >= struck[i]}
+    return tuple(replace(o, delay=0.0) if o.response in alone else o for o in offsets)
 
 
 def _fit(seen: Seen) -> Complexes | None:
