@@ -97,6 +97,17 @@ def test_a_sentence_a_job(found: JobFinding, text: str) -> None:
     assert sentence(found) == text
 
 
+def test_bolts_that_are_tight_as_a_whole_only_are_said() -> None:
+    """The all-clear stands, but its sentence must not promise more than the verdicts."""
+    first = [BoltFinding("B1", "tight", open_groups=("rot",)), BoltFinding("B2", "tight", open_groups=("rot", "shear"))]
+    some = JobFinding(status="converged", bolts=[*first, BoltFinding("B3", "tight"), BoltFinding("B4", "tight")])
+    assert sentence(some) == "no loose bolt found: 4 tight (2 of them as a whole: springs of rot or shear alone may be loose)"
+    every = replace(some, bolts=first[:1])
+    assert sentence(every) == "no loose bolt found: 1 tight (as a whole: springs of rot alone may be loose)"
+    assert not_clear({"tight": REFERENCE, "a": every}) == {}
+    assert sentence(replace(every, assumed="baseline")) == "a baseline, taken as tight"
+
+
 def test_runs_of_bolts_keep_their_zeros() -> None:
     names = ["B08", "B09", "B10", "B12", "north", "P9", "P10", "P11"]
     assert (
