@@ -14,7 +14,7 @@ MOST_NAMES = 8
 NO_CHANNELS = "no validation channel shows whether the model explains the measurement"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class BoltFinding:
     """A bolt with its verdict, its probability of being loose if known, and ``BoltVerdict.open_groups``."""
 
