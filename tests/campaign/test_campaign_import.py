@@ -507,3 +507,30 @@ def test_a_table_in_another_order_is_seen_in_some_entries(monkeypatch: pytest.Mo
     assert order_doubt(K, DofTable(np.arange(n), np.full(n, "UZ"), xyz)) is None
     anew = DofTable(np.arange(n), np.full(n, "UZ"), rng.permutation(xyz))
     assert "sorted by x, but the DOF table is not" in str(order_doubt(K, anew))
+
+
+def test_rows_in_the_order_of_a_solver_are_told_by_forces_that_no_support_causes() -> None:
+    """Neighbours stay near in it, so distances say nothing; a bed of springs, which loads every row, is no reason for a warning."""
+    table, K = _beam(300)
+    assert order_doubt(K, table) is None
+    bed = K + sp.diags_array(np.where(table.component == "UZ", 0.1 * K.diagonal(), 0.0))
+    assert order_doubt(sp.csc_array(bed), table) is None
+    # Nodes are met in their order, but the two DOFs of each at different times, as by a profile minimiser.
+    order = np.argsort(np.arange(600) + np.random.default_rng(1).integers(-4, 5, 600), kind="stable")
+    text = str(order_doubt(sp.csc_array(K[order][:, order]), table))
+    assert "in another order than the DOF table" in text
+    assert "{map: FILE, nodes: FILE}" in text
+
+
+def _beam(elements: int) -> tuple[DofTable, sp.csc_array]:
+    """A slender beam of two DOFs a node, and its stiffness."""
+    length = 0.02
+    own = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]]) * length ** np.array([0, 1, 0, 1])
+    own = own * length ** np.array([0, 1, 0, 1])[:, None]
+    K = sp.lil_array((2 * elements, 2 * elements))
+    for k in range(elements - 1):
+        at = np.arange(2 * k, 2 * k + 4)
+        K[at[:, None], at] += own
+    node = np.repeat(np.arange(elements), 2)
+    xyz = np.column_stack([length * node, np.zeros((node.size, 2))])
+    return DofTable(node, np.tile(np.array(["UZ", "ROTY"]), elements), xyz), sp.csc_array(K)

@@ -9,7 +9,7 @@ import numpy as np
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, MOST_LEFT, levels, spread
 from lrbc_cli.campaign.identification.records import Measurement, unlike
-from lrbc_cli.campaign.looking.causes.rescaled import both_text, scaled_text
+from lrbc_cli.campaign.looking.causes.rescaled import both_text, far_text, scaled_text
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.statistics.lines import MIN_BAND
@@ -148,6 +148,34 @@ def _aside(measurement: Measurement, left: Callable[[Floats], float], frequency_
     return min((left(frequency_hz + shift), shift) for shift in coarse + step * np.arange(-1.5, 2.0, 0.5))[::-1]
 
 
+def _read_at(measurement: Measurement, seen: Seen) -> tuple[Callable[[Floats], Floats], Callable[[Floats], float]]:
+    """Measured levels (F, R) at other frequencies [dB], and the misfit of the model with them."""
+    own, here = levels(measurement.values), levels(seen.model)
+
+    def read(there: Floats) -> Floats:
+        return np.column_stack([np.interp(there, measurement.frequency_hz, level, np.nan, np.nan) for level in own.T])
+
+    return read, lambda there: float(np.median(spread(read(there) - here, 0)))
+
+
+def _stretches(left: Callable[[Floats], float], frequency_hz: Floats, most: float, steps: int) -> tuple[Floats, Floats]:
+    """Factors on the frequencies, and the misfits with them [dB]."""
+    factors = most ** (np.arange(-steps, steps + 1) / steps)
+    return factors, np.array([left(frequency_hz * factor) for factor in factors])
+
+
+def out_of_reach_text(measurement: Measurement, seen: Seen, *, most: float = 2.0, steps: int = 280) -> str:
+    """Warning if the stiffness of the model is so wrong that a calibration does not reach it, though one factor does not explain the FRFs.
+
+    Parameters
+    ----------
+    measurement, seen, most, steps
+        See ``stretched_text``.
+    """
+    factors, found = _stretches(_read_at(measurement, seen)[1], seen.measurement.frequency_hz, most, steps)
+    return far_text(seen, measurement, float(factors[int(np.argmin(found))]))
+
+
 def stretched_text(measurement: Measurement, seen: Seen, *, most: float = 2.0, steps: int = 280) -> str | None:
     """Warning with the factor or the shift between measured and computed frequencies, if one explains the measurement; else None.
 
@@ -160,21 +188,14 @@ def stretched_text(measurement: Measurement, seen: Seen, *, most: float = 2.0, s
     most, steps : float, int
         Factors from ``1 / most`` to ``most`` are tried, ``steps`` on each side of 1, evenly spaced in their logarithm.
     """
-    own, here, frequency_hz = levels(measurement.values), levels(seen.model), seen.measurement.frequency_hz
-
-    def read(there: Floats) -> Floats:
-        return np.column_stack([np.interp(there, measurement.frequency_hz, level, np.nan, np.nan) for level in own.T])
-
-    def left(there: Floats) -> float:
-        return float(np.median(spread(read(there) - here, 0)))
-
-    factors = most ** (np.arange(-steps, steps + 1) / steps)
-    found = [left(frequency_hz * factor) for factor in factors]
-    best, before = float(factors[int(np.argmin(found))]), found[steps]
+    read, left = _read_at(measurement, seen)
+    here, frequency_hz = levels(seen.model), seen.measurement.frequency_hz
+    factors, found = _stretches(left, frequency_hz, most, steps)
+    best, before = float(factors[int(np.argmin(found))]), float(found[steps])
     aside, after = _aside(measurement, left, frequency_hz)
-    if min(*found, after) > min(MOST_LEFT, CLEARLY * before):
+    if min(found.min(), after) > min(MOST_LEFT, CLEARLY * before):
         return None
-    if after < CLEARLY * min(found):
+    if after < CLEARLY * found.min():
         return (
             f"all measured resonances are probably {abs(aside):.4g} Hz {'above' if aside > 0.0 else 'below'} those of the model: this "
             f"shift reduces the level misfit from {before:.1f} to {after:.1f} dB (mean level of each response removed). Check the start "
@@ -195,5 +216,5 @@ def stretched_text(measurement: Measurement, seen: Seen, *, most: float = 2.0, s
         cause = f"{wrong[:1].upper() + wrong[1:]}; {scaled}"
     return (
         f"all measured resonances are probably at {best:.3g} times the frequencies of the model: this factor reduces the level misfit "
-        f"from {before:.1f} to {min(found):.1f} dB (mean level of each response removed). {cause}"
+        f"from {before:.1f} to {found.min():.1f} dB (mean level of each response removed). {cause}"
     )

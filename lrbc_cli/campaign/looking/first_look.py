@@ -34,7 +34,7 @@ from lrbc_cli.campaign.identification.compared.offsets import LEAST_BAND, factor
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.identification.weights import without_noise
 from lrbc_cli.campaign.looking.all_jobs import OfJob, of_all_jobs, pooled
-from lrbc_cli.campaign.looking.axes import stretched_text
+from lrbc_cli.campaign.looking.axes import out_of_reach_text, stretched_text
 from lrbc_cli.campaign.looking.causes.damped import misdamped_text
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
 from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings
@@ -312,9 +312,12 @@ def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: 
     if calibration is None or calibration.job != name or kinds - tried:
         return source, first
     seen = Seen.of(source, name, measurements[name])
-    calibrated = None if tighter_text(seen, measurements) or looser(seen, seen.misfit) else roughly_calibrated(source, measurements[name])
-    if calibrated is None:
+    if tighter_text(seen, measurements) or looser(seen, seen.misfit):
         return source, first
+    calibrated = roughly_calibrated(source, measurements[name])
+    if calibrated is None:
+        far = out_of_reach_text(measurements[name], seen) if Kind.UNLIKE in kinds else ""
+        return source, replace(first, told=[Finding(text=far, kind=Kind.MATERIAL)]) if far else first
     again, after = _looked_at(calibrated, measurements, name), Seen.of(calibrated, name, measurements[name])
     # A calibration takes a wrong clock for another stiffness, so only a place that it shows is told instead.
     if Kind.STRETCHED in kinds and not kinds_of(again.told) & {Kind.COORDINATES, Kind.HAMMER, Kind.HAMMERS, Kind.EXCHANGED}:

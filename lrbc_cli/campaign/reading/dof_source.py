@@ -265,7 +265,7 @@ def order_doubt(K: sp.csc_array, dofs: DofTable, source: Path | DofSource | None
     # Distances within one node are ignored.
     apart, usual = apart[apart > 0.0], float(np.median(_distances(xyz, *np.random.default_rng(0).integers(len(xyz), size=(2, 4096)))))
     if not apart.size or (near := float(np.median(apart))) < FAR * usual:
-        return None
+        return _against_text(K, dofs.component, source)
     return (
         f"the stiffness matrix connects DOFs that are {near:.3g} m apart, as far as any two of the model (node spacing {pitch(xyz):.3g} "
         f"m): {_solver_order(source) or 'the DOF table is of another model or in another order. Export matrices and table in one run'}"
@@ -325,6 +325,40 @@ def _at_rest(K: sp.csc_array, component: np.ndarray) -> float:
         rest += int(((force < 1e-6 * size) & (size > 0.0)).sum())
         all_rows += int((size > 0.0).sum())
     return rest / all_rows if all_rows else 1.0
+
+
+def _against_text(K: sp.csc_array, component: np.ndarray, source: Path | DofSource | None, *, clear: float = 0.01) -> str | None:
+    """Warning if a rigid translation causes forces nearly everywhere, and many that push on in its direction, as no support does.
+
+    Rows in the order of a solver have near neighbours, too, so distances do not show them.
+
+    Parameters
+    ----------
+    K : (n, n) csc_array
+    component : (n,) array of str
+    source : Path or DofSource or None
+        See ``order_doubt``.
+    clear : float
+        Least force relative to the sum of magnitudes in the row; few digits, or the forces of rotating frames, cause smaller ones.
+    """
+    loaded, against, known = 0, 0, 0
+    for label in COMPONENTS[:3]:
+        moved = component == label
+        force, size = (A[moved] @ moved.astype(float) for A in (K.real, np.abs(K)))
+        loaded, against = loaded + int((np.abs(force) > clear * size).sum()), against + int((force < -clear * size).sum())
+        known += int((size > 0.0).sum())
+    if not known or loaded <= (1.0 - MANY) * known or against <= FEW * known:
+        return None
+    return (
+        f"probably the rows of the matrices are in another order than the DOF table: a rigid translation would cause forces at "
+        f"{loaded / known:.0%} of the translational DOFs, at {against / known:.0%} of them in its own direction, as no support does. "
+        + (
+            _solver_order(source)
+            or "Matrices are often in the order of the solver, tables in that of the nodes: export the DOF table in the order of the "
+            "rows, or give the file with which the FE program maps rows to nodes (model.dofs: {map: FILE, nodes: FILE}; `lrbc guide "
+            "export`), of the same run as the matrices. If the DOFs of each node are in axes of their own, export them in global axes"
+        )
+    )
 
 
 def _other_orders(dofs: DofTable) -> list[tuple[str, Integers]]:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from lrbc_cli.arrays import Complexes, Integers, spaced
-from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, levels, spread
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, levels, spread
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.fitted import roughly_calibrated
 from lrbc_cli.campaign.looking.states import Seen
@@ -37,6 +37,9 @@ PROMINENCE = 3.0
 
 #: Number of lines compared, and predicted operations up to which further factors are tried: half a minute.
 LINES, MOST_WORK = 12, 2e12
+
+#: Calibrated factors of the structure.
+_STRUCTURE = ("stiffness.structure", "mass.structure")
 
 
 def explains(left: float, off: float, before: float, further: float, *, near: float = 0.3) -> bool:
@@ -161,17 +164,78 @@ def both_text(seen: Seen, whole: Measurement, ratio: float, level: float, *, rou
     rounds : int
         Number of calibrations: each reaches a factor of 1.35.
     """
-    inputs, names = seen.inputs, ("stiffness.structure", "mass.structure")
-    settings = inputs.campaign.calibration
-    if settings is None or settings.job != seen.job or not set(names) <= set(settings.names):
+    mass = 10.0 ** (-level / 20.0)
+    start = dict(zip(_STRUCTURE, (mass * ratio**2, mass), strict=True))
+    found = brought_near(seen, whole, start, rounds) if start.keys() <= set(_calibrated_names(seen)) else None
+    return "" if found is None else _both_text(*found)
+
+
+def far_text(seen: Seen, whole: Measurement, ratio: float, *, rounds: int = 3, reached: float = 1.35) -> str:
+    """Warning if rough calibrations bring the model near a measurement only from another stiffness; else empty.
+
+    A wrong factor may be out of their reach from the model as exported, and not shift all resonances alike: beside springs of bolts, for
+    example, or beside air.
+
+    Parameters
+    ----------
+    seen : Seen
+    whole : Measurement
+        The same on all its lines.
+    ratio : float
+        Measured over computed frequencies, as far as one factor explains them: the squared is where the calibrations begin.
+    rounds : int
+        Number of calibrations.
+    reached : float
+        Factor within which a calibration finds its way from the model as exported.
+    """
+    names = [name for name in _STRUCTURE if name in _calibrated_names(seen)]
+    start = {name: ratio**power for name, power in zip(names, (2.0 if names[:1] == ["stiffness.structure"] else -2.0, 0.0), strict=False)}
+    found = brought_near(seen, whole, start, rounds) if start else None
+    if found is None or found[1] > min(LEAST_DIFFERENCE, CLEARLY * seen.misfit):
         return ""
-    mass, left = 10.0 ** (-level / 20.0), np.inf
-    now = dict(zip(names, (mass * ratio**2, mass), strict=True))
+    factors, left = found
+    stiff = factors.get("stiffness.structure", 1.0) / factors.get("mass.structure", 1.0)
+    if 1.0 / reached < stiff < reached:
+        return ""
+    too, size = ("small", stiff) if stiff > 1.0 else ("large", 1.0 / stiff)
+    text = _both_text(factors, left) if len(names) > 1 else ""
+    # Where both factors are known, one of them near 1 is right.
+    right = {name for name, value in factors.items() if len(factors) > 1 and 1.0 / reached < value < reached}
+    causes = [f"modulus (70 GPa of aluminium, 210 GPa of steel) {size:.2g} times too {too}"] if _STRUCTURE[0] not in right else []
+    if _STRUCTURE[1] not in right:
+        causes.append(f"density {size:.2g} times too {'large' if stiff > 1.0 else 'small'}")
+    if not right:
+        causes.append(f"thickness of plates {size**0.5:.3g} times too {too}")
+    text = text or (
+        f"The stiffness of the structure is probably about {size:.2g} times too {too} relative to its mass ({', or '.join(causes)}): with "
+        f"{' and '.join(f'{name} {value:.2g}' for name, value in factors.items())} a rough calibration leaves {left:.1f} dB. Correct it in "
+        "the FE model, and export it again"
+    )
+    return (
+        f"measured and computed FRFs have little in common: the level misfit is {seen.misfit:.1f} dB at the start values (mean level of "
+        f"each response removed). {text}"
+    )
+
+
+def _calibrated_names(seen: Seen) -> list[str]:
+    """Factors that the campaign calibrates from this job."""
+    settings = seen.inputs.campaign.calibration
+    return [] if settings is None or settings.job != seen.job else list(settings.names)
+
+
+def brought_near(seen: Seen, whole: Measurement, start: dict[str, float], rounds: int) -> tuple[dict[str, float], float] | None:
+    """Factors at the end of rough calibrations, each from the end of the one before, and the misfit there [dB]; None if one fails."""
+    now, left = start, np.inf
     for _ in range(rounds):
         if (found := roughly_calibrated(seen.source, whole, beside=now)) is None:
-            return ""
+            return None
         now, left = {name: value * found.factors[name] for name, value in now.items()}, Seen.of(found, seen.job, whole).misfit
-    stiffness, mass = np.log(list(now.values())).tolist()
+    return now, left
+
+
+def _both_text(factors: dict[str, float], left: float) -> str:
+    """Warning that stiffness and mass are wrong together, as by a thickness or by the material; empty if they are not."""
+    stiffness, mass = np.log([factors[name] for name in _STRUCTURE]).tolist()
     # Distances from what errors of a thickness, of the material, and of one matrix leave.
     away = {"thickness": abs(stiffness - 3.0 * mass) / 10.0**0.5, "material": abs(stiffness - mass) / 2.0**0.5}
     likely, *others = sorted((*away.items(), ("mass", abs(stiffness)), ("stiffness", abs(mass))), key=lambda each: each[1])
@@ -181,8 +245,7 @@ def both_text(seen: Seen, whole: Measurement, ratio: float, level: float, *, rou
     thin = likely[0] == "thickness"
     size = float(np.exp((3.0 * stiffness + mass) / 10.0 if thin else (stiffness + mass) / 2.0))
     wrong = f"{1.0 / size:.2g} times too large" if size < 1.0 else f"{size:.2g} times too small"
-    factors = f"stiffness times {np.exp(stiffness):.2g} and mass times {np.exp(mass):.2g}"
-    said = f"with its {factors} a rough calibration leaves {left:.1f} dB"
+    said = f"with its stiffness times {np.exp(stiffness):.2g} and mass times {np.exp(mass):.2g} a rough calibration leaves {left:.1f} dB"
     if thin:
         return (
             f"The thickness of plates, or the height of beams, is probably {wrong} in the model: {said}, and these are about the third and "

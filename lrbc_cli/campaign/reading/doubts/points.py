@@ -113,16 +113,15 @@ def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> tu
     # Accept a way that puts all of them at nodes, or the only one that puts all within a mesh size and clearly nearer than as stated.
     fits: list[tuple[float, tuple[float, ...], Floats]] = []
     for shift, signs in ways:
-        away = []
-        for point in beside:
-            dof, distance = nearest(dofs, (signs * point.place + shift).tolist(), point.component) or (0, np.inf)
-            size = spacing(dofs, dof)
-            away.append(distance / size if size > 0.0 else np.inf)
-        if max(away) <= 1.0 and max(away) < CLEARLY_NEARER * stated:
-            fits.append((max(away), shift, signs))
+        away = _away(dofs, beside, shift, signs)
+        if away <= 1.0 and away < CLEARLY_NEARER * stated:
+            fits.append((away, shift, signs))
     fits.sort(key=lambda fit: fit[0])
     if not fits or (fits[0][0] > AT_NODE and len(fits) > 1):
-        return told, False
+        along = _along_one_axis(dofs, beside)
+        if along is None:
+            return told, False
+        fits = [(0.0, along, np.ones(3))]
     _, shift, signs = fits[0]
     start = f"{len(beside)} of {len(points)} points of hammer and sensors lie beside the nodes; "
     if (signs < 0.0).any():
@@ -136,6 +135,39 @@ def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> tu
         f"{start}with ({added}) added to each of them they lie at nodes. The coordinates were probably measured from another origin than "
         "that of the model: add this offset to `near` of these points"
     ], True
+
+
+def _away(dofs: DofTable, points: Sequence[NearPoint], shift: Sequence[float], signs: Floats) -> float:
+    """Largest distance from a node, over the node spacing there, of points after a reflection and a shift."""
+    away = []
+    for point in points:
+        dof, distance = nearest(dofs, (signs * point.place + shift).tolist(), point.component) or (0, np.inf)
+        size = spacing(dofs, dof)
+        away.append(distance / size if size > 0.0 else np.inf)
+    return max(away)
+
+
+def _along_one_axis(dofs: DofTable, points: Sequence[NearPoint], *, several: int = 3) -> tuple[float, ...] | None:
+    """The only shift along one axis that puts all points at nodes; None if none does, or several, as in a regular mesh.
+
+    Parameters
+    ----------
+    dofs : DofTable
+    points : sequence of NearPoint
+    several : int
+        Least number of different coordinates along that axis. Fewer come to nodes by chance, as do shifts within a mesh width.
+    """
+    first, found = points[0], list[tuple[float, ...]]()
+    xyz = dofs.xyz[dofs.component == first.component]
+    for axis in range(3):
+        if np.unique(np.round([point.place[axis] / point.size for point in points if point.size], 2)).size < several:
+            continue
+        beside = np.delete(np.abs(xyz - first.place), axis, axis=1).max(axis=1)
+        for shift in np.unique((xyz[beside <= AT_NODE * first.size] - first.place)[:, axis]).tolist():
+            added = tuple(np.where(np.arange(3) == axis, shift, 0.0).tolist())
+            if abs(shift) > max(point.size for point in points) and _away(dofs, points, added, np.ones(3)) <= AT_NODE:
+                found.append(added)
+    return found[0] if len(found) == 1 else None
 
 
 def _ends(dofs: DofTable, component: str) -> list[tuple[float, float]]:
