@@ -273,8 +273,13 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     out.found += [] if Kind.NOT_TIGHT in of_tight else other_chains(inputs, compared)
     out.found += other_runs(inputs, usable)
     out.warn(*foreign_titles(inputs, readable))
-    titled = mistitled(inputs, readable)
-    told = [each for each in look.found if not titled or each.kind is not Kind.REMOVED]
+    pairs = mistitled(inputs, readable)
+    titled = list(pairs.values())
+    # Beside another state in place of the reference job, jobs that are tight seem not to be.
+    follows = {Kind.REMOVED} if titled else set()
+    if any(inputs.campaign.update.reference in pair for pair in pairs):
+        follows |= {Kind.FREED, Kind.LOWERED, Kind.NOT_TIGHT}
+    told = [each for each in look.found if each.kind not in follows]
     if not titled and Kind.REMOVED not in kinds_of(told) and (text := exchanged_files(inputs, compared)):
         titled = [text]
     out.warn(*titled)

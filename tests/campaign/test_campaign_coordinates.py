@@ -96,3 +96,14 @@ def test_cables_in_each_others_place_are_so_at_every_hammer_point() -> None:
     assert exchanged(two, both[:, [1, 0, 2, 3, 5, 4, 6, 7]], [model]) == [(0, 1), (4, 5)]
     # Exchanged at one point alone, as of records: that one.
     assert exchanged(two, both[:, [1, 0, 2, 3, 4, 5, 6, 7]], [model]) == [(0, 1)]
+
+
+def test_an_exchange_of_the_reference_job_needs_less_evidence_in_the_others() -> None:
+    """Their bolts are loose, and an exchange of some of the same sensors may fit by chance; cables are changed for all jobs."""
+    inputs, _, stated, _ = frame()
+    rough = stated * 10.0 ** (np.random.default_rng(4).normal(0.0, 20.0, stated.shape) / 20.0)
+    assert exchanged(inputs, rough[:, [2, 0, 1, 3]], [stated]) == []
+    assert exchanged(inputs, rough[:, [2, 0, 1, 3]], [stated], [(0, 2, 1)]) == [(0, 2, 1)]
+    # Right cables in this job, and another exchange that is clear.
+    assert exchanged(inputs, rough, [stated], [(0, 2, 1)]) == []
+    assert exchanged(inputs, stated[:, [0, 1, 3, 2]], [stated], [(0, 1)]) == [(2, 3)]

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from samples import sample
 
+from lrbc_cli.campaign import check
 from lrbc_cli.campaign.findings import Finding, Kind, once
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.looking.all_jobs import pooled
 from lrbc_cli.campaign.looking.exchanges import _exchange, _nested, exchanged_files, foreign_titles, mistitled
+from lrbc_cli.campaign.looking.first_look import FirstLook
 
 
 @pytest.mark.parametrize(
@@ -72,7 +75,21 @@ def test_what_files_say_of_themselves(titles: dict[str, str], expected: list[str
     measured = {name: read_measurement(inputs, job, name) for name, job in inputs.campaign.jobs.items()}
     told = mistitled(inputs, {name: replace(own, titles=(titles.get(name, ""),)) for name, own in measured.items()})
     assert len(told) == len(expected)
-    assert all(part in text for part, text in zip(expected, told, strict=True))
+    assert all(part in text for part, text in zip(expected, told.values(), strict=True))
+
+
+@pytest.mark.parametrize(("pair", "kept"), [(("tight", "loose-2"), {Kind.UNITS}), (("loose-2", "loose-all"), {Kind.UNITS, Kind.FREED})])
+def test_beside_the_file_of_another_state_for_the_tight_one_no_bolt_is_told(
+    monkeypatch: pytest.MonkeyPatch, pair: tuple[str, str], kept: set[Kind]
+) -> None:
+    """A right tight job that differs from the wrong file is not to be removed."""
+    inputs = sample("frame")
+    seen = [Finding(text="taken as tight", kind=Kind.FREED), Finding(text="g", kind=Kind.UNITS), Finding(text="removed", kind=Kind.REMOVED)]
+    monkeypatch.setattr(check, "_looks", lambda *_: FirstLook(seen))
+    monkeypatch.setattr(check, "mistitled", lambda *_: {pair: "files may be exchanged"})
+    out = check.Findings()
+    check._compared(inputs, Path(), {}, out, lambda _: None)
+    assert {each.kind for each in out.found if each.kind is not None} == kept
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from looking import measurement, seen
 from samples import reduced_cache, sample
 
 from lrbc_cli.campaign.findings import Finding, Kind
+from lrbc_cli.campaign.identification.compared import offsets
 from lrbc_cli.campaign.identification.compared.likeness import apart
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.looking import first_look
@@ -21,6 +22,7 @@ from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, strike_
 from lrbc_cli.campaign.looking.states import Looking, Seen
 from lrbc_cli.campaign.reduced.stage import obtain_reduction
 from lrbc_cli.config.settings import JobConfig
+from lrbc_cli.updating.comparison.scale import Offset
 
 HZ = np.arange(40.0, 500.0, 2.0)
 S = 2j * np.pi * HZ
@@ -140,6 +142,35 @@ def test_an_excitation_that_no_calibration_fits_keeps_its_warning(
     first = OfJob([Finding(kind=Kind.UNLIKE, text="little in common")])
     _, found = first_look._calibrated(source, {"tight": measurement}, "tight", first)
     assert (found is first) == kept
+
+
+@pytest.mark.parametrize(
+    ("misfit", "held", "told"),
+    [
+        (4.6, ". The model is held to the ground in addition to the bolts (at x = 0.74)", "differ by 4.6 dB (median of the responses"),
+        # Without supports, or near the model, there is nothing to name.
+        (4.6, "", ""),
+        (2.1, ". The model is held to the ground in addition to the bolts (at x = 0.74)", ""),
+    ],
+)
+def test_supports_of_a_model_that_no_calibration_brings_near(monkeypatch: pytest.MonkeyPatch, misfit: float, held: str, told: str) -> None:
+    """Nodes held by leaving out their rows cannot be freed, so that no model shows what is behind them; they are named all the same."""
+    stand_in: Any = SimpleNamespace(misfit=misfit)
+    monkeypatch.setattr(first_look, "supports_text", lambda _: held)
+    unused: Any = None
+    found = first_look._uncalibrated(stand_in, unused, [])
+    assert [each.kind for each in found] == ([Kind.UNLIKE] if told else [])
+    assert not told or (told in found[0].text and "remove the constraint in the FE model" in found[0].text)
+
+
+@pytest.mark.parametrize(("late", "kept"), [({1}, set()), ({1, 4}, {1, 4}), ({3, 4, 5}, {3, 4, 5}), ({0, 2, 5}, {2, 5})])
+def test_a_channel_is_late_at_every_blow(monkeypatch: pytest.MonkeyPatch, late: set[int], kept: set[int]) -> None:
+    """Three sensors and two hammer points; a blow is late at all sensors."""
+    monkeypatch.setattr(offsets, "same_sensor", lambda _, i: [(i + 3) % 6])
+    inputs: Any = SimpleNamespace(input_of=np.array([0, 0, 0, 1, 1, 1]))
+    plain = Offset(response=0, db=0.0, half=0.0, power=0, known=(), before=0.0, after=0.0)
+    stated = [replace(plain, response=i, delay=3.5e-4 * (i in late)) for i in range(6)]
+    assert {o.response for o in offsets.late_together(inputs, stated) if o.delay} == kept
 
 
 def test_nothing_is_compared_beyond_a_soft_tip() -> None:

@@ -52,8 +52,8 @@ def exchanged_files(inputs: Inputs, measurements: Mapping[str, Measurement]) -> 
     )
 
 
-def mistitled(inputs: Inputs, measurements: Mapping[str, Measurement]) -> list[str]:
-    """Warnings about jobs whose file has the title of another job, unless the file of that job has the same title.
+def mistitled(inputs: Inputs, measurements: Mapping[str, Measurement]) -> dict[tuple[str, str], str]:
+    """Warnings about jobs whose file has the title of another job, unless the file of that job has the same title; by both jobs.
 
     Parameters
     ----------
@@ -70,15 +70,14 @@ def mistitled(inputs: Inputs, measurements: Mapping[str, Measurement]) -> list[s
 
     titled = {name: [(title, named(title)) for title in found.titles] for name, found in measurements.items()}
     every = {name: set[str]().union(*(names for _, names in titles)) for name, titles in titled.items()}
-    told, pairs, jobs = list[str](), set[frozenset[str]](), inputs.campaign.jobs
+    told, jobs = dict[tuple[str, str], str](), inputs.campaign.jobs
     for name, others in every.items():
         other = next(iter(others), "")
-        if len(others) != 1 or other in every[other] or frozenset((name, other)) in pairs:
+        if len(others) != 1 or other in every[other] or (other, name) in told:
             continue
-        pairs.add(frozenset((name, other)))
         title = next(title for title, names in titled[name] if names)
         own, its = jobs[name].first.name, jobs[other].first.name
-        told.append(
+        told[name, other] = (
             f"job {name}: its file and that of {other} may be exchanged: {own} is titled {title!r}, and {its}, the file of {other}, is "
             f"not. Check jobs.{name}.frf and jobs.{other}.frf"
         )

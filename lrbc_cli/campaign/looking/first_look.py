@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -30,12 +30,20 @@ from lrbc_cli.campaign.identification.compared.likeness import (
     sideways,
     turned,
 )
-from lrbc_cli.campaign.identification.compared.offsets import LEAST_BAND, factors_of, offset_findings, sideways_finding, trusted
+from lrbc_cli.campaign.identification.compared.offsets import (
+    LEAST_BAND,
+    factors_of,
+    late_together,
+    offset_findings,
+    sideways_finding,
+    trusted,
+)
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.identification.weights import without_noise
 from lrbc_cli.campaign.looking.all_jobs import OfJob, of_all_jobs, pooled
 from lrbc_cli.campaign.looking.axes import out_of_reach_text, stretched_text
 from lrbc_cli.campaign.looking.causes.damped import misdamped_text
+from lrbc_cli.campaign.looking.causes.held import supports_text
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
 from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings
 from lrbc_cli.campaign.looking.causes.removed import removed_findings
@@ -155,7 +163,8 @@ def first_look(
             # A faulty reference job is not used as the tight state.
             tight = heard.get(reference or "") if name != reference and not kinds_of(own) - {Kind.LOWERED} else None
             progress(f"comparing {name} with the model, job {len(found) + 1} of {len(order)}")
-            found[name] = _looked_at(source, heard, name, tight)
+            cycles = [cycle for each in own if name != reference for cycle in each.cycles]
+            found[name] = _looked_at(source, heard, name, tight, cycles)
             if name == reference:
                 source, found[name] = _calibrated(source, heard, name, found[name])
         later = f"; the other jobs are compared once the fault of {reference} is corrected" if len(found) < len(order) else ""
@@ -220,8 +229,14 @@ def _lacking(inputs: Inputs, source: Looking) -> list[str]:
     return []
 
 
-def _looked_at(source: Looking, measurements: Mapping[str, Measurement], name: str, tight: Measurement | None = None) -> OfJob:
-    """Findings of one job, by comparison with the model and, if given, with the measurement ``tight`` of the reference job."""
+def _looked_at(
+    source: Looking,
+    measurements: Mapping[str, Measurement],
+    name: str,
+    tight: Measurement | None = None,
+    cycles: Sequence[tuple[int, ...]] = (),
+) -> OfJob:
+    """Findings of one job, by comparison with the model and, if given, with measurement ``tight`` and ``cycles`` of the reference job."""
     seen = Seen.of(source, name, measurements[name], tight)
     inputs, held = seen.inputs, seen.held
     seen = seen.beside(held)
@@ -249,7 +264,7 @@ def _looked_at(source: Looking, measurements: Mapping[str, Measurement], name: s
     how = sideways(seen.measured, seen.states)
     backwards = not how and run_backwards(measurements[name].frequency_hz, measurements[name].values)
     near = [*nearest_states(seen), *(state for state in (held, fitted) if state is not None)]
-    told, offsets = _channels(seen, near, reach[0], backwards=backwards)
+    told, offsets = _channels(seen, near, reach[0], cycles, backwards=backwards)
     # Places are looked for below; without a better finding these remain.
     uneven = [each for each in told if each.kind is Kind.PLACES]
     told = [each for each in told if each.kind is not Kind.PLACES]
@@ -316,8 +331,7 @@ def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: 
         return source, first
     calibrated = roughly_calibrated(source, measurements[name])
     if calibrated is None:
-        far = out_of_reach_text(measurements[name], seen) if Kind.UNLIKE in kinds else ""
-        return source, replace(first, told=[Finding(text=far, kind=Kind.MATERIAL)]) if far else first
+        return source, replace(first, told=_uncalibrated(seen, measurements[name], first.told))
     again, after = _looked_at(calibrated, measurements, name), Seen.of(calibrated, name, measurements[name])
     # A calibration takes a wrong clock for another stiffness, so only a place that it shows is told instead.
     if Kind.STRETCHED in kinds and not kinds_of(again.told) & {Kind.COORDINATES, Kind.HAMMER, Kind.HAMMERS, Kind.EXCHANGED}:
@@ -331,14 +345,30 @@ def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: 
     return calibrated, replace(again, told=[*again.told, Finding(text=lowered, kind=Kind.LOWERED)]) if lowered else again
 
 
-def _channels(seen: Seen, near: list[Complexes], movable: Floats | float, *, backwards: bool) -> tuple[list[Finding], tuple[Offset, ...]]:
+def _uncalibrated(seen: Seen, measurement: Measurement, told: list[Finding]) -> list[Finding]:
+    """Findings of the reference job, of which no rough calibration brings the model near: a stiffness out of reach, or supports."""
+    if Kind.UNLIKE in kinds_of(told):
+        far = out_of_reach_text(measurement, seen)
+        return [Finding(text=far, kind=Kind.MATERIAL)] if far else told
+    if not told and seen.misfit > LEAST_DIFFERENCE and (held := supports_text(seen)):
+        text = (
+            f"measured and computed FRFs differ by {seen.misfit:.1f} dB (median of the responses, mean level of each removed), more than a "
+            f"calibration corrects{held}; if not, remove the constraint in the FE model, and export it again"
+        )
+        return [Finding(text=text, kind=Kind.UNLIKE)]
+    return told
+
+
+def _channels(
+    seen: Seen, near: list[Complexes], movable: Floats | float, cycles: Sequence[tuple[int, ...]], *, backwards: bool
+) -> tuple[list[Finding], tuple[Offset, ...]]:
     """Exchanged channels, and factors and phases of the others relative to the nearest states.
 
     A factor is reported only if it exceeds the change of level by one loosened bolt, ``movable`` ((R,) or one value for all) [dB]. If the
     FRFs are complex conjugates (``backwards``), other findings from phases are dropped.
     """
     inputs = seen.inputs
-    exchanges = exchanged(inputs, seen.measured, nearest_states(seen, NEAREST))
+    exchanges = exchanged(inputs, seen.measured, nearest_states(seen, NEAREST), cycles)
     offsets = factors_of(inputs, seen.measurement, near)
     involved = {i for cycle in exchanges for i in cycle}
     by_bolt = np.broadcast_to(movable, len(inputs.responses))
@@ -353,6 +383,8 @@ def _channels(seen: Seen, near: list[Complexes], movable: Floats | float, *, bac
     if not any(o.power or o.delay or o.conjugate or o.reversed for o in offsets):
         opposite = turned(seen.measured, seen.states)
         offsets = tuple(replace(o, reversed=o.response in opposite) for o in offsets)
+    # Phases of a model that is not near agree with a delay by chance.
+    offsets = offsets if seen.misfit <= LEAST_DIFFERENCE else late_together(inputs, offsets)
     cycled = by_sensors(inputs, exchanges)
     found = [Finding(text=exchanged_text(inputs, cycles, seen.job), kind=Kind.EXCHANGED, cycles=cycles) for cycles in cycled]
     return [*offset_findings(inputs, offsets, seen.job), *found], offsets

@@ -192,7 +192,9 @@ def _cosine(one: Complexes, other: Complexes, axis: int) -> Floats:
     return found
 
 
-def exchanged(inputs: Inputs, measured: Complexes, states: Sequence[Complexes] | Complexes) -> list[tuple[int, ...]]:
+def exchanged(
+    inputs: Inputs, measured: Complexes, states: Sequence[Complexes] | Complexes, known: Sequence[tuple[int, ...]] = ()
+) -> list[tuple[int, ...]]:
     """Exchanged responses of one quantity, as cycles (i, j, ...): measured i fits computed j, measured j the next, the last computed i.
 
     Parameters
@@ -201,6 +203,8 @@ def exchanged(inputs: Inputs, measured: Complexes, states: Sequence[Complexes] |
     measured : (F, R) complex array
     states : sequence of (F, R) complex arrays
         FRFs of the model in several states; the one that fits best counts.
+    known : sequence of tuples of int
+        Cycles of the reference job: for the same exchange weaker evidence is enough, and it counts before others of its responses.
     """
     count, limits = len(inputs.responses), inputs.statistics.validation
     kinds = [(response.quantity, response.input) for response in inputs.responses]
@@ -225,6 +229,9 @@ def exchanged(inputs: Inputs, measured: Complexes, states: Sequence[Complexes] |
         ways = ((0.0, limits.exchanged_share), (lacking, limits.exchanged_share**2))
         if any(stated - own > len(at) * limits.exchanged_db and changed - own < share * (stated - own) for own, share in ways):
             found.append(cycle)
+    if again := [cycle for cycle in known if (at := list(cycle)) and nearest[at, [*at[1:], at[0]]].sum() < nearest[at, at].sum()]:
+        taken = {i for own in again for i in own}
+        found = again + [cycle for cycle in found if not taken.intersection(cycle)]
     # Exchanged cables are exchanged for all hammer points: if this is clear for one, weaker evidence is enough for the others.
     for clear in tuple(found):
         for also in _elsewhere(inputs, clear):

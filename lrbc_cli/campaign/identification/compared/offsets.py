@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -52,6 +53,14 @@ def factors_of(inputs: Inputs, measurement: Measurement, states: Sequence[Comple
     if np.ptp(measurement.frequency_hz) < LEAST_BAND * (high - low):
         return ()
     return offsets_of(measurement.frequency_hz, measurement.values, states, quantities_of(inputs))
+
+
+def late_together(inputs: Inputs, offsets: Sequence[Offset]) -> tuple[Offset, ...]:
+    """The same without delays of single responses: a channel is late at every blow, and a blow at every channel."""
+    late = {o.response for o in offsets if o.delay}
+    struck = {i: set(np.flatnonzero(inputs.input_of == inputs.input_of[i]).tolist()) for i in late}
+    alone = {i for i in late if not late >= {i, *same_sensor(inputs, i)} and not late >= struck[i]}
+    return tuple(replace(o, delay=0.0) if o.response in alone else o for o in offsets)
 
 
 def trusted(offset: Offset, offsets: Sequence[Offset]) -> bool:
