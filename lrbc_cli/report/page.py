@@ -130,7 +130,8 @@ def _convergence(content: Content) -> _Section | None:
         "Starting points: the values of the campaign file or of the calibration. “uniform”: one change of all values. “table of changes”: "
         "the most probable of many precomputed states with loosened bolts, with the change of each bolt in decades. “over smoothed "
         "spectra”: a first search with the peaks blurred. “hop”: continued from beyond a ridge of the cost beside the optimum found. "
-        "“without the n %”: a first search without the lines that fit worst."
+        "“without the n %”: a first search without the lines that fit worst. “the most probable state of the bolts”: the search went on "
+        "from there, because its cost is the lowest by the final weights of the lines; all costs in this table are by the first weights."
     )
     return "convergence", "Search for the best fit", [tag("p", text), made, tag("p", words, class_="meta")]
 

@@ -112,7 +112,8 @@ class Bolt(Record):
     """Result at one bolt; ``removed`` is its true state as the campaign states it, null if unknown.
 
     ``change``, its ``change_std``, its 95 % limits ``change_interval95`` (null if open to that side) and the ``threshold`` below
-    which a bolt counts as loose are in decades. A bolt ``outside``, which no term reaches, has none of these numbers.
+    which a bolt counts as loose are in decades. A bolt ``outside``, which no term reaches, has none of these numbers. ``open_groups``:
+    groups of springs of a tight bolt whose loss alone the data do not exclude.
     """
 
     name: str
@@ -124,6 +125,7 @@ class Bolt(Record):
     threshold: float | None = None
     probability_loose: Share | None = None
     probability_changed: Share | None = None
+    open_groups: Many[str] = ()
     verdict: Verdict
     removed: bool | None = None
     note: str | None = None
@@ -379,7 +381,10 @@ class JobRecord(_JobBase):
         tight = self.taken_as_tight
         return JobFinding(
             status=self.status,
-            bolts=tuple(BoltFinding(bolt.name, bolt.verdict, bolt.probability_loose) for bolt in self.bolts),
+            bolts=tuple(
+                BoltFinding(name=bolt.name, verdict=bolt.verdict, probability=bolt.probability_loose, open_groups=bolt.open_groups)
+                for bolt in self.bolts
+            ),
             validated=self.validity is not None and self.validity.passed is True,
             unvalidated="" if self.validity is None else self.validity.unvalidated,
             assumed=None if tight is None else tight.role,

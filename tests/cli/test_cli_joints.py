@@ -131,7 +131,9 @@ def test_springs_that_no_response_feels_are_named(folder: Folder, tmp_path: Path
     weak.write({**weak.tree(), "parameters": {**GROUPS, "seat": {"select": {"bushings": "data/seat.csv"}}}})
     study = load(weak.config, cache=weak.cache)
     tight = study.identify("tight")
-    for bolt in study.identify("ring", reference=tight).record.bolts:
+    record = study.identify("ring", reference=tight).record
+    assert record.sentence.endswith("(as a whole: springs of seat alone may be loose)")
+    for bolt in record.bolts:
         expected = (
             None if bolt.name in JOBS["ring"] else "tight as a whole; the data do not exclude that its springs of seat alone are loose"
         )

@@ -37,3 +37,6 @@ class LinearModel:
     def sensitivities(self, theta: np.ndarray, phase: bool = False) -> tuple[np.ndarray, np.ndarray]:
         assert not phase
         return self.frf(theta), self.A
+
+    def near(self, theta: np.ndarray) -> LinearModel:
+        return self

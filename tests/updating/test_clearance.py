@@ -12,7 +12,9 @@ from lrbc_cli.updating.judging.clearance import BoltFinding, JobFinding, not_cle
 def job(verdicts: str, status: str = "converged", **more: object) -> JobFinding:
     """One letter a bolt: tight, loose, undecided, probably loose (undecided), outside."""
     words = {"t": ("tight", 0.01), "l": ("loose", 0.99), "u": ("undecided", 0.3), "p": ("undecided", 0.7), "o": ("outside", None)}
-    bolts = tuple(BoltFinding(f"B{i}", *words[letter]) for i, letter in enumerate(verdicts, start=1))
+    bolts = tuple(
+        BoltFinding(name=f"B{i}", verdict=words[letter][0], probability=words[letter][1]) for i, letter in enumerate(verdicts, start=1)
+    )
     return JobFinding(status=status, bolts=bolts, **more)  # type: ignore[arg-type]
 
 
@@ -41,7 +43,12 @@ def test_an_all_clear() -> None:
         (job("tttttt", assumed="reference", doubtful=("B3",)), "B3 taken as tight, but far looser than the other bolts there"),
         (job("tttuut", assumed="reference"), "2 inconclusive"),
         (job("tttttt", "unexplained", assumed="reference"), "does not explain"),
-        (replace(job("tt"), bolts=(BoltFinding("B1", "tight"), BoltFinding("B2", "a word of a later version"))), "1 inconclusive"),
+        (
+            replace(
+                job("tt"), bolts=(BoltFinding(name="B1", verdict="tight"), BoltFinding(name="B2", verdict="a word of a later version"))
+            ),
+            "1 inconclusive",
+        ),
     ],
 )
 def test_one_open_point_is_enough(other: JobFinding, words: str) -> None:
@@ -97,10 +104,24 @@ def test_a_sentence_a_job(found: JobFinding, text: str) -> None:
     assert sentence(found) == text
 
 
+def test_bolts_that_are_tight_as_a_whole_only_are_said() -> None:
+    """The all-clear stands, but its sentence must not promise more than the verdicts."""
+    first = [
+        BoltFinding(name="B1", verdict="tight", open_groups=("rot",)),
+        BoltFinding(name="B2", verdict="tight", open_groups=("rot", "shear")),
+    ]
+    some = JobFinding(status="converged", bolts=[*first, BoltFinding(name="B3", verdict="tight"), BoltFinding(name="B4", verdict="tight")])
+    assert sentence(some) == "no loose bolt found: 4 tight (2 of them as a whole: springs of rot or shear alone may be loose)"
+    every = replace(some, bolts=first[:1])
+    assert sentence(every) == "no loose bolt found: 1 tight (as a whole: springs of rot alone may be loose)"
+    assert not_clear({"tight": REFERENCE, "a": every}) == {}
+    assert sentence(replace(every, assumed="baseline")) == "a baseline, taken as tight"
+
+
 def test_runs_of_bolts_keep_their_zeros() -> None:
     names = ["B08", "B09", "B10", "B12", "north", "P9", "P10", "P11"]
     assert (
-        sentence(JobFinding(status="converged", bolts=[BoltFinding(name, "loose") for name in names]))
+        sentence(JobFinding(status="converged", bolts=[BoltFinding(name=name, verdict="loose") for name in names]))
         == "B08 to B10, B12, north, P9 to P11 loose"
     )
 

@@ -178,7 +178,7 @@ class TestSampled:
         assert one(part).verdict == "tight"
         assert str(one(part).note).endswith("do not exclude that its springs of rocking alone are loose")
         loose = one(replace(PLACE, change=Change(mean=-2.0, std=0.1, unfelt=("rocking",))))
-        assert (loose.verdict, loose.note) == ("loose", None)
+        assert (loose.verdict, loose.note, loose.open_groups) == ("loose", None, ())
 
     @pytest.mark.parametrize(("ratio", "told"), [(-1000.0, False), (-3.0, False), (-2.9, True), (0.0, True), (1000.0, True)])
     def test_groups_that_may_be_loose_alone_are_named_beside_a_tight_verdict(self, ratio: float, told: bool) -> None:
@@ -188,6 +188,7 @@ class TestSampled:
         which = "rocking or torsion" if told else "rocking"
         assert found.verdict == "tight"
         assert found.note == f"tight as a whole; the data do not exclude that its springs of {which} alone are loose"
+        assert found.open_groups == (("rocking", "torsion") if told else ("rocking",))
 
     def test_a_probability_is_none_above_one(self) -> None:
         """Rounded weights may add up to more."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from derivatives import check_derivative
@@ -235,8 +237,8 @@ class TestChangeError:
         return np.column_stack([first + second, 2.0 * first - second])
 
     def error(self, most: float = 1.0) -> ChangeError:
-        here, nearby = (lambda theta, f=f: self.response(theta, f) for f in (self.LINES, self.LINES + self.STEP))
-        return ChangeError(most=most, here=here, nearby=nearby, frequency_hz=self.LINES, step_hz=self.STEP, size=1)
+        here, above = (SimpleNamespace(frf=lambda theta, f=f: self.response(theta, f)) for f in (self.LINES, self.LINES + self.STEP))
+        return ChangeError(most=most, here=here, above=above, frequency_hz=self.LINES, step_hz=self.STEP, size=1)
 
     @pytest.mark.parametrize("shift", [0.02, -0.3])
     def test_the_error_is_a_share_of_the_shift(self, shift: float) -> None:

@@ -11,7 +11,8 @@ from linear import line_group
 from scipy.stats import multivariate_normal, norm
 
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.posterior.mixture import KindScore, MixtureProblem, adjacency, best_states, settle
+from lrbc_cli.updating.posterior.kinds import KindScore, adjacency
+from lrbc_cli.updating.posterior.mixture import MixtureProblem, best_states, foreseen, settle
 from lrbc_cli.updating.posterior.samples import ChangeSamples
 from lrbc_cli.updating.posterior.sampling import sample_changes
 from lrbc_cli.updating.statistics.priors import BoltPrior
@@ -117,6 +118,22 @@ def test_where_the_data_say_nothing_the_prior_stays() -> None:
     share = PRIOR.loose_share
     alone = np.array([1 - share, *[(1 - share) ** 2] * (BOLTS - 2), 1 - share])
     np.testing.assert_allclose(found.mean, share * (alone * PRIOR.alone_mean + (1 - alone) * PRIOR.loose_mean), atol=1e-3)
+
+
+@pytest.mark.parametrize("follows", [False, True])
+def test_what_one_step_promises_a_descent_keeps_where_all_is_linear(follows: bool) -> None:
+    toy = Toy(ONE)
+    problem, kinds, rng = toy.problem(), ONE < -0.1, np.random.default_rng(5)
+    if follows:
+        problem = replace(problem, about=lambda z: (lambda y: (2.0 * (toy.r0 + toy.J @ y), 2.0 * toy.J), -7.0))
+    for i, change in ((0, -1.0), (3, 0.2)):
+        z = 0.5 * rng.normal(size=problem.mean.size)
+        z[problem.bolts[i]] = change
+        kept = settle(problem, PRIOR, kinds, z, (1e-12, 50), held=(i, change))
+        assert foreseen(problem, PRIOR, kinds, z, (i, change)) == pytest.approx(kept.evidence, rel=1e-9)
+        z[problem.bolts[i]] += 0.1
+        # Another change has another evidence.
+        assert abs(foreseen(problem, PRIOR, kinds, z, (i, change + 0.1)) - kept.evidence) > 1e-3
 
 
 def test_a_nonlinear_problem_is_linearised_where_it_ends() -> None:

@@ -11,7 +11,7 @@ from pads import PADS, pads_model, pads_ports
 from sharp import sharp_misfit
 
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.misfit.cost import Misfit
+from lrbc_cli.updating.misfit.cost import ChangeError, Misfit
 from lrbc_cli.updating.misfit.frf import port_model
 from lrbc_cli.updating.search.descent import descend
 from lrbc_cli.updating.search.levels import gauss_newton_by_levels
@@ -135,9 +135,29 @@ def test_tables_are_what_full_evaluations_give() -> None:
     other[[0, 7]] -= [2.0, 1.0]
     np.testing.assert_allclose(frf(other), misfit.model.frf(other), rtol=1e-9)
     np.testing.assert_allclose(frf(truth), misfit.model.frf(truth), rtol=1e-9)
-    assert misfit.sum(other, frf) == pytest.approx(misfit.sum(other), rel=1e-9)
     several = np.stack([other, truth])
     np.testing.assert_allclose(frf(several), [misfit.model.frf(theta) for theta in several], rtol=1e-9)
+
+
+@pytest.mark.parametrize("moved", [[], [7], [0, 7]])
+def test_a_cost_near_a_state_is_the_same_cost(moved: list[int]) -> None:
+    """Values, Jacobian and the errors of a predicted change, with none, one and two joints moved from that state, and everything moved."""
+    misfit, parameters, _, truth = joints({2: -1.0, 7: -0.4})
+    measured = misfit.model.frf(truth)
+    lines, step = misfit.model.ports.frequency_hz, 1e-3
+    pads = pads_model(None, initial=4.5, bounds=(0.0, 7.0))[0]
+    above = port_model(pads_ports(pads, 2j * np.pi * (lines + step)), parameters)
+    error = ChangeError(most=2.0, here=misfit.model, above=above, frequency_hz=lines, step_hz=step, size=truth.size)
+    at = truth - 0.3
+    near, close = misfit.near(at), error.near(at)
+    for theta in (at - 0.9 * np.isin(np.arange(truth.size), moved), truth):
+        one, other = misfit(theta), near(theta)
+        assert other.total == pytest.approx(one.total, rel=1e-8, abs=1e-12 * np.abs(measured).size)
+        np.testing.assert_allclose(other.residual, one.residual, rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose(other.jacobian, one.jacobian, rtol=1e-7, atol=1e-7)
+        assert near.sum(theta) == pytest.approx(one.total, rel=1e-8)
+        for ours, expected in zip(close(misfit.prior, theta), error(misfit.prior, theta), strict=True):
+            np.testing.assert_allclose(ours, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
 
 
 def test_speeds_are_the_derivative_of_all_frfs_along_a_joint() -> None:

@@ -117,7 +117,7 @@ def _identified(job: Job) -> Identification:
     if fit.curve is not None:
         job.notes += curve_notes(fit.curve)
     beyond = beyond_of(job.model, fit, changes)
-    opens = opens_of(inputs, fit, job.model.nearby(fit.solution.theta), job.error)
+    opens = opens_of(inputs, fit, job.error)
     tight, expected = job.of_reference(), None
     if tight is not None and job.against_reference and not unlike(job.measurement.frequency_hz, tight.frequency_hz):
         with np.errstate(divide="ignore", invalid="ignore"):

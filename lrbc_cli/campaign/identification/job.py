@@ -123,12 +123,12 @@ class Job:
         if self.reference is None or not self.shapes.by_bolt or not self.method.weighted:
             return None
         step = SLOPE_STEP * float(self.measurement.frequency_hz[-1])
-        nearby = self.source.model(self.s + 2j * np.pi * step, self.parameters, self.selected, self.inputs.used)
+        above = self.source.model(self.s + 2j * np.pi * step, self.parameters, self.selected, self.inputs.used)
         # A change is the difference of two states, each as wrong as the reference state.
         most = float(np.sqrt(2.0)) * max(self.reference.sigma_db, self.reference.misfit_db)
         lines = self.measurement.frequency_hz[self.selected]
-        here, size, errors = self.model.frf, self.parameters.size, self.statistics.errors
-        return ChangeError(most=most, here=here, nearby=nearby.frf, frequency_hz=lines, step_hz=step, size=size, errors=errors)
+        here, size, errors = self.model, self.parameters.size, self.statistics.errors
+        return ChangeError(most=most, here=here, above=above, frequency_hz=lines, step_hz=step, size=size, errors=errors)
 
     def _shapes(self) -> Shapes:
         values, bolts = self.statistics.values, self.inputs.bolts

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
+from typing import Any
 
 import numpy as np
 
-from lrbc_cli.arrays import Bools, Complexes, Floats
+from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.campaign.identification.found import Fit
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.misfit.cost import ChangeError, Misfit
@@ -24,6 +24,9 @@ from lrbc_cli.updating.posterior.sampling import sample_changes
 from lrbc_cli.updating.search.descent import Level
 from lrbc_cli.updating.unknowns.places import pitch_of
 from lrbc_cli.updating.unknowns.shapes import joints_of, neighbours
+
+#: Residuals and their Jacobian as a function of the unknowns z.
+Data = Callable[[Floats], tuple[Floats, Floats]]
 
 
 def changes_of(
@@ -83,40 +86,49 @@ def changes_of(
     further = np.hstack(columns)
     variance = max(replace(knowledge.noise, coarsening=plain.errors.coarsening).variance, plain.errors.least_variance)
 
-    def data_by(level: Level, further: Floats) -> Callable[[Floats], tuple[Floats, Floats]]:
+    def place(z: Floats) -> Floats:
+        return np.clip(level.theta(z[:count]), *parameters.bounds.T)
+
+    def data_by(misfit: Misfit, further: Floats) -> Data:
+        own = Level(misfit, prior, shapes.T)
+
         def data(z: Floats) -> tuple[Floats, Floats]:
-            found = level(z[:count])
+            found = own(z[:count])
             return found.residual[:rows] + further @ z[count:], np.hstack([found.jacobian[:rows], further])
 
         return data
 
-    def about(z: Floats) -> tuple[Callable[[Floats], tuple[Floats, Floats]], float]:
-        assert error is not None
-        there = plain.about(np.clip(level.theta(z[:count]), *parameters.bounds.T), error)
-        offset = -0.5 * there.log_det * there.level**2 / variance
-        return data_by(Level(there, prior, shapes.T), there.carried(further, plain)), offset
+    def posed(misfit: Misfit, error: ChangeError | None) -> dict[str, Any]:
+        def about(z: Floats) -> tuple[Data, float]:
+            assert error is not None
+            there = misfit.about(place(z), error)
+            return data_by(there, there.carried(further, plain)), -0.5 * there.log_det * there.level**2 / variance
 
-    def nearby(z: Floats) -> Callable[[Floats], Floats]:
-        theta = np.clip(level.theta(z[:count]), *parameters.bounds.T)
-        there = plain if error is None else plain.about(theta, error)
-        carried = further if error is None else there.carried(further, plain)
-        frf = plain.model.nearby(theta) if isinstance(plain.model, FrfModel) else plain.model.frf
-        return lambda z: there.residuals(level.theta(z[:count]), frf) + carried @ z[count:]
+        def residuals(z: Floats) -> Callable[[Floats], Floats]:
+            there = misfit if error is None else misfit.about(place(z), error)
+            carried = there.carried(further, plain)
+            return lambda z: there.residuals(level.theta(z[:count])) + carried @ z[count:]
+
+        return {"data": data_by(misfit, further), "about": None if error is None else about, "residuals": residuals}
+
+    def near(z: Floats) -> MixtureProblem:
+        theta = place(z)
+        return replace(problem, **posed(plain.near(theta), None if error is None else error.near(theta)), near=None)
 
     free = np.tile([-np.inf, np.inf], (further.shape[1], 1))
     order, first = np.unique(shapes.bolts, return_index=True)
     order, joint = order[order >= 0], shapes.joint[first[order >= 0]]
-    place = {int(column): i for i, column in enumerate(order)}
-    pairs = [(place[int(shapes.bolts[a])], place[int(shapes.bolts[b])]) for a, b in neighbours(parameters, bolts, shapes)]
+    position = {int(column): i for i, column in enumerate(order)}
+    pairs = [(position[int(shapes.bolts[a])], position[int(shapes.bolts[b])]) for a, b in neighbours(parameters, bolts, shapes)]
     inverse, rest = np.linalg.pinv(shapes.T), np.zeros(further.shape[1])
     groups: list[tuple[int, str, Floats]] = []
     for bolt, own in enumerate(joints_of(parameters, bolts.shape[0])):
-        if len(own) > 1 and int(shapes.bolts[bolt]) in place:
+        if len(own) > 1 and int(shapes.bolts[bolt]) in position:
             lone = [inverse @ np.isin(np.arange(parameters.size), values) for values in own.values()]
             named = [parameters.groups[group].name for group in own]
-            groups += [(place[int(shapes.bolts[bolt])], name, np.concatenate([z, rest])) for name, z in zip(named, lone, strict=True)]
+            groups += [(position[int(shapes.bolts[bolt])], name, np.concatenate([z, rest])) for name, z in zip(named, lone, strict=True)]
     problem = MixtureProblem(
-        data=data_by(level, further),
+        **posed(plain, error),
         variance=variance,
         bounds=np.vstack([level.bounds(parameters.bounds), free]),
         bolts=order,
@@ -124,11 +136,10 @@ def changes_of(
         joint=joint,
         mean=np.concatenate([np.zeros(count), mean]),
         std=np.concatenate([shapes.std, std]),
-        about=None if error is None else about,
         shared=plain.errors.shift_error,
         ratio=knowledge.noise.ratio,
         groups=groups,
-        nearby=nearby,
+        near=near,
     )
     starts = [knowledge.z, *(inverse @ (theta - prior) for theta in ends)]
     return sample_changes(problem, [np.concatenate([z, rest]) for z in starts], inputs.statistics.bolts)
@@ -173,15 +184,13 @@ def beyond_of(model: FrfModel, fit: Fit, changes: ChangeSamples | None, *, steps
     return found
 
 
-def opens_of(inputs: Inputs, fit: Fit, frf: Callable[[Floats], Complexes], error: ChangeError | None = None) -> tuple[Bools, Bools]:
+def opens_of(inputs: Inputs, fit: Fit, error: ChangeError | None = None) -> tuple[Bools, Bools]:
     """Whether the data allow each stiffness value, with its surroundings of half a bolt pitch, to be free, and to be clamped.
 
     Parameters
     ----------
     inputs : Inputs
     fit : Fit
-    frf : callable
-        From theta to FRFs near the end of the fit, see ``FrfModel.nearby``.
     error : ChangeError or None
         Error of predicted changes.
 
@@ -192,16 +201,17 @@ def opens_of(inputs: Inputs, fit: Fit, frf: Callable[[Floats], Complexes], error
         of the verdicts: the interval is open to that side.
     """
     pitch = 0.0 if inputs.bolts is None else pitch_of(inputs.bolts.xyz)
-    plain, variance = fit.plain, fit.knowledge.noise.variance * fit.knowledge.noise.ratio**2
+    own, variance = fit.solution.theta, fit.knowledge.noise.variance * fit.knowledge.noise.ratio**2
+    plain, beside = fit.plain.near(own), None if error is None else error.near(own)
 
     def following(theta: Floats) -> float:
-        assert error is not None
-        there = plain.about(theta, error)
-        return there.data_sum(theta, frf) + there.log_det * there.level**2
+        assert beside is not None
+        there = plain.about(theta, beside)
+        return there.data_sum(theta) + there.log_det * there.level**2
 
     # Errors of a large change may explain what it changes. Of small changes on many lines they raise the determinant only, which must not
     # exclude what the data allow.
-    costs: list[Callable[[Floats], float]] = [partial(plain.data_sum, frf=frf), *([] if error is None else [following])]
-    sides = [open_values(plain.model.parameters, pitch, data, fit.solution.theta, variance) for data in costs]
+    costs: list[Callable[[Floats], float]] = [plain.data_sum, *([] if error is None else [following])]
+    sides = [open_values(plain.model.parameters, pitch, data, own, variance) for data in costs]
     down, up = (np.any(side, axis=0) for side in zip(*sides, strict=True))
     return down, up

@@ -163,11 +163,10 @@ class Rehearsal:
         self.model = source.model(self.s, self.parameters)
         self.scatter = _scatter(inputs)
         step = SLOPE_STEP * float(grid[-1])
-        nearby = source.model(self.s + 2j * np.pi * step, self.parameters)
         self._error = ChangeError(
             most=0.0,
-            here=self.model.frf,
-            nearby=nearby.frf,
+            here=self.model,
+            above=source.model(self.s + 2j * np.pi * step, self.parameters),
             frequency_hz=grid,
             step_hz=step,
             size=self.parameters.size,

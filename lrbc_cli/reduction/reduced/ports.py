@@ -85,7 +85,7 @@ class PortFrf:
         )
 
     def evaluate(self, D: Complexes) -> Complexes:
-        """FRFs for the dynamic values D of the terms.
+        """FRFs for the dynamic values D of the terms; a system is as large as the number of terms that differ from D_ref.
 
         ``y = H00 - H0p (I + Delta Hpp)⁻¹ Delta Hp0`` with ``Delta = diag(D - D_ref)``; regular from free (D = 0) to clamped (D infinite).
 
@@ -98,6 +98,8 @@ class PortFrf:
         -------
         (..., F, R) complex array
         """
+        if (terms := self._differing(D)).size < D.shape[-1]:
+            return self.among(terms).evaluate(D[..., terms])
         states = D.shape[:-2]
         y = np.empty((*states, *self.H00.shape), dtype=complex)
 
@@ -111,24 +113,32 @@ class PortFrf:
     def about(self, D: Complexes) -> PortFrf:
         """The port FRFs with other reference values, ``Hpp' = (I + Hpp Delta)⁻¹ Hpp`` and so on.
 
-        If only few terms change from there, ``among`` makes evaluations cheaper. Here, too, a system is as large as the number of terms
-        that differ (Sherman, Morrison and Woodbury): from one state to the next at far less cost than from afar.
+        Evaluations at states that differ in few terms from there are cheap. Here, too, a system is as large as the number of terms that
+        differ (Sherman, Morrison and Woodbury): from one state to the next at far less cost than from afar.
 
         Parameters
         ----------
         D : (F, nt) complex array, finite
         """
-        differ = (self.D_ref != D).any(axis=0)
-        terms, rest = np.flatnonzero(differ), np.flatnonzero(~differ)
-        own = self.among(terms)
-        E, F = own._split(D[:, terms])
-        both = np.concatenate([self.Hp0, self.Hpp], axis=2)
-        w = self._solved(own.Hpp, E, F, both[:, terms])
-        both[:, terms] = E[:, :, None] * w
-        both[:, rest] -= (self.Hpp[:, rest[:, None], terms] * F[:, None, :]) @ w
-        y, n_in = (own.H0p * F[:, None, :]) @ w, self.Hp0.shape[2]
-        H00 = self.H00 - y[:, np.arange(self.input_of.size), self.input_of]
-        return replace(self, H00=H00, H0p=self.H0p - y[:, :, n_in:], Hp0=both[:, :, :n_in], Hpp=both[:, :, n_in:], D_ref=D)
+        terms = self._differing(D)
+        rest, own, n_in = np.setdiff1d(np.arange(D.shape[1]), terms), self.among(terms), self.Hp0.shape[2]
+        H00, H0p, Hp0, Hpp = (np.empty(old.shape, dtype=complex) for old in (self.H00, self.H0p, self.Hp0, self.Hpp))
+
+        def work(part: slice) -> None:
+            E, F = own._split(D[part][:, terms], part)
+            both = np.concatenate([self.Hp0[part], self.Hpp[part]], axis=2)
+            w = self._solved(own.Hpp[part], E, F, both[:, terms])
+            both = _displacements(self.Hpp[part], both, (terms, rest), E, F, w)
+            y = (own.H0p[part] * F[:, None, :]) @ w
+            H00[part] = self.H00[part] - y[:, np.arange(self.input_of.size), self.input_of]
+            H0p[part], Hp0[part], Hpp[part] = self.H0p[part] - y[:, :, n_in:], both[:, :, :n_in], both[:, :, n_in:]
+
+        by_lines(self.lines, D.shape[1], 1, work)
+        return replace(self, H00=H00, H0p=H0p, Hp0=Hp0, Hpp=Hpp, D_ref=D)
+
+    def _differing(self, D: Complexes) -> Integers:
+        """Terms whose values (..., F, nt) are not those of reference at all lines and states."""
+        return np.flatnonzero((self.D_ref != D).any(axis=tuple(range(D.ndim - 1))))
 
     def among(self, terms: Integers) -> PortFrf:
         """The port FRFs of some of the terms, the others fixed at their reference values; evaluations cost only that many terms."""
@@ -180,7 +190,8 @@ class PortFrf:
     def linearise(self, D: Complexes) -> tuple[Complexes, Complexes]:
         """FRFs and their derivatives with respect to every D_j.
 
-        ``dy/dD_j = -[H0p (I + Delta Hpp)⁻¹]_j [(I + Hpp Delta)⁻¹ Hp0]_j``; for a symmetric Hpp both factors need one factorisation.
+        ``dy/dD_j = -[H0p (I + Delta Hpp)⁻¹]_j [(I + Hpp Delta)⁻¹ Hp0]_j``; for a symmetric Hpp both factors need one factorisation, as
+        large as the number of terms that differ from D_ref.
 
         Parameters
         ----------
@@ -192,16 +203,20 @@ class PortFrf:
         dy : (F, R, nt) complex array
         """
         y, dy = np.empty(self.H00.shape, dtype=complex), np.empty(self.H0p.shape, dtype=complex)
+        terms = self._differing(D)
+        rest = np.setdiff1d(np.arange(D.shape[1]), terms)
+        own = self.among(terms) if rest.size else self
 
         def work(part: slice) -> None:
-            E, F = self._split(D[part], part)
             Hpp, Hp0, right = self.Hpp[part], self.Hp0[part], self.H0p[part].transpose(0, 2, 1)
-            w, v = self._solved_both(Hpp, E, F, Hp0, right)
-            y[part] = self._respond(F, w, part)
-            w = w * -(E**2)[:, :, None]
-            np.multiply(v.transpose(0, 2, 1), w[:, :, self.input_of].transpose(0, 2, 1), out=dy[part])
+            E, F = own._split(D[part][:, terms], part)
+            w, v = own._solved_both(own.Hpp[part], E, F, Hp0[:, terms], right[:, terms])
+            y[part] = own._respond(F, w, part)
+            after = -_displacements(Hpp, Hp0, (terms, rest), E, F, w)
+            before = _displacements(Hpp.transpose(0, 2, 1), right, (terms, rest), E, F, v)
+            np.multiply(before.transpose(0, 2, 1), after[:, :, self.input_of].transpose(0, 2, 1), out=dy[part])
 
-        by_lines(self.lines, D.shape[1], 1, work)
+        by_lines(self.lines, terms.size, 1, work)
         return y, dy
 
     def _split(self, D: Complexes, part: slice = slice(None)) -> tuple[Floats, Complexes]:
@@ -253,6 +268,18 @@ class PortFrf:
         y = (self.H0p[part] * F[..., None, :]) @ w
         rows = np.arange(self.input_of.size)
         return np.asarray(self.H00[part] - y[..., rows, self.input_of])
+
+
+def _displacements(H: Complexes, B: Complexes, split: tuple[Integers, Integers], E: Floats, F: Complexes, w: Complexes) -> Complexes:
+    """(F, nt, k) displacements of all terms. Only the first ones of ``split`` have auxiliary inputs: ``w = (E + H F)⁻¹ B`` is of these."""
+    terms, rest = split
+    own = E[:, :, None] * w
+    if not rest.size:
+        return own
+    found = np.empty(B.shape, dtype=complex)
+    found[:, terms] = own
+    found[:, rest] = B[:, rest] - (H[:, rest[:, None], terms] * F[:, None, :]) @ w
+    return found
 
 
 def port_frf(

@@ -14,13 +14,14 @@ MOST_NAMES = 8
 NO_CHANNELS = "no validation channel shows whether the model explains the measurement"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class BoltFinding:
-    """A bolt with its verdict, and its probability of being loose if known."""
+    """A bolt with its verdict, its probability of being loose if known, and ``BoltVerdict.open_groups``."""
 
     name: str
     verdict: str
     probability: float | None = None
+    open_groups: Sequence[str] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,7 +142,7 @@ def sentence(job: JobFinding) -> str:
         alarm += f", {_names(likely)} probably"
         inconclusive = [bolt for bolt in inconclusive if bolt.name not in likely]
     outside = len(job.bolts) - len(job.seen)
-    counts = [f"{len(tight)} tight"] if tight else []
+    counts = [f"{len(tight)} tight{_as_a_whole(tight) if job.assumed is None else ''}"] if tight else []
     counts += [_inconclusive(inconclusive)] if inconclusive else []
     counts += [f"{outside} outside"] if outside else []
     if job.assumed is not None:
@@ -157,6 +158,14 @@ def sentence(job: JobFinding) -> str:
     if job.doubtful:
         text += f"; but {_names(job.doubtful)} {_doubt(job)}"
     return text if job.validated else f"{text} ({_unvalidated(job)})"
+
+
+def _as_a_whole(tight: Sequence[BoltFinding]) -> str:
+    """How many of the tight bolts may have lost a group of springs alone, and which groups; empty if none."""
+    partly = [bolt for bolt in tight if bolt.open_groups]
+    groups = dict.fromkeys(group for bolt in partly for group in bolt.open_groups)
+    few = f"{len(partly)} of them " if len(partly) < len(tight) else ""
+    return f" ({few}as a whole: springs of {_names(list(groups), ' or ')} alone may be loose)" if partly else ""
 
 
 def loose_bolts(job: JobFinding) -> str:
@@ -204,10 +213,10 @@ def ranges(names: Sequence[str], to: str = " to ") -> list[tuple[str, int]]:
     return [word for run in runs for word in ([(f"{run[0]}{to}{run[-1]}", len(run))] if len(run) > 2 else [(name, 1) for name in run])]
 
 
-def _names(names: Sequence[str]) -> str:
+def _names(names: Sequence[str], between: str = ", ") -> str:
     words = ranges(names)
     rest = sum(count for _, count in words[MOST_NAMES:])
-    return ", ".join(word for word, _ in words[:MOST_NAMES]) + (f" and {rest} more" if rest else "")
+    return between.join(word for word, _ in words[:MOST_NAMES]) + (f" and {rest} more" if rest else "")
 
 
 def _next(name: str) -> str | None:

@@ -79,6 +79,8 @@ class BoltVerdict:
         Posterior probability that the change is below the threshold.
     threshold : float or None
         Of the change [decades].
+    open_groups : tuple of str
+        Groups of springs of a tight bolt whose loss alone the data do not exclude.
     suspect : bool
         Taken as tight, although in a baseline it is loose or probably loose, or in the reference job it is far looser than the other bolts.
     """
@@ -92,6 +94,7 @@ class BoltVerdict:
     change_interval95: Interval | None = None
     probability_loose: float | None = None
     threshold: float | None = None
+    open_groups: tuple[str, ...] = ()
     suspect: bool = False
 
 
@@ -282,7 +285,7 @@ def _verdict(
         note = f"{tight}, but compared with the reference job it comes out {surely}loose" if suspect else found.note or tight
         found = replace(found, verdict=TIGHT, probability_loose=None, note=note, suspect=suspect and explained)
     if not explained:
-        found = replace(found, verdict=UNDECIDED, probability_loose=None, note="the model does not explain the measurement")
+        found = replace(found, verdict=UNDECIDED, probability_loose=None, note="the model does not explain the measurement", open_groups=())
     return found
 
 
@@ -316,7 +319,8 @@ def _by_role(bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: s
             excused = "the data do not rule out that it is free: no response is sensitive to it in its present state"
         if excused is not None:
             word, note = UNDECIDED, excused
-        elif word == TIGHT and (hidden := _hidden(posterior, rule)):
+        hidden = _hidden(posterior, rule) if word == TIGHT else ()
+        if hidden:
             note = f"tight as a whole; the data do not exclude that its springs of {' or '.join(hidden)} alone are loose"
         change = posterior.mean if posterior.ceiling is None else min(posterior.mean, posterior.ceiling)
         std = float(np.hypot(posterior.std, between))
@@ -329,6 +333,7 @@ def _by_role(bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: s
             change_interval95=posterior.interval(change, std),
             probability_loose=probability,
             threshold=limit,
+            open_groups=hidden,
         )
     if evidence.missing_reference is not None:
         # A change is wanted, which a contrast between bolts does not replace.

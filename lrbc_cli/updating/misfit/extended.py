@@ -98,6 +98,10 @@ class ExtendedFrf:
         """(F, R) FRFs at theta."""
         return self.derivatives(theta)[0]
 
+    def near(self, theta: Floats) -> ExtendedFrf:
+        """The model itself: each state is solved for by itself."""
+        return self
+
     def sensitivities(self, theta: Floats, phase: bool = False) -> tuple[Complexes, Floats | Complexes]:
         """(F, R) FRFs and the (F, R, size) derivatives of their dB values, or of ``20/ln10 ln(H)``, as ``FrfModel.sensitivities``."""
         y, dy = self.derivatives(theta)

@@ -6,7 +6,7 @@ This module joins the reduction (H or the reduced matrices) to the cost: ``theta
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -36,6 +36,9 @@ class Sensitive(Protocol):
 
     def sensitivities(self, theta: Floats, phase: bool = False) -> tuple[Complexes, Floats | Complexes]:
         """See ``FrfModel.sensitivities``."""
+
+    def near(self, theta: Floats) -> Sensitive:
+        """The same model, faster at states that differ from theta in few stiffnesses."""
 
 
 def one_by_one(frf: Callable[[Floats], Complexes]) -> Callable[[Floats], Complexes]:
@@ -83,9 +86,13 @@ class FrfModel:
             array.flags.writeable = False
         return found
 
+    def near(self, theta: Floats) -> FrfModel:
+        """The same model with the interface FRFs about theta, if it has any: only stiffnesses that differ from there are solved for."""
+        return self if self.ports is None else port_model(self.ports.about(self.parameters.dynamic(theta, self.s)), self.parameters)
+
     def nearby(self, theta: Floats) -> Nearby:
-        """FRFs at states that differ from theta in few stiffnesses, see ``Nearby``."""
-        return Nearby(self, theta, None if self.ports is None else self.ports.about(self.parameters.dynamic(theta, self.s)))
+        """FRFs at states that differ from theta in few stiffnesses, of several at once; see ``Nearby``."""
+        return Nearby(self.near(theta), theta)
 
     def speeds(self, theta: Floats, states: Floats, along: Floats) -> Floats:
         """Norm of ``|dH| / sqrt(|H|² + h²)`` along given directions: how fast the FRFs move when some stiffnesses change.
@@ -163,31 +170,29 @@ class Nearby:
     Attributes
     ----------
     model : FrfModel
+        With the interface FRFs about theta; if it has none, each state is evaluated by itself.
     theta : (size,) float array
-    there : PortFrf or None
-        The interface FRFs (ports) at theta; None if the model has none: then each state is evaluated by itself.
     """
 
     model: FrfModel
     theta: Floats
-    there: PortFrf | None
 
     def __call__(self, others: Floats) -> Complexes:
         """FRFs (F, R) at one state (size,), or (k, F, R) at several (k, size); best together if they differ in the same terms.
 
         Damping exponents must equal those of theta.
         """
-        if self.there is None:
+        if self.model.ports is None:
             return one_by_one(self.model.frf)(others)
         P, s = self.model.parameters, self.model.s
         kappa, now = P.scales(self.theta), np.apply_along_axis(P.scales, -1, others)
         terms = np.flatnonzero((now != kappa).reshape(-1, kappa.size).any(axis=0))
-        D, c = self.there.D_ref[:, terms], P.spectra(self.theta, s)[:, terms]
-        return self.there.among(terms).evaluate(D + c * (now - kappa)[..., None, terms])
+        D, c = self.model.ports.D_ref[:, terms], P.spectra(self.theta, s)[:, terms]
+        return self.model.ports.among(terms).evaluate(D + c * (now - kappa)[..., None, terms])
 
     def at(self, theta: Floats) -> Nearby:
         """The same about a state that differs from this one in few stiffnesses."""
-        return replace(self, theta=theta, there=self.there and self.there.about(self.model.parameters.dynamic(theta, self.model.s)))
+        return self.model.nearby(theta)
 
 
 def port_model(ports: PortFrf, parameters: Parameterisation) -> FrfModel:

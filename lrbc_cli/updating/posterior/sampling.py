@@ -16,7 +16,8 @@ from scipy.special import expit, logsumexp
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.reduction.threads import side_by_side
-from lrbc_cli.updating.posterior.mixture import KindScore, MixtureProblem, State, Stop, along_edges, best_states, settle
+from lrbc_cli.updating.posterior.kinds import KindScore, along_edges
+from lrbc_cli.updating.posterior.mixture import MixtureProblem, State, Stop, best_states, foreseen, settle
 from lrbc_cli.updating.posterior.samples import ChangeSamples
 from lrbc_cli.updating.statistics.noise import widened
 from lrbc_cli.updating.statistics.priors import BOLT_PRIOR, BoltPrior
@@ -80,7 +81,7 @@ def beyond(
     for turn in range(rounds):
         score = KindScore(state.A, state.b, prior, state.kinds, problem.neighbours, problem.joint)
         gains, means, stds = score.flips()
-        doubted = _doubted(problem, prior, state, np.where(state.kinds, np.inf, gains), means[:, 1], doubt)
+        doubted = _doubted(problem, prior, state, np.where(state.kinds, np.inf, gains), means[:, 1], (doubt, certain))
         # If the covariance follows the state, a further descent alone moves the evidence by a nat: both kinds get the same descents.
         own = settle(problem, prior, state.kinds, state.z, stop) if doubted else state
         asked = [(i, change) for i, change in doubted.items() if i not in known]
@@ -141,29 +142,40 @@ class _Turn:
 
 
 def _doubted(
-    problem: MixtureProblem, prior: BoltPrior, state: State, gains: Floats, changes: Floats, doubt: float, *, step: Stop = (1e-2, 1)
+    problem: MixtureProblem,
+    prior: BoltPrior,
+    state: State,
+    gains: Floats,
+    changes: Floats,
+    limits: tuple[float, float],
+    *,
+    step: Stop = (1e-2, 1),
 ) -> dict[int, float]:
     """Joints that are loose or could be (a flip gives more than ``doubt``), with the change from which to descend if loose.
 
     The linear problem (``gains``, ``changes`` if loose) extrapolates the effect of a small loss. Where a resonance moves past lines, or
     the effect of the joint soon saturates, it excludes a loose joint with which the FRFs agree. Therefore each other joint is fixed at
-    the mean change of loose ones, with one step of everything else.
+    the mean change of loose ones, with one step of everything else; ``limits``: ``doubt`` and ``certain`` of ``beyond``. If the linear
+    problem about that place excludes the joint with certainty, the step is not made.
     """
+    doubt, certain = limits
     found = {int(i): float(changes[i]) for i in np.flatnonzero(problem.joint & (gains > doubt))}
-    rest = np.flatnonzero(problem.joint & (gains <= doubt)).tolist()
+    rest, near = np.flatnonzero(problem.joint & (gains <= doubt)).tolist(), problem.by(state.z)
 
-    def loose(i: int) -> State:
+    # Each further step moves the evidence: the state itself gets one, too.
+    own = settle(near, prior, state.kinds, state.z, step, rounds=1).evidence if rest else 0.0
+
+    def changed(i: int) -> float | None:
         z, kinds = state.z.copy(), state.kinds.copy()
         change = max(prior.joint_loose_mean, float(problem.bounds[problem.bolts[i], 0]))
         z[problem.bolts[i]], kinds[i] = change, True
-        return settle(problem, prior, kinds, z, step, held=(i, change), rounds=1)
+        if foreseen(near, prior, kinds, z, (i, change)) - own < -certain:
+            return None
+        there = settle(near, prior, kinds, z, step, held=(i, change), rounds=1)
+        return float(there.z[problem.bolts[i]]) if there.evidence - own > doubt else None
 
-    if rest:
-        # Each further step moves the evidence: the state itself gets one, too.
-        own = settle(problem, prior, state.kinds, state.z, step, rounds=1)
-        far = zip(rest, side_by_side(loose, rest), strict=True)
-        found |= {i: float(there.z[problem.bolts[i]]) for i, there in far if there.evidence - own.evidence > doubt}
-    return dict(sorted(found.items()))
+    far = zip(rest, side_by_side(changed, rest), strict=True)
+    return dict(sorted((found | {i: change for i, change in far if change is not None}).items()))
 
 
 def by_group(problem: MixtureProblem, prior: BoltPrior, state: State, *, step: Stop = (1e-2, 1)) -> tuple[tuple[int, str, float], ...]:
@@ -172,18 +184,18 @@ def by_group(problem: MixtureProblem, prior: BoltPrior, state: State, *, step: S
     The prior, that the groups of a joint change nearly alike, hides such a loss. So the group is moved by the mean change of loose
     joints, as in ``_doubted`` with one step of everything else, and the prior of the rest is as without it.
     """
-    asked = [(i, name, way) for i, name, way in problem.groups if not state.kinds[i]]
+    asked, near = [(i, name, way) for i, name, way in problem.groups if not state.kinds[i]], problem.by(state.z)
 
     def settled(way: Floats) -> float:
         def data(z: Floats) -> tuple[Floats, Floats]:
-            return problem.data(z + way)
+            return near.data(z + way)
 
         def about(z: Floats) -> tuple[Callable[[Floats], tuple[Floats, Floats]], float]:
-            assert problem.about is not None
-            there, offset = problem.about(z + way)
+            assert near.about is not None
+            there, offset = near.about(z + way)
             return lambda z: there(z + way), offset
 
-        moved = replace(problem, data=data, about=None if problem.about is None else about)
+        moved = replace(near, data=data, about=None if near.about is None else about)
         return settle(moved, prior, state.kinds, state.z, step, rounds=1).evidence
 
     if not asked:

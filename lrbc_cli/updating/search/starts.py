@@ -12,7 +12,6 @@ from lrbc_cli.arrays import Floats
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit.cost import Evaluation, Misfit
-from lrbc_cli.updating.misfit.frf import FrfModel, Nearby
 from lrbc_cli.updating.search.optimise import Objective, Solution
 from lrbc_cli.updating.unknowns.shapes import joints_of
 
@@ -167,18 +166,18 @@ def single_values(misfit: Misfit, theta: Floats, bounds: Floats, *, step: float 
     step, least : float
         First and last step, halved if no move lowers the misfit [decades].
     """
-    model, best = misfit.model, misfit.mean_db(misfit.model.frf(theta))
-    frf = model.nearby(theta) if isinstance(model, FrfModel) else model.frf
+    stiff, best = np.flatnonzero(~misfit.model.parameters.is_damping).tolist(), misfit.mean_db(misfit.model.frf(theta))
+    near = misfit.model.near(theta)
     while step >= least:
         table = []
-        for k, way in product(np.flatnonzero(~model.parameters.is_damping).tolist(), (step, -step)):
+        for k, way in product(stiff, (step, -step)):
             trial = theta.copy()
             trial[k] = np.clip(theta[k] + way, *bounds[k])
-            table.append((misfit.mean_db(frf(trial)), k, way, trial))
+            table.append((misfit.mean_db(near.frf(trial)), k, way, trial))
         nearest = min(table, key=lambda one: one[:3])
         if nearest[0] < best:
             best, theta = nearest[0], nearest[3]
-            frf = frf.at(theta) if isinstance(frf, Nearby) else frf
+            near = near.near(theta)
         else:
             step *= 0.5
     return theta
@@ -242,16 +241,15 @@ def hops(misfit: Misfit, end: Solution, bounds: Floats, span: Floats, *, step: f
     list of (size,) float array
         At most one for each z.
     """
-    model, here = misfit.model, end.evaluation
+    near, here = misfit.near(end.theta), end.evaluation
     found: list[tuple[float, int, Floats]] = []
-    frf = model.nearby(end.theta) if isinstance(model, FrfModel) else model.frf
-    for k in np.flatnonzero(~model.parameters.is_damping @ np.abs(span) > 0).tolist():
+    for k in np.flatnonzero(~misfit.model.parameters.is_damping @ np.abs(span) > 0).tolist():
         slope, column = float(here.jacobian[:, k] @ here.residual), here.jacobian[:, k]
         ratios = []
         for way in (step, -step):
             theta = np.clip(end.theta + way * span[:, k], *bounds.T)
             promised = float(column @ column) * way**2 + 2.0 * slope * way
-            rise = misfit.sum(theta, frf) - here.total
+            rise = near.sum(theta) - here.total
             ratios.append((rise / promised if promised > 0.0 else np.inf, theta))
         ratio, theta = min(ratios, key=lambda one: one[0])
         found.append((ratio, k, theta))
@@ -295,8 +293,7 @@ def other_levels(
     list of (size,) float array
         The ``kept`` places with the least mean misfit, best first.
     """
-    model = misfit.model
-    frf = model.nearby(end.theta) if isinstance(model, FrfModel) else model.frf
+    frf = misfit.model.near(end.theta).frf
     z = np.linalg.lstsq(span, end.theta - misfit.prior, rcond=None)[0]
 
     def moved(joint: int) -> list[tuple[float, int, float, Floats]]:

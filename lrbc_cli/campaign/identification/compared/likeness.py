@@ -289,20 +289,16 @@ def by_sensors(inputs: Inputs, cycles: Sequence[tuple[int, ...]]) -> list[tuple[
 
 def exchanged_text(inputs: Inputs, cycles: Sequence[Sequence[int]], job: str) -> str:
     """Warning about exchanged sensors with its remedy; the record under the first name of a cycle fits the model's second."""
-    records, said, places, fits = list[str](), list[str](), list[str](), list[str]()
+    records, said, places, pairs = list[str](), list[str](), list[str](), len(cycles[0]) == 2
     for cycle in cycles:
         names = [inputs.responses[i].name for i in cycle]
         following = [*names[1:], names[0]]
         # The record of a response is the one that fits its place in the model.
         records += [f"{to}: {name}" for name, to in zip(names, following, strict=True)]
         said.append(f"{', '.join(names[:-1])} and {names[-1]}")
-        if len(names) == 2:
-            places.append(" and ".join(f"responses.{name}" for name in names))
-        else:
-            places.append(", ".join(f"responses.{name} the place of responses.{to}" for name, to in zip(names, following, strict=True)))
-        fits.append(", ".join(f"{name} fits the model's {to}" for name, to in zip(names, following, strict=True)))
-    each = "each fits the model's FRF of the other" if len(cycles[0]) == 2 else "; ".join(fits)
-    exchange = f"{'exchange the places of' if len(cycles[0]) == 2 else 'give'} {'; '.join(places)}"
+        places.append(" and ".join(f"responses.{name}" for name in names))
+    each = "each fits the model's FRF of the other" if pairs else "each fits the model's FRF of the next, the last that of the first"
+    exchange = f"exchange the places of {'; '.join(places)}" if pairs else "give each of these responses the place of the next"
     own = f"write jobs.{job}.records: {{{', '.join(records)}}}"
     # In one job the cables are probably wrong, in the reference job rather the campaign file.
     fix = f"{exchange}, or {own}" if job == inputs.campaign.update.reference else f"{own}, or, if all jobs are affected, {exchange}"
