@@ -18,6 +18,7 @@ from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import LowRankTerms
+from lrbc_cli.updating.comparison.scale import Known, Offset
 
 #: Masses of each of two rows, joined by the springs of three bolts.
 COUNT = 40
@@ -186,6 +187,27 @@ def test_what_the_factors_of_a_rough_calibration_mean(monkeypatch: pytest.Monkey
     # Where one of the two is not calibrated, nothing is known.
     job.inputs.campaign.calibration.names = names[:1]
     assert rescaled.both_text(job, Any, ratio, level) == ""
+
+
+def test_a_material_that_looks_like_a_unit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A factor of all FRFs that no unit has, beside shapes that differ: rough calibrations find both factors of the model."""
+    names = ["stiffness.structure", "mass.structure"]
+    job, starts = calibrated_to(monkeypatch, dict(zip(names, (0.32, 0.335), strict=True)))
+    foot = Known(20.0 * np.log10(1.0 / 0.3048), "FRFs in ft/s2/N", "ft/s2/N")
+
+    def said(db: float, power: int = 0) -> str:
+        far = Offset(response=0, db=db, half=1.3, power=power, known=(foot,), before=11.8, after=5.6, named=True)
+        return rescaled.material_text(job, Any, [far])
+
+    assert "Stiffness and mass of the model are probably both about 3.1 times too large" in said(11.5)
+    assert "Compare the mass sum with the weight of the structure first" in said(11.5)
+    assert starts[0]["mass.structure"] == pytest.approx(10.0 ** (-11.5 / 20.0))
+    # A unit, a derivative, or shapes as in the model.
+    assert said(10.5) == said(11.5, 1) == ""
+    job.misfit = 2.5
+    assert said(11.5) == ""
+    job, _ = calibrated_to(monkeypatch, dict(zip(names, (0.32, 0.335), strict=True)), left=6.0)
+    assert said(11.5) == ""
 
 
 def test_a_structure_beside_air_of_another_material() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.findings import Finding, Kind
-from lrbc_cli.campaign.identification.compared.likeness import MOST_LEFT, outlying, same_sensor
+from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, MOST_LEFT, outlying, same_sensor
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import listing
@@ -140,10 +140,15 @@ def causes_of(inputs: Inputs, common: Common, compared: Sequence[int]) -> bool:
 
 
 def _recognised(inputs: Inputs, common: Common, compared: Sequence[int]) -> list[Known]:
-    """Known factors near a common one; those that all responses of a kind share only if no compared response of that kind lacks it."""
+    """Known factors near a common one; those that all responses of a kind share only if no compared response of that kind lacks it.
+
+    A factor outside of the interval counts only where it explains the rest, too: otherwise the model may be wrong as a whole.
+    """
+    offset, reach = common.offset, max(common.offset.half, LEAST_REACH)
     kinds = [(response.quantity, response.input) for response in inputs.responses]
     shared = {kinds[i] for i in common.responses}.isdisjoint(kinds[i] for i in compared if i not in common.responses)
-    return [known for known in common.offset.known if shared or not known.of_all]
+    near = [known for known in offset.known if offset.power or offset.after <= LEAST_DIFFERENCE or abs(known.db - offset.db) <= reach]
+    return [known for known in near if shared or not known.of_all]
 
 
 def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: str) -> tuple[str, str]:

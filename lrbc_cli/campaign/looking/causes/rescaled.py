@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.problem.full import full_ports
 from lrbc_cli.reduction.reduced.ports import PortFrf
-from lrbc_cli.updating.comparison.scale import LEAST_OFFSET
+from lrbc_cli.updating.comparison.scale import LEAST_OFFSET, LEAST_REACH, Offset
 from lrbc_cli.updating.peaks import peaks_of
 
 #: Largest level misfit that may remain, constants removed, and largest difference of the constants [dB].
@@ -164,10 +164,42 @@ def both_text(seen: Seen, whole: Measurement, ratio: float, level: float, *, rou
     rounds : int
         Number of calibrations: each reaches a factor of 1.35.
     """
+    found = _both(seen, whole, ratio, level, rounds)
+    return "" if found is None else _both_text(*found)
+
+
+def material_text(seen: Seen, whole: Measurement, offsets: Sequence[Offset]) -> str:
+    """Warning if stiffness and mass of the model, wrong together, explain a factor of all FRFs that is clearly no known one; else empty.
+
+    A unit leaves the shapes of the FRFs as they are. A material changes them, too, because the springs of bolts remain.
+
+    Parameters
+    ----------
+    seen : Seen
+    whole : Measurement
+        The same on all its lines.
+    offsets : sequence of Offset
+        Factors of the responses.
+    """
+    level = float(np.median([offset.db for offset in offsets]))
+    known = any(abs(each.db - level) <= LEAST_REACH for offset in offsets for each in offset.known)
+    if known or seen.misfit <= LEAST_DIFFERENCE or any(offset.power for offset in offsets):
+        return ""
+    found = _both(seen, whole, 1.0, level, 3)
+    if found is None or found[1] > CLEARLY * seen.misfit or not (text := _both_text(*found)):
+        return ""
+    return (
+        f"measured FRFs are {abs(level):.1f} dB {'above' if level > 0.0 else 'below'} the model's, and the level misfit is "
+        f"{seen.misfit:.1f} dB (mean level of each response removed). {text}. Compare the mass sum with the weight of the structure first: "
+        "if it is right, a sensitivity, a gain or a unit of all FRFs is wrong by these decibels instead"
+    )
+
+
+def _both(seen: Seen, whole: Measurement, ratio: float, level: float, rounds: int) -> tuple[dict[str, float], float] | None:
+    """Factors of stiffness and mass, and the misfit there [dB], as ``brought_near`` finds them; None if not both are calibrated."""
     mass = 10.0 ** (-level / 20.0)
     start = dict(zip(_STRUCTURE, (mass * ratio**2, mass), strict=True))
-    found = brought_near(seen, whole, start, rounds) if start.keys() <= set(_calibrated_names(seen)) else None
-    return "" if found is None else _both_text(*found)
+    return brought_near(seen, whole, start, rounds) if start.keys() <= set(_calibrated_names(seen)) else None
 
 
 def far_text(seen: Seen, whole: Measurement, ratio: float, *, rounds: int = 3, reached: float = 1.35) -> str:
