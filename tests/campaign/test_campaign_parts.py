@@ -16,6 +16,7 @@ from lrbc_cli.campaign.looking.causes import rescaled
 from lrbc_cli.campaign.looking.causes.parts import lump_text, part_text
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.model.dofs import DofTable
+from lrbc_cli.model.factors import make_recipe
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import LowRankTerms
 from lrbc_cli.updating.comparison.scale import Known, Offset
@@ -68,7 +69,7 @@ def frf(model: FeModel, springs: np.ndarray) -> np.ndarray:
     return np.array(found)
 
 
-def told(given: FeModel, true: FeModel, cause: Callable[[Seen, float], str] = part_text, *, air: bool = False) -> str:
+def told(given: FeModel, true: FeModel, cause: Callable[[Seen, float], str] = part_text, *, air: bool = False, **given_as: Any) -> str:
     springs = np.array([3e6, 1e6, 2e6])
     dofs = DofTable(
         node=np.arange(2 * COUNT),
@@ -79,7 +80,13 @@ def told(given: FeModel, true: FeModel, cause: Callable[[Seen, float], str] = pa
     if air:
         # Said to be a pressure, for want of a smaller model of both.
         given = replace(given, is_acoustic=np.arange(2 * COUNT) == 2 * COUNT - 1)
-    inputs: Any = SimpleNamespace(model=given, dofs=dofs, campaign=campaign, input_of=np.zeros(4, dtype=np.int64))
+    inputs: Any = SimpleNamespace(
+        model=given,
+        dofs=dofs,
+        campaign=campaign,
+        input_of=np.zeros(4, dtype=np.int64),
+        recipe=make_recipe(**{"damping": None, "acoustic": False} | given_as),
+    )
     initial = np.log10(springs)
     parameters = SimpleNamespace(initial=initial, dynamic=lambda theta, s: np.tile(10.0**theta + 0j, (len(s), 1)))
     source = SimpleNamespace(inputs=inputs, known={b"work": 1.0})
@@ -119,6 +126,21 @@ def test_a_density_that_is_wrong_as_a_whole(monkeypatch: pytest.MonkeyPatch, mas
     given, true = lightly_damped(assembly()), lightly_damped(assembly(1.03 * mass, first=mass))
     wrong = told(given, true, lambda job, _: rescaled.scaled_text(job, mass**-0.5) or "")
     assert wrong == f"mass {1.0 / mass:.2g}"
+
+
+def test_proportional_damping_follows_the_mass_that_is_corrected(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Alpha times a mass in grams damped the corrected model away, so that its level was 17 dB off and nothing was named."""
+    monkeypatch.setattr(rescaled, "mistake_text", lambda _, matrix, size: f"{matrix} {size:.2g}")
+    alpha, beta = 8.0, 2e-6
+
+    def damped(mass: float) -> FeModel:
+        plain = assembly()
+        M = sp.csc_array(mass * plain.M)
+        return replace(plain, M=M, C=sp.csc_array(alpha * M + beta * plain.K))
+
+    settings = ((alpha, beta), (0.0, 0.0))
+    text = told(damped(1e2), damped(1.0), lambda job, before: rescaled.rescaled_text(job, before) or "", damping=settings)
+    assert text.startswith("mass 1e+02")
 
 
 def calibrated_to(monkeypatch: pytest.MonkeyPatch, true: dict[str, float], *, left: float = 0.7) -> tuple[Any, list[dict[str, float]]]:

@@ -188,8 +188,8 @@ def _together(source: Looking, measurements: Mapping[str, Measurement], found: d
             if not kinds_of(found[name].told) and (text := fallen_text(inputs, name, source.changes[name])):
                 found[name] = replace(found[name], told=[*found[name].told, Finding(text=text, kind=Kind.FREED)])
     told = pooled(of_all_jobs(inputs, found, reference), reference)
-    if inputs.springs_doubt:
-        # With springs at wrong nodes a loosened bolt looks like exchanged sensors.
+    if inputs.springs_doubt or (reference in found and Kind.UNLIKE in kinds_of(found[reference].told)):
+        # With springs at wrong nodes a loosened bolt looks like exchanged sensors; far from any measurement some FRFs agree by chance.
         told = [each for each in told if each.kind is not Kind.EXCHANGED or each.place == f"job {reference}"]
     return told + (removed_findings(source, measurements) if explained else [])
 

@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.optimize import minimize_scalar
 
 from lrbc_cli.arrays import Complexes, Integers, spaced
@@ -16,6 +17,7 @@ from lrbc_cli.campaign.looking.fitted import roughly_calibrated
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.places import GRAVITIES, POWERS, mistake_text
 from lrbc_cli.errors import LrbcError
+from lrbc_cli.model.factors import with_factors
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.problem.full import full_ports
 from lrbc_cli.reduction.reduced.ports import PortFrf
@@ -360,16 +362,20 @@ def softness_text(seen: Seen) -> str:
 def _cases(seen: Seen, factor: float) -> Iterator[tuple[str, float, Complexes, float]]:
     """Matrix, factor by which it is too large, FRFs after correction (F, R), and level [dB] to be subtracted from the difference.
 
-    Dividing the mass by f is the same as multiplying K + D + s C by f, with FRFs larger by f. Full solves are used because a model with
-    thousands of modes in the band cannot be reduced.
+    Dividing the mass by f is the same as multiplying K + D + s C by f, with FRFs larger by f. Proportional damping follows the matrix that
+    is corrected. Full solves are used because a model with thousands of modes in the band cannot be reduced.
     """
-    plain, settings, dynamic = seen.inputs.model, seen.inputs.campaign.reduction, seen.dynamic
+    recipe, plain, settings, dynamic = seen.inputs.recipe, seen.inputs.model, seen.inputs.campaign.reduction, seen.dynamic
 
     def ports(model: FeModel) -> PortFrf:
         return full_ports(model, seen.inputs.input_of, seen.s, settings.band, backend=settings.backend)
 
+    def damping(of: str, times: float) -> sp.csc_array:
+        """C with alpha or beta of proportional damping multiplied."""
+        return with_factors(plain, recipe, {name: times for name in recipe.proportional if name.startswith(of)})[0].C
+
     with suppress(LrbcError):
-        stiff = ports(replace(plain, K=plain.K * factor))
+        stiff = ports(replace(plain, K=plain.K * factor, C=damping("beta", factor)))
         yield "stiffness", 1.0 / factor, stiff.evaluate(dynamic), 0.0
-        light = ports(replace(plain, K=plain.K * factor, C=plain.C * factor)) if plain.C.nnz else stiff
+        light = ports(replace(plain, K=plain.K * factor, C=damping("alpha", 1.0 / factor) * factor)) if plain.C.nnz else stiff
         yield "mass", factor, light.evaluate(factor * dynamic), 20.0 * float(np.log10(factor))
