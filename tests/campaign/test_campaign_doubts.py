@@ -199,6 +199,14 @@ def test_one_factor_of_all_responses_may_be_the_material_of_the_model(frame: Fol
         assert "modulus and density" not in told[0].text
 
 
+def test_one_sensor_among_others_has_no_unit_of_its_own() -> None:
+    """Its factor of 9.8 is a sensitivity ten times off, that of several sensors a unit."""
+    (one,) = hammered(a2h1=-19.80, a2h2=-19.80)
+    assert "Write jobs.tight.scale: {a2-h1: 10, a2-h2: 10}" in one.text
+    (several,) = hammered(a2h1=-19.80, a2h2=-19.80, a3h1=-19.82, a3h2=-19.82)
+    assert "a2-h1: 9.80665" in several.text
+
+
 @pytest.mark.parametrize(("db", "after", "unit"), [(10.5, 5.0, True), (11.6, 2.5, True), (11.6, 5.6, False)])
 def test_a_unit_off_the_measured_factor_must_explain_the_rest(frame: Folder, db: float, after: float, unit: bool) -> None:
     """A model of steel for aluminium: 11.6 dB were told as ft/s2/N, which are 10.3 dB."""

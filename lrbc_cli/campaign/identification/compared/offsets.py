@@ -187,9 +187,10 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
         cause = "a sensitivity or a range ten times off" + (", that of the hammer for example" if every else "")
         options = [(abs(offset.db - tenfold), tenfold, cause)]
         options += [(abs(offset.db - known.db), known.db, known.cause) for known in recognised if known.cause]
-        # Sensors rarely share a wrong sensitivity; a unit they do share, though 9.81 is hardly to be distinguished from 10.
-        several = len({sensor_of(inputs, i) for i in common.responses}) > 1
-        options.sort(key=lambda option: (several and option[1] == tenfold, option[0]))
+        # Sensors rarely share a wrong sensitivity; a unit they do share, though 9.81 is hardly to be distinguished from 10. One sensor has
+        # no unit of its own.
+        several = every or len({sensor_of(inputs, i) for i in common.responses}) > 1
+        options.sort(key=lambda option: ((option[1] == tenfold) == several, option[0]))
         # If all responses share the factor and a unit is nearer, the unit comes first, with its key (below).
         if not every or options[0][1] == tenfold:
             own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-options[0][1] / 20.0))}"
