@@ -106,6 +106,10 @@ def test_a_fit_goes_on_from_the_most_probable_state(folder: Folder, monkeypatch:
     np.testing.assert_allclose(found.identification.solution.theta, right.identification.solution.theta, atol=0.02)
     assert found.misfit_db == pytest.approx(right.misfit_db, rel=0.01)
     assert [start.description for start in found.record.optimiser.starts if start.kept] == ["the most probable state of the bolts"]
+    # The descents before that come first, and the cost is told from where they began.
+    history = found.record.history
+    assert [entry.evaluation for entry in history] == list(range(len(history)))
+    assert found.record.cost.initial == history[0].cost > found.record.cost.final
 
 
 def test_values_name_their_bolts(folder: Folder) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -131,9 +132,38 @@ def test_the_loss_of_one_group_alone_is_weighed_by_its_likelihood(lost: float, f
     spread = np.eye(ROWS) + J @ np.diag(std**2) @ J.T
     exact = [multivariate_normal.logpdf(mean + change * J @ way, np.zeros(ROWS), spread) for change in (PRIOR.joint_loose_mean, 0.0)]
     assert (joint, name) == (0, "second")
-    moved = state.z + PRIOR.joint_loose_mean * way
-    offset = 0.25 * float(moved @ moved - state.z @ state.z) if follows else 0.0
-    assert ratio == pytest.approx(exact[0] - exact[1] + offset, abs=1e-6)
+    # The determinant of a covariance that follows the state does not count.
+    assert ratio == pytest.approx(exact[0] - exact[1], abs=1e-6)
+
+
+def test_the_determinant_of_the_errors_of_a_change_does_not_excuse_a_loose_joint() -> None:
+    """The covariance grows with any change, which its determinant counts by far more than the data tell: a loose joint is loose anyway."""
+    toy = Saturating((-1.5, 0.0), 30.0)
+    plain = toy.problem()
+
+    def about(z: np.ndarray) -> tuple[Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], float]:
+        return toy.data, -80.0 * float((z < -1.1).sum())
+
+    follows, none = replace(plain, about=about), np.zeros(2, dtype=bool)
+    tight, loose = (
+        settle(follows, PRIOR, np.array([kind, False]), np.array([change, 0.0]), (1e-6, 20))
+        for kind, change in ((False, 0.0), (True, -1.5))
+    )
+    assert loose.evidence < tight.evidence - 50.0
+    found = [beyond(problem, PRIOR, settle(problem, PRIOR, none, np.zeros(2), (1e-6, 20))) for problem in (plain, follows)]
+    for state, more in found:
+        assert state.kinds.tolist() == [True, False]
+        np.testing.assert_allclose(more.further, found[0][1].further, atol=1e-6)
+
+
+def test_joints_whose_kind_another_search_changed_are_weighed_by_descents() -> None:
+    """Also if the linear problem about the tight state excludes them."""
+    toy = Saturating((0.0, 0.0), 30.0)
+    problem, none = toy.problem(), np.zeros(2, dtype=bool)
+    state = settle(problem, PRIOR, none, np.zeros(2), (1e-6, 20))
+    for suspects in ((), (1,)):
+        _, found = beyond(problem, PRIOR, state, suspects=suspects)
+        assert (found.further != 0.0).tolist() == [False, bool(suspects)]
 
 
 def test_data_that_say_little_leave_it_open() -> None:

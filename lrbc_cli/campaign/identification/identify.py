@@ -84,7 +84,9 @@ def _resumed(job: Job, fit: Fit, z: Floats) -> Fit | None:
     at = first(there.theta)
     start = Start(description="the most probable state of the bolts", cost=at.cost, total=at.total, kept=True, theta=there.theta)
     starts = (*(replace(one, kept=False) for one in fit.solution.starts), start)
-    again = job.weighted(misfit, replace(there, starts=starts), job.compared, (job.prior,))
+    before = fit.solution.history
+    history = (*before, *(replace(entry, evaluation=len(before) + i) for i, entry in enumerate(there.history)))
+    again = job.weighted(misfit, replace(there, starts=starts, history=history), job.compared, (job.prior,))
     return job.drifted(again.after(fit.evaluations + here.evaluations))
 
 

@@ -187,6 +187,11 @@ def settle(
     return replace(state, evidence=state.evidence + offset)
 
 
+def pinned(problem: MixtureProblem, z: Floats) -> MixtureProblem:
+    """The same problem with the covariance of the residuals fixed to that at z; its log evidence has no determinant of it."""
+    return problem if problem.about is None else replace(problem, data=problem.about(z)[0], about=None, near=None)
+
+
 def _climb(problem: MixtureProblem, prior: BoltPrior, limits: tuple[int, int], stop: Stop, begin: tuple[Bools, Floats]) -> State:
     """Best state of a search from given kinds and a start: descend, then flip kinds by the linearisation, in turn; see ``best_states``."""
     kinds, start = begin

@@ -6,7 +6,7 @@ Therefore the evidence of doubtful joints comes from descents with the other kin
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -17,7 +17,7 @@ from scipy.special import expit, logsumexp
 from lrbc_cli.arrays import Floats
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.posterior.kinds import KindScore, along_edges
-from lrbc_cli.updating.posterior.mixture import MixtureProblem, State, Stop, best_states, foreseen, settle
+from lrbc_cli.updating.posterior.mixture import MixtureProblem, State, Stop, best_states, foreseen, pinned, settle
 from lrbc_cli.updating.posterior.samples import ChangeSamples
 from lrbc_cli.updating.statistics.noise import widened
 from lrbc_cli.updating.statistics.priors import BOLT_PRIOR, BoltPrior
@@ -51,6 +51,7 @@ def beyond(
     certain: float = 30.0,
     stop: Stop = (1e-3, 5),
     held: Stop = (1e-2, 3),
+    suspects: Collection[int] = (),
 ) -> tuple[State, Beyond]:
     """Evidence of each joint that is loose or could be, by descents with its other kind, and profiles of uncertain changes.
 
@@ -70,6 +71,8 @@ def beyond(
         less what the state has gained since, because the state with the other kind could have gained as much.
     stop, held : (float, int)
         Stop rules of the descents, and of those with a fixed change, each of which starts at the end of the one before.
+    suspects : collection of int
+        Joints that could be loose whatever the linear problem says.
 
     Returns
     -------
@@ -81,21 +84,22 @@ def beyond(
     for turn in range(rounds):
         score = KindScore(state.A, state.b, prior, state.kinds, problem.neighbours, problem.joint)
         gains, means, stds = score.flips()
-        doubted = _doubted(problem, prior, state, np.where(state.kinds, np.inf, gains), means[:, 1], (doubt, certain))
-        # If the covariance follows the state, a further descent alone moves the evidence by a nat: both kinds get the same descents.
+        asked_of = np.where(state.kinds | np.isin(np.arange(gains.size), sorted(suspects)), np.inf, gains)
+        doubted = _doubted(problem, prior, state, asked_of, means[:, 1], (doubt, certain))
         own = settle(problem, prior, state.kinds, state.z, stop) if doubted else state
         asked = [(i, change) for i, change in doubted.items() if i not in known]
-        others = dict(zip((i for i, _ in asked), side_by_side(partial(_other_kind, problem, prior, state, stop), asked), strict=True))
-        for i, other in others.items():
-            apart = own.evidence - other.evidence
-            if apart > certain:
-                known[i] = apart if state.kinds[i] else -apart
-        best = max([own, *others.values()], key=lambda one: one.evidence)
-        if best.evidence <= own.evidence + gain or turn == rounds - 1:
+        here = pinned(problem, own.z) if asked else problem
+        base = own if problem.about is None or not asked else settle(here, prior, own.kinds, own.z, stop)
+        ends = side_by_side(partial(_other_kind, problem, here, prior, base, stop), asked)
+        others = dict(zip((i for i, _ in asked), ends, strict=True))
+        for i, (_, gain_of) in others.items():
+            if abs(gain_of) > certain:
+                known[i] = -gain_of if state.kinds[i] else gain_of
+        best, most = max(others.values(), key=lambda one: one[1], default=(own, 0.0))
+        if most <= gain or turn == rounds - 1:
             break
-        gained = best.evidence - own.evidence
-        known = {i: apart - float(np.copysign(gained, apart)) for i, apart in known.items() if abs(apart) > certain + gained}
-        state = best
+        known = {i: apart - float(np.copysign(most, apart)) for i, apart in known.items() if abs(apart) > certain + most}
+        state = settle(problem, prior, best.kinds, best.z, stop)
     last = _Turn(state=state, own=own, others=others, doubted=list(doubted), known=known, gains=gains)
     felt = np.where(problem.bounds[problem.bolts, 0] < -wide, stds[:, 1], 0.0)
     return state, last.said(problem, prior, np.where(felt > wide, felt, np.nan), (stop, held))
@@ -109,8 +113,8 @@ class _Turn:
     ----------
     state, own : State
         The state, and the end of a descent from it with the same kinds.
-    others : mapping of int to State
-        Ends of descents with the other kind of a joint, for joints that are not certain.
+    others : mapping of int to (State, float)
+        Ends of descents with the other kind of a joint, and gains in log evidence, for joints that are not certain.
     doubted : sequence of int
         Joints that are loose or could be.
     known : mapping of int to float
@@ -121,7 +125,7 @@ class _Turn:
 
     state: State
     own: State
-    others: Mapping[int, State]
+    others: Mapping[int, tuple[State, float]]
     doubted: Sequence[int]
     known: Mapping[int, float]
     gains: Floats
@@ -129,12 +133,12 @@ class _Turn:
     def said(self, problem: MixtureProblem, prior: BoltPrior, widths: Floats, stops: tuple[Stop, Stop]) -> Beyond:
         """Corrections of the linear problem; profiles are computed for joints with a finite width (b,) [decades]."""
         kinds, found = self.state.kinds, Beyond(np.zeros(self.gains.size), np.full((self.gains.size, 2), np.nan))
-        loose = {i: self.own if kinds[i] else self.others[i] for i in self.doubted if kinds[i] or i in self.others}
+        loose = {i: self.own if kinds[i] else self.others[i][0] for i in self.doubted if kinds[i] or i in self.others}
         flat = [(i, at, float(widths[i])) for i, at in loose.items() if np.isfinite(widths[i])]
         profiles = dict(zip((i for i, *_ in flat), _profiles(problem, prior, flat, stops), strict=True))
         for i in self.doubted:
             sign = 1.0 if kinds[i] else -1.0
-            apart = self.known[i] if i in self.known else sign * (self.own.evidence - self.others[i].evidence)
+            apart = self.known[i] if i in self.known else -sign * self.others[i][1]
             more, mean, std = profiles.get(i, (0.0, np.nan, np.nan))
             found.loose[i] = mean, std
             found.further[i] = apart + more + sign * self.gains[i]
@@ -162,17 +166,19 @@ def _doubted(
     found = {int(i): float(changes[i]) for i in np.flatnonzero(problem.joint & (gains > doubt))}
     rest, near = np.flatnonzero(problem.joint & (gains <= doubt)).tolist(), problem.by(state.z)
 
-    # Each further step moves the evidence: the state itself gets one, too.
-    own = settle(near, prior, state.kinds, state.z, step, rounds=1).evidence if rest else 0.0
+    forms = [near] if near.about is None else [near, pinned(near, state.z)]
+    own = [settle(form, prior, state.kinds, state.z, step, rounds=1).evidence for form in forms] if rest else []
 
     def changed(i: int) -> float | None:
         z, kinds = state.z.copy(), state.kinds.copy()
         change = max(prior.joint_loose_mean, float(problem.bounds[problem.bolts[i], 0]))
         z[problem.bolts[i]], kinds[i] = change, True
-        if foreseen(near, prior, kinds, z, (i, change)) - own < -certain:
-            return None
-        there = settle(near, prior, kinds, z, step, held=(i, change), rounds=1)
-        return float(there.z[problem.bolts[i]]) if there.evidence - own > doubt else None
+        for form, tight in zip(forms, own, strict=True):
+            if foreseen(form, prior, kinds, z, (i, change)) - tight < -certain:
+                continue
+            if settle(form, prior, kinds, z, step, held=(i, change), rounds=1).evidence - tight > doubt:
+                return change
+        return None
 
     far = zip(rest, side_by_side(changed, rest), strict=True)
     return dict(sorted((found | {i: change for i, change in far if change is not None}).items()))
@@ -184,18 +190,13 @@ def by_group(problem: MixtureProblem, prior: BoltPrior, state: State, *, step: S
     The prior, that the groups of a joint change nearly alike, hides such a loss. So the group is moved by the mean change of loose
     joints, as in ``_doubted`` with one step of everything else, and the prior of the rest is as without it.
     """
-    asked, near = [(i, name, way) for i, name, way in problem.groups if not state.kinds[i]], problem.by(state.z)
+    asked, near = [(i, name, way) for i, name, way in problem.groups if not state.kinds[i]], pinned(problem.by(state.z), state.z)
 
     def settled(way: Floats) -> float:
         def data(z: Floats) -> tuple[Floats, Floats]:
             return near.data(z + way)
 
-        def about(z: Floats) -> tuple[Callable[[Floats], tuple[Floats, Floats]], float]:
-            assert near.about is not None
-            there, offset = near.about(z + way)
-            return lambda z: there(z + way), offset
-
-        moved = replace(near, data=data, about=None if near.about is None else about)
+        moved = replace(near, data=data)
         return settle(moved, prior, state.kinds, state.z, step, rounds=1).evidence
 
     if not asked:
@@ -206,13 +207,34 @@ def by_group(problem: MixtureProblem, prior: BoltPrior, state: State, *, step: S
     return tuple((i, name, other - own) for (i, name, _), other in zip(asked, others, strict=True))
 
 
-def _other_kind(problem: MixtureProblem, prior: BoltPrior, state: State, stop: Stop, joint: tuple[int, float]) -> State:
-    """Descend from a state with the kind of one joint changed; ``joint`` is its position and its first change if it becomes loose."""
+def _other_kind(
+    problem: MixtureProblem, here: MixtureProblem, prior: BoltPrior, state: State, stop: Stop, joint: tuple[int, float]
+) -> tuple[State, float]:
+    """Descend from a state with the kind of one joint changed; its end, and the gain in log evidence.
+
+    ``joint`` is its position and its first change if it becomes loose. Both kinds have the same covariance: with one that follows the
+    state, small changes of all others move the determinant by more than a kind does, and errors of a predicted change count against it even
+    where the FRFs agree with the prediction. Whether these errors are as large is not known, so the kinds are compared with the covariance
+    at either end (``here`` has that of ``state``), and loose gains by the mean of both likelihood ratios.
+    """
     i, change = joint
-    z, kinds = state.z.copy(), state.kinds.copy()
+    kinds = state.kinds.copy()
     kinds[i] = not kinds[i]
-    z[problem.bolts[i]] = change if kinds[i] else 0.0
-    return settle(problem, prior, kinds, z, stop)
+
+    def ended(first: float) -> State:
+        z = state.z.copy()
+        z[problem.bolts[i]] = first
+        return settle(here, prior, kinds, z, stop)
+
+    # The linear problem may lead to the next valley only.
+    far = max(prior.joint_loose_mean, float(problem.bounds[problem.bolts[i], 0]))
+    other = max(map(ended, (change, far) if kinds[i] else (0.0,)), key=lambda end: end.evidence)
+    gains = [other.evidence - state.evidence]
+    if problem.about is not None:
+        there = pinned(problem, other.z)
+        gains.append(settle(there, prior, kinds, other.z, stop).evidence - settle(there, prior, state.kinds, state.z, stop).evidence)
+    sign = 1.0 if kinds[i] else -1.0
+    return other, sign * float(logsumexp(sign * np.array(gains)) - np.log(len(gains)))
 
 
 def _profiles(
@@ -229,8 +251,7 @@ def about_itself(problem: MixtureProblem, prior: BoltPrior, state: State, stop: 
 
     With a fixed covariance the profile of a change that does not affect the FRFs is flat.
     """
-    if problem.about is not None:
-        problem = replace(problem, data=problem.about(state.z)[0], about=None)
+    problem = pinned(problem, state.z)
     return problem, settle(problem, prior, state.kinds, state.z, stop)
 
 
@@ -330,7 +351,9 @@ def sample_changes(
     ChangeSamples
     """
     first, *others = best_states(problem, starts, prior)
-    best, more = beyond(problem, prior, first)
+    # Joints whose kind alone differs at the end of another search.
+    apart = [np.flatnonzero(state.kinds != first.kinds).tolist() for state in others]
+    best, more = beyond(problem, prior, first, suspects={one[0] for one in apart if len(one) == 1})
     # States that differ by one flip are reached by the sweeps about the best state.
     rest = [state for state in others if np.count_nonzero(state.kinds != best.kinds) > 1]
     evidence = np.array([best.evidence, *(state.evidence for state in rest)])
