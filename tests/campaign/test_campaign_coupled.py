@@ -1,12 +1,16 @@
-"""Coordinates of structural nodes in another order than the matrices, beside a cavity."""
+"""Coordinates of structural nodes in another order than the matrices, beside a cavity; coupling blocks of the wrong sign."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import scipy.sparse as sp
+from helpers.systems import duct
 
-from lrbc_cli.campaign.reading.doubts.coupled import coupled_doubt
+from lrbc_cli.campaign.reading.doubts.coupled import coupled_doubt, opposed_text
 from lrbc_cli.model.dofs import DofTable
+from lrbc_cli.model.fem import FeModel
+from lrbc_cli.model.terms import LowRankTerms
 
 COUNT = 40
 ROW = 0.05 * np.arange(COUNT)
@@ -42,3 +46,54 @@ def test_structural_nodes_in_any_other_order() -> None:
 def test_without_air_there_is_nothing_to_compare() -> None:
     dofs = DofTable(node=np.arange(3), component=np.full(3, "UZ"), xyz=np.eye(3))
     assert coupled_doubt(sp.csc_array(np.eye(3)), sp.csc_array(np.eye(3)), dofs, "dofs.csv") is None
+
+
+def coupled(left: tuple[float, float], right: tuple[float, float], mass: float = 1.0) -> FeModel:
+    """A chain beside a duct; rows and columns of both fields (structure, air) times these, and the coupling block of the mass."""
+    K, M, air = duct(6, 12, 1.2)
+    rows, columns = (sp.diags_array(np.where(air, each[1], each[0])) for each in (left, right))
+    M = M.tolil()
+    M[np.ix_(air, ~air)] *= mass
+    K, M = (sp.csc_array(rows @ matrix.tocsc() @ columns) for matrix in (K, M))
+    none = sp.csc_array((air.size, 0))
+    terms = LowRankTerms(left=none, right=none, power=np.zeros(0, dtype=np.int64), baseline=np.zeros(0))
+    B = sp.csc_array((air.size, 1))
+    return FeModel(
+        K=K, C=sp.csc_array(K.shape), M=M, B=B, L=sp.csc_array(B.T), output_power=np.zeros(1, dtype=np.int64), is_acoustic=air, terms=terms
+    )
+
+
+#: Signs and scales of the rows and columns of both fields: conventions of pressures, of equations, and units.
+CONVENTIONS = [
+    ((1.0, 1.0), (1.0, 1.0)),
+    ((1.0, -1.0), (1.0, -1.0)),
+    ((1.0, -1.0), (1.0, 1.0)),
+    ((1.0, 1.0), (1.0, -1.0)),
+    ((-1.0, 1.0), (1.0, 1.0)),
+    ((1.0, 1e3), (1.0, 1e-6)),
+]
+
+
+@pytest.mark.parametrize(("left", "right"), CONVENTIONS)
+def test_coupling_that_adds_energy(left: tuple[float, float], right: tuple[float, float]) -> None:
+    """Whatever the convention, one block of the wrong sign makes resonances unstable, and right ones do not."""
+    assert opposed_text(coupled(left, right)) is None
+    text = str(opposed_text(coupled(left, right, mass=-1.0)))
+    assert "structure and air gain energy from their coupling" in text
+    assert "Reverse the sign of the block in the mass matrix (the normals of the faces there) in the FE model" in text
+
+
+@pytest.mark.parametrize("mass", [1.0, -1.0])
+def test_frequencies_show_which_sign_conserves_energy(mass: float) -> None:
+    """The frequencies of the whole model: real for the one sign only, once the coupling is strong."""
+    model = coupled((1.0, 1.0), (1.0, 1.0), mass)
+    K, M = model.K.toarray(), model.M.toarray()
+    air = model.is_acoustic
+    K[np.ix_(~air, air)] *= 50.0
+    M[np.ix_(air, ~air)] *= 50.0
+    squared = np.linalg.eigvals(np.linalg.solve(M, K))
+    assert (np.abs(squared.imag).max() < 1e-6 * np.abs(squared).max()) == (mass > 0.0)
+
+
+def test_coupling_one_way_is_no_matter_of_signs() -> None:
+    assert opposed_text(coupled((1.0, 1.0), (1.0, 1.0), mass=0.0)) is None

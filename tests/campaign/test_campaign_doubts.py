@@ -28,7 +28,7 @@ from lrbc_cli.campaign.looking.unexplained import single_responses
 from lrbc_cli.campaign.reading.doubts import springs
 from lrbc_cli.config.settings import TextFormat
 from lrbc_cli.model.units import SI
-from lrbc_cli.updating.comparison.scale import Offset
+from lrbc_cli.updating.comparison.scale import Known, Offset
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import DecisionRule
 from lrbc_cli.updating.statistics.saturation import Saturation
@@ -197,6 +197,24 @@ def test_one_factor_of_all_responses_may_be_the_material_of_the_model(frame: Fol
         offset_findings(inputs, [*offsets[:2], *(replace(offset, db=0.1, named=False) for offset in offsets[2:])], "tight"),
     ):
         assert "modulus and density" not in told[0].text
+
+
+def test_one_sensor_among_others_has_no_unit_of_its_own() -> None:
+    """Its factor of 9.8 is a sensitivity ten times off, that of several sensors a unit."""
+    (one,) = hammered(a2h1=-19.80, a2h2=-19.80)
+    assert "Write jobs.tight.scale: {a2-h1: 10, a2-h2: 10}" in one.text
+    (several,) = hammered(a2h1=-19.80, a2h2=-19.80, a3h1=-19.82, a3h2=-19.82)
+    assert "a2-h1: 9.80665" in several.text
+
+
+@pytest.mark.parametrize(("db", "after", "unit"), [(10.5, 5.0, True), (11.6, 2.5, True), (11.6, 5.6, False)])
+def test_a_unit_off_the_measured_factor_must_explain_the_rest(frame: Folder, db: float, after: float, unit: bool) -> None:
+    """A model of steel for aluminium: 11.6 dB were told as ft/s2/N, which are 10.3 dB."""
+    foot = Known(20.0 * np.log10(1.0 / 0.3048), "FRFs in ft/s2/N", "ft/s2/N")
+    offsets = [Offset(response=i, db=db, half=0.5, power=0, known=(foot,), before=12.0, after=after, named=True) for i in range(4)]
+    (one,) = offset_findings(frame.inputs(), offsets, "tight")
+    assert ("FRFs in ft/s2/N" in one.text) == unit
+    assert ("modulus and density of the structure" in one.text) != unit
 
 
 @pytest.mark.parametrize(("first", "last", "told"), [(0, 395, True), (0, 399, False), (0, 410, False), (5, 395, False)])

@@ -208,6 +208,9 @@ def test_with_springs_at_wrong_nodes_exchanged_sensors_of_other_jobs_are_not_tol
     exchanged = [Finding(text="exchanged", kind=Kind.EXCHANGED, cycles=((0, 1),))]
     found = {"tight": OfJob([Finding(text="alone", kind=Kind.ALONE, responses=(3,))]), "loose": OfJob(exchanged)}
     assert [each.place for each in first_look._together(source, {}, found)] == ["job tight", *([] if doubt else ["job loose"])]
+    # Nor beside a model that has little in common with the reference job.
+    found["tight"] = OfJob([Finding(text="little in common", kind=Kind.UNLIKE)])
+    assert [each.place for each in first_look._together(source, {}, found)] == ["job tight"]
 
 
 def test_a_baseline_that_differs_from_a_reference_job_with_a_loose_bolt_is_not_told() -> None:

@@ -16,8 +16,10 @@ from lrbc_cli.campaign.looking.causes import rescaled
 from lrbc_cli.campaign.looking.causes.parts import lump_text, part_text
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.model.dofs import DofTable
+from lrbc_cli.model.factors import make_recipe
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import LowRankTerms
+from lrbc_cli.updating.comparison.scale import Known, Offset
 
 #: Masses of each of two rows, joined by the springs of three bolts.
 COUNT = 40
@@ -67,7 +69,7 @@ def frf(model: FeModel, springs: np.ndarray) -> np.ndarray:
     return np.array(found)
 
 
-def told(given: FeModel, true: FeModel, cause: Callable[[Seen, float], str] = part_text, *, air: bool = False) -> str:
+def told(given: FeModel, true: FeModel, cause: Callable[[Seen, float], str] = part_text, *, air: bool = False, **given_as: Any) -> str:
     springs = np.array([3e6, 1e6, 2e6])
     dofs = DofTable(
         node=np.arange(2 * COUNT),
@@ -78,7 +80,13 @@ def told(given: FeModel, true: FeModel, cause: Callable[[Seen, float], str] = pa
     if air:
         # Said to be a pressure, for want of a smaller model of both.
         given = replace(given, is_acoustic=np.arange(2 * COUNT) == 2 * COUNT - 1)
-    inputs: Any = SimpleNamespace(model=given, dofs=dofs, campaign=campaign, input_of=np.zeros(4, dtype=np.int64))
+    inputs: Any = SimpleNamespace(
+        model=given,
+        dofs=dofs,
+        campaign=campaign,
+        input_of=np.zeros(4, dtype=np.int64),
+        recipe=make_recipe(**{"damping": None, "acoustic": False} | given_as),
+    )
     initial = np.log10(springs)
     parameters = SimpleNamespace(initial=initial, dynamic=lambda theta, s: np.tile(10.0**theta + 0j, (len(s), 1)))
     source = SimpleNamespace(inputs=inputs, known={b"work": 1.0})
@@ -118,6 +126,21 @@ def test_a_density_that_is_wrong_as_a_whole(monkeypatch: pytest.MonkeyPatch, mas
     given, true = lightly_damped(assembly()), lightly_damped(assembly(1.03 * mass, first=mass))
     wrong = told(given, true, lambda job, _: rescaled.scaled_text(job, mass**-0.5) or "")
     assert wrong == f"mass {1.0 / mass:.2g}"
+
+
+def test_proportional_damping_follows_the_mass_that_is_corrected(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Alpha times a mass in grams damped the corrected model away, so that its level was 17 dB off and nothing was named."""
+    monkeypatch.setattr(rescaled, "mistake_text", lambda _, matrix, size: f"{matrix} {size:.2g}")
+    alpha, beta = 8.0, 2e-6
+
+    def damped(mass: float) -> FeModel:
+        plain = assembly()
+        M = sp.csc_array(mass * plain.M)
+        return replace(plain, M=M, C=sp.csc_array(alpha * M + beta * plain.K))
+
+    settings = ((alpha, beta), (0.0, 0.0))
+    text = told(damped(1e2), damped(1.0), lambda job, before: rescaled.rescaled_text(job, before) or "", damping=settings)
+    assert text.startswith("mass 1e+02")
 
 
 def calibrated_to(monkeypatch: pytest.MonkeyPatch, true: dict[str, float], *, left: float = 0.7) -> tuple[Any, list[dict[str, float]]]:
@@ -186,6 +209,27 @@ def test_what_the_factors_of_a_rough_calibration_mean(monkeypatch: pytest.Monkey
     # Where one of the two is not calibrated, nothing is known.
     job.inputs.campaign.calibration.names = names[:1]
     assert rescaled.both_text(job, Any, ratio, level) == ""
+
+
+def test_a_material_that_looks_like_a_unit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A factor of all FRFs that no unit has, beside shapes that differ: rough calibrations find both factors of the model."""
+    names = ["stiffness.structure", "mass.structure"]
+    job, starts = calibrated_to(monkeypatch, dict(zip(names, (0.32, 0.335), strict=True)))
+    foot = Known(20.0 * np.log10(1.0 / 0.3048), "FRFs in ft/s2/N", "ft/s2/N")
+
+    def said(db: float, power: int = 0) -> str:
+        far = Offset(response=0, db=db, half=1.3, power=power, known=(foot,), before=11.8, after=5.6, named=True)
+        return rescaled.material_text(job, Any, [far])
+
+    assert "Stiffness and mass of the model are probably both about 3.1 times too large" in said(11.5)
+    assert "Compare the mass sum with the weight of the structure first" in said(11.5)
+    assert starts[0]["mass.structure"] == pytest.approx(10.0 ** (-11.5 / 20.0))
+    # A unit, a derivative, or shapes as in the model.
+    assert said(10.5) == said(11.5, 1) == ""
+    job.misfit = 2.5
+    assert said(11.5) == ""
+    job, _ = calibrated_to(monkeypatch, dict(zip(names, (0.32, 0.335), strict=True)), left=6.0)
+    assert said(11.5) == ""
 
 
 def test_a_structure_beside_air_of_another_material() -> None:

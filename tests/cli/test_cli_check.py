@@ -219,6 +219,19 @@ def test_triangles_of_a_coupled_model(tmp_path: Path) -> None:
         assert said in result.stderr
 
 
+def test_nothing_is_compared_beside_a_coupling_of_the_wrong_sign(tmp_path: Path) -> None:
+    folder = box(tmp_path / "new")
+
+    def turned(matrices: Matrices) -> None:
+        matrices["M"][8:, :8] *= -1.0
+
+    spoil(folder, turned)
+    result = folder.run("check")
+    warnings = section(result.stdout, "warnings")
+    assert any("structure and air gain energy from their coupling" in line for line in warnings)
+    assert not any("reversed sign" in line for line in warnings)
+
+
 @pytest.mark.parametrize("command", COMMANDS[:3])
 def test_warnings_about_the_model_come_from_every_command_once(tmp_path: Path, command: tuple[str, ...]) -> None:
     folder = measured_chain(tmp_path / "new")

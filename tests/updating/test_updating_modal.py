@@ -49,6 +49,16 @@ def test_a_window_in_one_of_two_measurements(end):
     assert "set for windowed" in other.text
 
 
+def test_a_window_where_a_loosened_bolt_damps_one_mode():
+    """Or two modes merge in one broadened peak: seven of eight rates told it on a virtual rig, the eighth had risen by twice as much."""
+    alike, one = np.array([3.1, 2.3, 4.3, 2.4, 5.0, 3.0]), np.array([0.0, 0.0, 0.0, 0.0, 5.8, 0.0])
+    tight, own = frfs(decay=alike), frfs(decay=alike + one, window=-np.log(0.01), seed=1)
+    kind, text = other_chain(F, own, tight, "tight", NAMES) or ("", "")
+    assert kind == "window"
+    assert float(text.partition("about ")[2].partition(" %")[0]) == pytest.approx(1.0, rel=0.2)
+    assert other_chain(F, frfs(decay=alike + one, seed=1), tight, "tight", NAMES) is None
+
+
 OTHER_SHAPES = np.random.default_rng(8).standard_normal((6, 5))
 MOVED = OMEGA * [0.93, 1.04, 0.95, 1.03, 0.96, 0.99]
 

@@ -204,7 +204,8 @@ def stretched_text(measurement: Measurement, seen: Seen, *, most: float = 2.0, s
     wrong = (
         f"the model is too {'soft' if best > 1.0 else 'stiff'} or too {'heavy' if best > 1.0 else 'light'} (modulus, thickness, density)"
     )
-    rate = "Check whether another sampling rate was entered or set (51.2 instead of 48 kHz is a factor of 1.067). If so, divide the "
+    rate = "Check whether another sampling rate was entered or set (51.2 instead of 48 kHz is a factor of 1.067, 44.1 instead of 48 kHz "
+    rate += "one of 0.919). If so, divide the "
     rate += f"frequencies by {best:.3g}; otherwise {wrong}"
     # Confused sampling rates have a smaller ratio than wrong materials.
     typed = 1.0 / RATES <= best <= RATES

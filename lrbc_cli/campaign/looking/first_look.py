@@ -22,11 +22,8 @@ from lrbc_cli.campaign.identification.compared.likeness import (
     by_sensors,
     exchanged,
     exchanged_text,
-    off_level,
     other_reading,
-    outlying,
     run_backwards,
-    same_sensor,
     sideways,
     turned,
 )
@@ -47,10 +44,9 @@ from lrbc_cli.campaign.looking.causes.held import supports_text
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
 from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings, hann_finding
 from lrbc_cli.campaign.looking.causes.removed import removed_findings
-from lrbc_cli.campaign.looking.causes.rescaled import overdamped_text, rescaled_text
+from lrbc_cli.campaign.looking.causes.rescaled import material_text, overdamped_text, rescaled_text
 from lrbc_cli.campaign.looking.causes.tables import other_tables
 from lrbc_cli.campaign.looking.causes.tightness import (
-    UNLIKE,
     fallen_text,
     looser,
     lowered_text,
@@ -62,7 +58,7 @@ from lrbc_cli.campaign.looking.causes.tightness import (
 )
 from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, roughly_calibrated, strike_text
 from lrbc_cli.campaign.looking.states import Looking, Seen, nearest_states, reach_of_one
-from lrbc_cli.campaign.looking.unexplained import little_in_common, placed, single_responses
+from lrbc_cli.campaign.looking.unexplained import beside_fitted, beside_tight, foreign, little_in_common, placed
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misread
 from lrbc_cli.campaign.reduced import cache
@@ -192,8 +188,8 @@ def _together(source: Looking, measurements: Mapping[str, Measurement], found: d
             if not kinds_of(found[name].told) and (text := fallen_text(inputs, name, source.changes[name])):
                 found[name] = replace(found[name], told=[*found[name].told, Finding(text=text, kind=Kind.FREED)])
     told = pooled(of_all_jobs(inputs, found, reference), reference)
-    if inputs.springs_doubt:
-        # With springs at wrong nodes a loosened bolt looks like exchanged sensors.
+    if inputs.springs_doubt or (reference in found and Kind.UNLIKE in kinds_of(found[reference].told)):
+        # With springs at wrong nodes a loosened bolt looks like exchanged sensors; far from any measurement some FRFs agree by chance.
         told = [each for each in told if each.kind is not Kind.EXCHANGED or each.place == f"job {reference}"]
     return told + (removed_findings(source, measurements) if explained else [])
 
@@ -267,6 +263,10 @@ def _looked_at(
     backwards = not how and run_backwards(measurements[name].frequency_hz, measurements[name].values)
     near = [*nearest_states(seen), *(state for state in (held, fitted) if state is not None)]
     told, offsets = _channels(seen, near, reach[0], cycles, backwards=backwards)
+    # A factor of all FRFs may be the material of the model.
+    shared = seen.reference and any(len(each.responses) == len(offsets) for each in told if each.kind is Kind.UNITS)
+    if shared and (text := material_text(seen, measurements[name], offsets)):
+        return OfJob([Finding(text=text, kind=Kind.MATERIAL)])
     # Places are looked for below; without a better finding these remain.
     uneven = [each for each in told if each.kind is Kind.PLACES]
     told = [each for each in told if each.kind is not Kind.PLACES]
@@ -278,17 +278,24 @@ def _looked_at(
     if kinds_of(told) <= {Kind.LATE, Kind.EARLY} and (passed := filter_findings(seen)):
         return OfJob(passed)
     if not told and seen.reference:
-        told = other_tables(seen) or little_in_common(seen, measurements)
-        if Kind.UNLIKE in kinds_of(told) and (text := stretched_text(measurements[name], seen)):
-            told = [Finding(text=text, kind=Kind.STRETCHED)]
-        elif Kind.UNLIKE in kinds_of(told) and (text := rescaled_text(seen, seen.misfit, further=1.5)):
-            told = [Finding(text=text, kind=Kind.RESCALED)]
+        told = _of_model(seen, measurements)
     told = placed(seen, told)
     if not told and held is not None:
-        told = _beside_tight(seen, held, reach)
+        told = beside_tight(seen, held, reach)
         if not told and fitted is not None:
-            told = _beside_fitted(seen, fitted) or _foreign(seen, held)
+            told = beside_fitted(seen, fitted) or foreign(seen, held)
     return OfJob(told or uneven, offsets)
+
+
+def _of_model(seen: Seen, measurements: Mapping[str, Measurement]) -> list[Finding]:
+    """Findings of the reference job if the model is far from it: another material, factor or unit, or little in common."""
+    told = other_tables(seen) or little_in_common(seen, measurements)
+    if Kind.UNLIKE in kinds_of(told):
+        if text := stretched_text(measurements[seen.job], seen):
+            return [Finding(text=text, kind=Kind.STRETCHED)]
+        if text := rescaled_text(seen, seen.misfit, further=1.5):
+            return [Finding(text=text, kind=Kind.RESCALED)]
+    return told
 
 
 def _judged(seen: Seen, measurements: Mapping[str, Measurement]) -> list[Complexes]:
@@ -408,41 +415,3 @@ def _fit_exchanged(seen: Seen, exchanged: Complexes, *, further: float = 1.1) ->
     moved, tight = np.flatnonzero((exchanged != seen.measured).any(axis=0)), seen.tight
     as_stated, now = (float(np.median(apart(values[:, moved], tight[:, moved]))) for values in (seen.measured, exchanged))
     return _fit(seen.reading(exchanged)) if now <= further * as_stated else None
-
-
-def _beside_tight(seen: Seen, tight: Complexes, reach: tuple[Floats | float, Floats | float]) -> list[Finding]:
-    """Single responses far from the reference job (``tight``, (F, R)) in shape or level, by more than one bolt can cause.
-
-    ``reach`` is that limit, see ``reach_of_one``; distances must be twice as large, because the model has errors.
-    """
-    reference = str(seen.inputs.campaign.update.reference)
-    away, every = off_level(seen.inputs, seen.measured, tight, reference, seen.job, reach[0]), apart(seen.measured, tight)
-    found = [Finding(text=text, kind=Kind.LEVEL, responses=(i,)) for i, text in away.items()]
-    limit, off = np.broadcast_to(reach[1], every.shape), {k for i in away for k in (i, *same_sensor(seen.inputs, i))}
-    # A dead channel differs in shape, too; its level says more.
-    far = [i for i in outlying(every) if CLEARLY * every[i] > limit[i] and i not in off]
-    return single_responses(seen.inputs, every, far, f"its FRF in {reference}", seen.job) + found
-
-
-def _beside_fitted(seen: Seen, fitted: Complexes) -> list[Finding]:
-    """Sensors far from the state of the bolts that fits best (``fitted``, (F, R)), at every hammer point, if that explains the others."""
-    every = apart(seen.measured, fitted)
-    if float(np.median(every)) > LEAST_DIFFERENCE:
-        return []
-    # Errors of the model show at single hammer points, too.
-    alone = set(outlying(every))
-    whole = [i for i in sorted(alone) if alone.issuperset(same_sensor(seen.inputs, i))]
-    return single_responses(seen.inputs, every, whole, "the state of the bolts that fits best", seen.job)
-
-
-def _foreign(seen: Seen, tight: Complexes) -> list[Finding]:
-    """Finding if no state of the model, the fitted one included, is near a measurement, although the tight state is explained."""
-    least = seen.left
-    if least <= max(UNLIKE, float(np.median(apart(tight, seen.model))) / CLEARLY):
-        return []
-    text = (
-        f"no tried state of the bolts comes near: the level misfit is {least:.1f} dB at best after a first, coarse fit (mean level of each "
-        "response removed). Check whether it is the file of another structure or set-up, whether the hammer hit another point, and whether "
-        "more changed than the bolts"
-    )
-    return [Finding(text=text, kind=Kind.FOREIGN)]

@@ -8,9 +8,16 @@ from types import MappingProxyType
 
 import numpy as np
 
-from lrbc_cli.arrays import Floats
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.findings import Finding, Kind, kinds_of
-from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, apart, outlying
+from lrbc_cli.campaign.identification.compared.likeness import (
+    CLEARLY,
+    LEAST_DIFFERENCE,
+    apart,
+    off_level,
+    outlying,
+    same_sensor,
+)
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.causes.coordinates import coordinates_texts
 from lrbc_cli.campaign.looking.causes.held import held_text, idle_text, supports_text
@@ -177,3 +184,41 @@ def single_responses(
         text = f"{names} {differ} from {of} by {sizes} dB {typical}. Check {causes}{better.get(group[0], '')}"
         found.append(Finding(text=text, kind=Kind.ALONE, responses=tuple(group)))
     return found
+
+
+def beside_tight(seen: Seen, tight: Complexes, reach: tuple[Floats | float, Floats | float]) -> list[Finding]:
+    """Single responses far from the reference job (``tight``, (F, R)) in shape or level, by more than one bolt can cause.
+
+    ``reach`` is that limit, see ``reach_of_one``; distances must be twice as large, because the model has errors.
+    """
+    reference = str(seen.inputs.campaign.update.reference)
+    away, every = off_level(seen.inputs, seen.measured, tight, reference, seen.job, reach[0]), apart(seen.measured, tight)
+    found = [Finding(text=text, kind=Kind.LEVEL, responses=(i,)) for i, text in away.items()]
+    limit, off = np.broadcast_to(reach[1], every.shape), {k for i in away for k in (i, *same_sensor(seen.inputs, i))}
+    # A dead channel differs in shape, too; its level says more.
+    far = [i for i in outlying(every) if CLEARLY * every[i] > limit[i] and i not in off]
+    return single_responses(seen.inputs, every, far, f"its FRF in {reference}", seen.job) + found
+
+
+def beside_fitted(seen: Seen, fitted: Complexes) -> list[Finding]:
+    """Sensors far from the state of the bolts that fits best (``fitted``, (F, R)), at every hammer point, if that explains the others."""
+    every = apart(seen.measured, fitted)
+    if float(np.median(every)) > LEAST_DIFFERENCE:
+        return []
+    # Errors of the model show at single hammer points, too.
+    alone = set(outlying(every))
+    whole = [i for i in sorted(alone) if alone.issuperset(same_sensor(seen.inputs, i))]
+    return single_responses(seen.inputs, every, whole, "the state of the bolts that fits best", seen.job)
+
+
+def foreign(seen: Seen, tight: Complexes) -> list[Finding]:
+    """Finding if no state of the model, the fitted one included, is near a measurement, although the tight state is explained."""
+    least = seen.left
+    if least <= max(UNLIKE, float(np.median(apart(tight, seen.model))) / CLEARLY):
+        return []
+    text = (
+        f"no tried state of the bolts comes near: the level misfit is {least:.1f} dB at best after a first, coarse fit (mean level of each "
+        "response removed). Check whether it is the file of another structure or set-up, whether the hammer hit another point, and whether "
+        "more changed than the bolts"
+    )
+    return [Finding(text=text, kind=Kind.FOREIGN)]

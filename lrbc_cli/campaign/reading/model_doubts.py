@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.reading.dof_source import MANY
 from lrbc_cli.campaign.reading.doubts.chosen import part_of_stiffness
-from lrbc_cli.campaign.reading.doubts.coupled import one_way_text
+from lrbc_cli.campaign.reading.doubts.coupled import one_way_text, opposed_text
 from lrbc_cli.campaign.reading.doubts.cut import cut_edges
 from lrbc_cli.campaign.reading.doubts.materials import massless_part
 from lrbc_cli.campaign.reading.doubts.names import sorted_names
@@ -43,7 +43,7 @@ _DIGITS = 9
 def doubts(model: FeModel) -> list[str]:
     """Warnings about the matrices, in words."""
     m = model
-    found = [text] if (text := one_way_text(model)) else []
+    found = [text for text in (one_way_text(model), opposed_text(model)) if text]
     if np.iscomplexobj(m.K.data) and loss_factor(m) < 0:
         found.append(
             "the imaginary part of the stiffness is negative: with exp(+i omega t) it adds energy. Write `conjugate: true` beside its file"
@@ -189,14 +189,14 @@ def slips(
 
 
 def misread(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | None) -> bool:
-    """Whether there are warnings about damping, springs or start values, so that measurements cannot be compared with the model yet."""
+    """Whether coupling, damping, springs or start values are warned of, so that measurements cannot be compared with the model yet."""
     told = (
         *_damping(campaign, model),
         *held_springs(campaign, model, groups, dofs),
         *_terms_twice(model, groups, dofs, None),
         *start_slips(campaign).values(),
     )
-    return bool(told)
+    return bool(told or opposed_text(model))
 
 
 def _damping(campaign: Campaign, model: FeModel) -> Iterator[str]:

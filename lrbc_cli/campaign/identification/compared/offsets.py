@@ -9,7 +9,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.findings import Finding, Kind
-from lrbc_cli.campaign.identification.compared.likeness import MOST_LEFT, outlying, same_sensor
+from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, MOST_LEFT, outlying, same_sensor
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import listing
@@ -140,10 +140,15 @@ def causes_of(inputs: Inputs, common: Common, compared: Sequence[int]) -> bool:
 
 
 def _recognised(inputs: Inputs, common: Common, compared: Sequence[int]) -> list[Known]:
-    """Known factors near a common one; those that all responses of a kind share only if no compared response of that kind lacks it."""
+    """Known factors near a common one; those that all responses of a kind share only if no compared response of that kind lacks it.
+
+    A factor outside of the interval counts only where it explains the rest, too: otherwise the model may be wrong as a whole.
+    """
+    offset, reach = common.offset, max(common.offset.half, LEAST_REACH)
     kinds = [(response.quantity, response.input) for response in inputs.responses]
     shared = {kinds[i] for i in common.responses}.isdisjoint(kinds[i] for i in compared if i not in common.responses)
-    return [known for known in common.offset.known if shared or not known.of_all]
+    near = [known for known in offset.known if offset.power or offset.after <= LEAST_DIFFERENCE or abs(known.db - offset.db) <= reach]
+    return [known for known in near if shared or not known.of_all]
 
 
 def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: str) -> tuple[str, str]:
@@ -182,9 +187,10 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
         cause = "a sensitivity or a range ten times off" + (", that of the hammer for example" if every else "")
         options = [(abs(offset.db - tenfold), tenfold, cause)]
         options += [(abs(offset.db - known.db), known.db, known.cause) for known in recognised if known.cause]
-        # Sensors rarely share a wrong sensitivity; a unit they do share, though 9.81 is hardly to be distinguished from 10.
-        several = len({sensor_of(inputs, i) for i in common.responses}) > 1
-        options.sort(key=lambda option: (several and option[1] == tenfold, option[0]))
+        # Sensors rarely share a wrong sensitivity; a unit they do share, though 9.81 is hardly to be distinguished from 10. One sensor has
+        # no unit of its own.
+        several = every or len({sensor_of(inputs, i) for i in common.responses}) > 1
+        options.sort(key=lambda option: ((option[1] == tenfold) == several, option[0]))
         # If all responses share the factor and a unit is nearer, the unit comes first, with its key (below).
         if not every or options[0][1] == tenfold:
             own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-options[0][1] / 20.0))}"

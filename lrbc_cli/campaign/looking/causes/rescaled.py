@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.optimize import minimize_scalar
 
 from lrbc_cli.arrays import Complexes, Integers, spaced
@@ -16,10 +17,11 @@ from lrbc_cli.campaign.looking.fitted import roughly_calibrated
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.places import GRAVITIES, POWERS, mistake_text
 from lrbc_cli.errors import LrbcError
+from lrbc_cli.model.factors import with_factors
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.problem.full import full_ports
 from lrbc_cli.reduction.reduced.ports import PortFrf
-from lrbc_cli.updating.comparison.scale import LEAST_OFFSET
+from lrbc_cli.updating.comparison.scale import LEAST_OFFSET, LEAST_REACH, Offset
 from lrbc_cli.updating.peaks import peaks_of
 
 #: Largest level misfit that may remain, constants removed, and largest difference of the constants [dB].
@@ -164,10 +166,42 @@ def both_text(seen: Seen, whole: Measurement, ratio: float, level: float, *, rou
     rounds : int
         Number of calibrations: each reaches a factor of 1.35.
     """
+    found = _both(seen, whole, ratio, level, rounds)
+    return "" if found is None else _both_text(*found)
+
+
+def material_text(seen: Seen, whole: Measurement, offsets: Sequence[Offset]) -> str:
+    """Warning if stiffness and mass of the model, wrong together, explain a factor of all FRFs that is clearly no known one; else empty.
+
+    A unit leaves the shapes of the FRFs as they are. A material changes them, too, because the springs of bolts remain.
+
+    Parameters
+    ----------
+    seen : Seen
+    whole : Measurement
+        The same on all its lines.
+    offsets : sequence of Offset
+        Factors of the responses.
+    """
+    level = float(np.median([offset.db for offset in offsets]))
+    known = any(abs(each.db - level) <= LEAST_REACH for offset in offsets for each in offset.known)
+    if known or seen.misfit <= LEAST_DIFFERENCE or any(offset.power for offset in offsets):
+        return ""
+    found = _both(seen, whole, 1.0, level, 3)
+    if found is None or found[1] > CLEARLY * seen.misfit or not (text := _both_text(*found)):
+        return ""
+    return (
+        f"measured FRFs are {abs(level):.1f} dB {'above' if level > 0.0 else 'below'} the model's, and the level misfit is "
+        f"{seen.misfit:.1f} dB (mean level of each response removed). {text}. Compare the mass sum with the weight of the structure first: "
+        "if it is right, a sensitivity, a gain or a unit of all FRFs is wrong by these decibels instead"
+    )
+
+
+def _both(seen: Seen, whole: Measurement, ratio: float, level: float, rounds: int) -> tuple[dict[str, float], float] | None:
+    """Factors of stiffness and mass, and the misfit there [dB], as ``brought_near`` finds them; None if not both are calibrated."""
     mass = 10.0 ** (-level / 20.0)
     start = dict(zip(_STRUCTURE, (mass * ratio**2, mass), strict=True))
-    found = brought_near(seen, whole, start, rounds) if start.keys() <= set(_calibrated_names(seen)) else None
-    return "" if found is None else _both_text(*found)
+    return brought_near(seen, whole, start, rounds) if start.keys() <= set(_calibrated_names(seen)) else None
 
 
 def far_text(seen: Seen, whole: Measurement, ratio: float, *, rounds: int = 3, reached: float = 1.35) -> str:
@@ -328,16 +362,20 @@ def softness_text(seen: Seen) -> str:
 def _cases(seen: Seen, factor: float) -> Iterator[tuple[str, float, Complexes, float]]:
     """Matrix, factor by which it is too large, FRFs after correction (F, R), and level [dB] to be subtracted from the difference.
 
-    Dividing the mass by f is the same as multiplying K + D + s C by f, with FRFs larger by f. Full solves are used because a model with
-    thousands of modes in the band cannot be reduced.
+    Dividing the mass by f is the same as multiplying K + D + s C by f, with FRFs larger by f. Proportional damping follows the matrix that
+    is corrected. Full solves are used because a model with thousands of modes in the band cannot be reduced.
     """
-    plain, settings, dynamic = seen.inputs.model, seen.inputs.campaign.reduction, seen.dynamic
+    recipe, plain, settings, dynamic = seen.inputs.recipe, seen.inputs.model, seen.inputs.campaign.reduction, seen.dynamic
 
     def ports(model: FeModel) -> PortFrf:
         return full_ports(model, seen.inputs.input_of, seen.s, settings.band, backend=settings.backend)
 
+    def damping(of: str, times: float) -> sp.csc_array:
+        """C with alpha or beta of proportional damping multiplied."""
+        return with_factors(plain, recipe, {name: times for name in recipe.proportional if name.startswith(of)})[0].C
+
     with suppress(LrbcError):
-        stiff = ports(replace(plain, K=plain.K * factor))
+        stiff = ports(replace(plain, K=plain.K * factor, C=damping("beta", factor)))
         yield "stiffness", 1.0 / factor, stiff.evaluate(dynamic), 0.0
-        light = ports(replace(plain, K=plain.K * factor, C=plain.C * factor)) if plain.C.nnz else stiff
+        light = ports(replace(plain, K=plain.K * factor, C=damping("alpha", 1.0 / factor) * factor)) if plain.C.nnz else stiff
         yield "mass", factor, light.evaluate(factor * dynamic), 20.0 * float(np.log10(factor))

@@ -1,4 +1,4 @@
-"""Coupling of structure and air: one of its two blocks is missing, or the places of coupled DOFs do not fit."""
+"""Coupling of structure and air: one of its two blocks is missing or of the wrong sign, or the places of coupled DOFs do not fit."""
 
 from __future__ import annotations
 
@@ -88,6 +88,35 @@ def one_way_text(model: FeModel) -> str | None:
     deaf, text, other = found
     one, effect = ("air", "structure") if deaf else ("structure", "air")
     return f"the {one} does not feel the {effect}: the matrices couple them by {text}. Export the {other} matrix with the coupling"
+
+
+def opposed_text(model: FeModel, *, alike: float = 0.9) -> str | None:
+    """Warning if the two coupling blocks, of stiffness and mass matrix, have signs with which structure and air gain energy; else None.
+
+    With K_sa = A energy is conserved if M_as = -kappa A^T with kappa > 0, whatever the sign of pressures: that turns both blocks. Rows of
+    one field written with the opposite sign turn one block, but also the mass matrix of this field.
+
+    Parameters
+    ----------
+    model : FeModel
+    alike : float
+        Cosine between the two blocks above which they are the same up to a factor.
+    """
+    air = model.is_acoustic
+    of_structure, of_air = (part.tocsr() for part in (model.K.real[:, air].tocsr()[~air], model.M.real[:, ~air].tocsr()[air].T))
+    size = float(np.linalg.norm(of_structure.data) * np.linalg.norm(of_air.data))
+    if not size:
+        return None
+    masses = np.real(model.M.diagonal())
+    signs = np.sign(masses[air].sum()) * np.sign(masses[~air].sum())
+    if float(of_structure.multiply(of_air).sum()) * signs < alike * size:
+        return None
+    return (
+        "structure and air gain energy from their coupling: its blocks in the stiffness matrix (rows of displacements, columns of "
+        "pressures) and in the mass matrix (rows of pressures, columns of displacements) are of one sign instead of opposite signs. "
+        "Reverse the sign of the block in the mass matrix (the normals of the faces there) in the FE model, and export it again; if "
+        "`lrbc check` then finds all measured phases reversed, reverse both blocks"
+    )
 
 
 def joined_by_terms(model: FeModel) -> bool:
