@@ -88,10 +88,7 @@ def beyond(
         doubted = _doubted(problem, prior, state, asked_of, means[:, 1], (doubt, certain))
         own = settle(problem, prior, state.kinds, state.z, stop) if doubted else state
         asked = [(i, change) for i, change in doubted.items() if i not in known]
-        here = pinned(problem, own.z) if asked else problem
-        base = own if problem.about is None or not asked else settle(here, prior, own.kinds, own.z, stop)
-        ends = side_by_side(partial(_other_kind, problem, here, prior, base, stop), asked)
-        others = dict(zip((i for i, _ in asked), ends, strict=True))
+        others = _other_kinds(problem, prior, own, asked, stop)
         for i, (_, gain_of) in others.items():
             if abs(gain_of) > certain:
                 known[i] = -gain_of if state.kinds[i] else gain_of
@@ -205,6 +202,18 @@ def by_group(problem: MixtureProblem, prior: BoltPrior, state: State, *, step: S
     ways = [np.zeros(state.z.size), *(change * way for change, (*_, way) in zip(changes, asked, strict=True))]
     own, *others = side_by_side(settled, ways)
     return tuple((i, name, other - own) for (i, name, _), other in zip(asked, others, strict=True))
+
+
+def _other_kinds(
+    problem: MixtureProblem, prior: BoltPrior, own: State, asked: Sequence[tuple[int, float]], stop: Stop
+) -> dict[int, tuple[State, float]]:
+    """See ``_other_kind``, for several joints of one state."""
+    if not asked:
+        return {}
+    here = pinned(problem, own.z)
+    base = own if problem.about is None else settle(here, prior, own.kinds, own.z, stop)
+    ends = side_by_side(partial(_other_kind, problem, here, prior, base, stop), asked)
+    return dict(zip((i for i, _ in asked), ends, strict=True))
 
 
 def _other_kind(
