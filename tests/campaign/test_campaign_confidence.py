@@ -449,10 +449,13 @@ class Alike:
         self.model = SimpleNamespace(parameters=Parameterisation((line_group(1),)))
         self.slope, self.count, self.std, self.log_det = slope, count, std, 2.0 * count * np.log(std)
 
-    def about(self, theta: np.ndarray, share: float) -> Alike:
-        return Alike(self.slope, self.count, float(np.hypot(1.0, share * self.slope * (theta[0] - 4.0))))
+    def near(self, theta: np.ndarray) -> Alike:
+        return self
 
-    def data_sum(self, theta: np.ndarray, frf: object) -> float:
+    def about(self, theta: np.ndarray, error: SimpleNamespace) -> Alike:
+        return Alike(self.slope, self.count, float(np.hypot(1.0, error.share * self.slope * (theta[0] - 4.0))))
+
+    def data_sum(self, theta: np.ndarray) -> float:
         return float(self.count * (self.slope * (theta[0] - 4.0) / self.std) ** 2)
 
 
@@ -463,7 +466,9 @@ def test_a_value_is_open_where_the_likelihood_with_or_without_the_error_of_the_c
 ) -> None:
     noise, solution = SimpleNamespace(variance=1.0, ratio=1.0), SimpleNamespace(theta=np.array([4.0]))
     plain = Alike(-change / 4.0, count)
-    given: Any = (SimpleNamespace(plain=plain, solution=solution, knowledge=SimpleNamespace(noise=noise)), None, share)
+    error = SimpleNamespace(share=share)
+    error.near = lambda _: error
+    given: Any = (SimpleNamespace(plain=plain, solution=solution, knowledge=SimpleNamespace(noise=noise)), error)
     down, _ = opens_of(cast(Any, SimpleNamespace(bolts=None)), *given)
     lost = [count * (norm.logpdf(0.0) - norm.logpdf(change, scale=scale)) for scale in (1.0, np.hypot(1.0, share * change))]
     assert bool(down[0]) == (2.0 * min(lost) < 1.96**2)

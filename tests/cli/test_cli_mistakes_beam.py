@@ -318,7 +318,7 @@ def test_a_bolt_that_was_loose_in_the_reference_job_shows_after_a_rough_calibrat
     ("stiffness", "mass", "told"),
     [
         (0.7**3, 0.7, "The thickness of plates, or the height of beams, is probably 1.4 times too small in the model: with its stiffness"),
-        (2.9, 2.9, "modulus and density of the structure, both about 2.9 times too large"),
+        (2.9, 2.9, "Stiffness and mass of the model are probably both about 2.9 times too large"),
         # Of one matrix it is that one.
         (2.2, 1.0, "the stiffness matrix is 2.2 times too large"),
     ],

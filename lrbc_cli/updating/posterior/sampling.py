@@ -87,11 +87,8 @@ def beyond(
         asked_of = np.where(state.kinds | np.isin(np.arange(gains.size), sorted(suspects)), np.inf, gains)
         doubted = _doubted(problem, prior, state, asked_of, means[:, 1], (doubt, certain))
         own = settle(problem, prior, state.kinds, state.z, stop) if doubted else state
-        asked = [(i, change) for i, change in doubted.items() if i not in known]
-        others = _other_kinds(problem, prior, own, asked, stop)
-        for i, (_, gain_of) in others.items():
-            if abs(gain_of) > certain:
-                known[i] = -gain_of if state.kinds[i] else gain_of
+        others = _other_kinds(problem, prior, own, [one for one in doubted.items() if one[0] not in known], stop)
+        known |= {i: -more if state.kinds[i] else more for i, (_, more) in others.items() if abs(more) > certain}
         best, most = max(others.values(), key=lambda one: one[1], default=(own, 0.0))
         if most <= gain or turn == rounds - 1:
             break
