@@ -266,11 +266,9 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     usable = {name: found for name, found in readable.items() if not normalised(found.values)}
     look = _looks(inputs, folder, usable, progress)
     of_tight = kinds_of(each for each in look.found if each.place == f"job {inputs.campaign.update.reference}")
-    # Peaks of an inverse FRF are the zeros of the FRF, and a Hann window makes peaks of its own.
-    windowed = {each.place for each in look.found if each.kind is Kind.CHAIN}
-    clear = {name: found for name, found in readable.items() if f"job {name}" not in windowed}
-    out.found += [*([] if Kind.READ in of_tight else unclear(inputs, clear)), *without_phases(inputs, readable)]
-    compared = {name: found for name, found in usable.items() if name not in look.doubted and name in clear}
+    # Peaks of an inverse FRF are the zeros of the FRF.
+    out.found += [*([] if Kind.READ in of_tight else unclear(inputs, readable)), *without_phases(inputs, readable)]
+    compared = {name: found for name, found in usable.items() if name not in look.doubted}
     # Beside a reference job that is not tight, the others differ by its loose bolts.
     out.found += [] if Kind.NOT_TIGHT in of_tight else other_chains(inputs, compared)
     out.found += other_runs(inputs, usable)

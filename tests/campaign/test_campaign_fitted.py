@@ -173,25 +173,6 @@ def test_a_channel_is_late_at_every_blow(monkeypatch: pytest.MonkeyPatch, late: 
     assert {o.response for o in offsets.late_together(inputs, stated) if o.delay} == kept
 
 
-def test_a_hann_window_in_one_job_ends_its_tests(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Responses that the reference job lacks do not count."""
-    _, source, parameters = plate()
-    hz = np.arange(40.0, 500.0)
-    tight = np.array(source.model(2j * np.pi * hz, parameters).frf(parameters.initial))
-    time = np.arange(1024) / 1024.0
-    # Records of 1 s, the blow at 5 % of them.
-    whole = np.zeros((1024, tight.shape[1]), dtype=complex)
-    whole[40:500] = tight
-    window = np.sin(np.pi * (time + 0.05)) ** 2 / np.sin(np.pi * 0.05) ** 2
-    own = np.fft.fft(np.fft.ifft(whole, axis=0) * window[:, None], axis=0)[40:500]
-    tight[:, 0] = np.nan
-    jobs = {"tight-1": measurement(hz, own)}
-    monkeypatch.setattr(first_look.Seen, "of", lambda *_: pytest.fail("compared with the model"))
-    (found,) = first_look._looked_at(source, jobs, "tight-1", measurement(hz, tight)).told
-    assert (found.kind, found.detail) == (Kind.CHAIN, "window")
-    assert "with a Hann window in this job" in found.text
-
-
 def test_nothing_is_compared_beyond_a_soft_tip() -> None:
     inputs = sample("plate")
     own = measurement(HZ, np.ones((HZ.size, len(inputs.responses)), dtype=complex))

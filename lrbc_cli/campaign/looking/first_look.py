@@ -42,7 +42,7 @@ from lrbc_cli.campaign.looking.axes import out_of_reach_text, stretched_text
 from lrbc_cli.campaign.looking.causes.damped import misdamped_text
 from lrbc_cli.campaign.looking.causes.held import supports_text
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
-from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings, hann_finding
+from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings
 from lrbc_cli.campaign.looking.causes.removed import removed_findings
 from lrbc_cli.campaign.looking.causes.rescaled import material_text, overdamped_text, rescaled_text
 from lrbc_cli.campaign.looking.causes.tables import other_tables
@@ -233,8 +233,6 @@ def _looked_at(
     cycles: Sequence[tuple[int, ...]] = (),
 ) -> OfJob:
     """Findings of one job, by comparison with the model and, if given, with measurement ``tight`` and ``cycles`` of the reference job."""
-    if tight is not None and (windowed := hann_finding(source.inputs, measurements[name], tight)):
-        return OfJob([windowed])
     seen = Seen.of(source, name, measurements[name], tight)
     inputs, held = seen.inputs, seen.held
     seen = seen.beside(held)

@@ -1,4 +1,4 @@
-"""Faults of recording: the first milliseconds are lost, a filter or a Hann window was on, a mounting has a resonance."""
+"""Faults of recording, by comparison with the model: the first milliseconds are lost, a filter was on, a mounting has a resonance."""
 
 from __future__ import annotations
 
@@ -7,14 +7,12 @@ import numpy as np
 from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared.likeness import apart
 from lrbc_cli.campaign.identification.compared.offsets import sensor_of
-from lrbc_cli.campaign.identification.records import Measurement, unlike
+from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.causes.tightness import UNLIKE
 from lrbc_cli.campaign.looking.states import Seen
-from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.statistics.chain.filters import Filter, filtered, filters
 from lrbc_cli.updating.statistics.chain.start import starting
-from lrbc_cli.updating.statistics.chain.windows import hann_text
 
 
 def cut_text(seen: Seen, whole: Measurement, *, least: float = 0.15, share: float = 0.5) -> str:
@@ -48,17 +46,6 @@ def cut_text(seen: Seen, whole: Measurement, *, least: float = 0.15, share: floa
         "lost. Check whether the recording started at the trigger, or a window cut off the beginning. Set a pretrigger (5 % of the "
         "record), start the window of the responses before the blow, and measure again"
     )
-
-
-def hann_finding(inputs: Inputs, own: Measurement, tight: Measurement) -> Finding | None:
-    """Finding if a Hann window was set in a job, or in the reference job (``tight``), but not in the other; else None."""
-    if unlike(own.frequency_hz, tight.frequency_hz):
-        return None
-    both = [np.isfinite(values) & (values != 0) for values in (own.values, tight.values)]
-    held = np.flatnonzero((both[0] & both[1]).all(axis=0))
-    reference = str(inputs.campaign.update.reference)
-    text = hann_text(own.frequency_hz, own.values[:, held], tight.values[:, held], reference)
-    return Finding(text=text, kind=Kind.CHAIN, detail="window") if text else None
 
 
 def filter_findings(seen: Seen) -> list[Finding]:

@@ -15,7 +15,6 @@ from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.updating.checked import Checked, Count, NotNegative, Positive, Share
 from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.peaks import peaks_of
-from lrbc_cli.updating.statistics.chain.windows import hann_text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,8 +223,6 @@ def other_chain(
     if not evenly(frequency_hz):
         return None
     held = np.isfinite(own).all(axis=0) & np.isfinite(tight).all(axis=0) & (own != 0).all(axis=0) & (tight != 0).all(axis=0)
-    if hann := hann_text(frequency_hz, own[:, held], tight[:, held], reference):
-        return ChainFault("window", hann)
     one, other = (fitted_modes(frequency_hz, values[:, held], rule) for values in (own, tight))
     pairs = same_modes(one, other, rule)
     first, second = ([pair[i] for pair in pairs] for i in (0, 1))
