@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal, norm
 
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.posterior.kinds import KindScore, adjacency
-from lrbc_cli.updating.posterior.mixture import MixtureProblem, best_states, foreseen, settle
+from lrbc_cli.updating.posterior.mixture import MixtureProblem, best_states, compared, foreseen, settle
 from lrbc_cli.updating.posterior.samples import ChangeSamples
 from lrbc_cli.updating.posterior.sampling import sample_changes
 from lrbc_cli.updating.statistics.priors import BoltPrior
@@ -179,6 +179,35 @@ def test_no_bolt_that_is_loose_alone_is_more_probable_than_the_state_found(seed:
     best = best_states(problem, [wrong.z], PRIOR)[0]
     alone = settle(problem, PRIOR, np.array([True, False, False]), np.array([-1.5, 0.0, 0.0]), (1e-4, 12))
     assert best.evidence >= alone.evidence - 0.05
+
+
+def test_two_ends_are_compared_with_the_covariance_of_either() -> None:
+    """Against normal densities of the data given the kinds; the determinant, which follows every descent, decides nothing."""
+    toy = Toy(ONE)
+    plain, calls = toy.problem(), list[int]()
+
+    def weights(z: np.ndarray) -> np.ndarray:
+        return np.where(np.arange(ROWS) < ROWS // 2, 1.0, 0.4 if z[plain.bolts[3]] < -0.5 else 0.8)
+
+    def about(z: np.ndarray):
+        calls.append(1)
+        w = weights(z)
+        return (lambda y: (w * (toy.r0 + toy.J @ y), w[:, None] * toy.J)), 50.0 * (-1.0) ** len(calls)
+
+    problem, zero = replace(plain, about=about), np.zeros(2 + BOLTS)
+    ends = [settle(problem, PRIOR, kinds, zero, (1e-12, 50)) for kinds in (ONE < -0.1, np.arange(BOLTS) == 6)]
+
+    def log(kinds: np.ndarray, z: np.ndarray) -> float:
+        precision, mean = plain.std**-2.0, plain.mean.copy()
+        precision[plain.bolts], mean[plain.bolts] = PRIOR.of(kinds, adjacency(plain.neighbours, plain.joint), plain.joint)
+        w = weights(z)
+        total = w[:, None] * toy.J @ np.diag(1.0 / precision) @ toy.J.T * w + plain.variance * np.eye(ROWS)
+        return float(multivariate_normal.logpdf(-w * toy.r0, w * (toy.J @ mean), total)) + kinds.sum() * PRIOR.log_odds
+
+    expected = np.mean([log(ends[1].kinds, end.z) - log(ends[0].kinds, end.z) for end in ends])
+    assert weights(ends[0].z)[-1] != weights(ends[1].z)[-1]
+    np.testing.assert_allclose(compared(problem, PRIOR, ends, (1e-12, 50)), [0.0, expected], rtol=1e-6)
+    np.testing.assert_allclose(compared(problem, PRIOR, ends[::-1], (1e-12, 50)), [0.0, -expected], rtol=1e-6)
 
 
 def test_a_state_answers_for_its_own_errors_only() -> None:

@@ -244,6 +244,29 @@ def _alone(problem: MixtureProblem, prior: BoltPrior, z: Floats, kept: int) -> l
     return [(none | (np.arange(none.size) == i), start) for i, (_, start) in ranked[:kept]]
 
 
+def compared(problem: MixtureProblem, prior: BoltPrior, ends: Sequence[State], stop: Stop) -> Floats:
+    """(k,) log evidence of ends of searches, relative to the first; each pair has one covariance of the residuals.
+
+    If the covariance follows the state, its determinant moves the log evidence by more than the ends differ. So an end and the first are
+    compared with the covariance of either, and the mean of both log evidence ratios counts: a covariance tolerates errors of its own end's
+    changes, in which the other end may differ, and alone it is no fair judge of both.
+    """
+    if problem.about is None:
+        return np.array([end.evidence - ends[0].evidence for end in ends])
+
+    def under(form: MixtureProblem, end: State) -> float:
+        return settle(form, prior, end.kinds, end.z, stop).evidence
+
+    here = pinned(problem, ends[0].z)
+    first = under(here, ends[0])
+
+    def against(end: State) -> float:
+        there = pinned(problem, end.z)
+        return 0.5 * (under(here, end) - first + under(there, end) - under(there, ends[0]))
+
+    return np.array([0.0, *side_by_side(against, ends[1:])])
+
+
 def best_states(
     problem: MixtureProblem,
     starts: Sequence[Floats],
@@ -281,7 +304,7 @@ def best_states(
     Returns
     -------
     list of State
-        The best one first, then ends of searches with other kinds and nearly the same evidence.
+        The most probable one first, then ends of searches with other kinds that are nearly as probable, see ``compared``.
     """
     tight = np.zeros(problem.bolts.size, dtype=bool)
     # Starts that are equal to a tenth of a decade are searched from once.
@@ -294,8 +317,7 @@ def best_states(
     for end in side_by_side(partial(_climb, problem, prior, (rounds, moves), search), begun):
         key = end.kinds.tobytes()
         ends[key] = max(end, ends.get(key, end), key=lambda one: one.evidence)
-    best = max(ends.values(), key=lambda one: one.evidence)
-    found = sorted((end for end in ends.values() if end.evidence > best.evidence - near), key=lambda one: -one.evidence)
-    # States are compared by the evidence of equal numbers of descents: if the covariance follows the state, each further one changes it.
-    settled = side_by_side(lambda end: settle(problem, prior, end.kinds, end.z, last), found)
-    return [replace(state, evidence=end.evidence) for state, end in zip(settled, found, strict=True)]
+    found = sorted(ends.values(), key=lambda one: -one.evidence)
+    ratios = compared(problem, prior, found, search)
+    kept_ends = [found[i] for i in np.argsort(-ratios, kind="stable") if ratios[i] > ratios.max() - near]
+    return side_by_side(lambda end: settle(problem, prior, end.kinds, end.z, last), kept_ends)
