@@ -190,6 +190,18 @@ class TestSampled:
         assert found.note == f"tight as a whole; the data do not exclude that its springs of {which} alone are loose"
         assert found.open_groups == (("rocking", "torsion") if told else ("rocking",))
 
+    @pytest.mark.parametrize(("loose", "verdict"), [(0.004, "tight"), (0.007, "undecided"), (0.04, "undecided")])
+    def test_the_prior_alone_makes_no_joint_tight(self, loose: float, verdict: str) -> None:
+        """A prior of one in ten: 0.0056 are 0.05 at even odds. Nine tenths of a loose one are below the threshold."""
+        sampled = SampledChange(count=(1.0,), loose=(loose,), means=((0.0,), (-1.5,)), stds=((0.05,), (0.5,)))
+        ratio = float(np.log(loose / (1.0 - loose)) + np.log(9.0))
+        found = one(replace(PLACE, change=Change(mean=0.0, std=0.1, sampled=sampled, ratio=ratio)))
+        assert found.verdict == verdict
+        assert found.probability_loose == pytest.approx(loose, rel=0.1)
+        if verdict != "tight":
+            assert str(found.note).startswith("the data do not exclude that it is loose: at even prior odds the probability is 0.")
+        assert one(replace(PLACE, change=Change(mean=0.0, std=0.1, sampled=sampled))).verdict == "tight"
+
     def test_a_probability_is_none_above_one(self) -> None:
         """Rounded weights may add up to more."""
         for n in range(1, 120):

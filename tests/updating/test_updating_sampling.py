@@ -104,6 +104,31 @@ def test_data_against_a_small_loss_say_nothing_on_a_large_one(strength: float) -
     assert sample_changes(problem, [start], PRIOR, sweeps=50).inclusion[0] == pytest.approx(exact, abs=0.03)
 
 
+@pytest.mark.parametrize("soon", [0.1, 0.3, 1.0])
+@pytest.mark.parametrize(("strength", "shown"), [(4.5, 0.6), (6.0, 0.5), (6.0, 0.6), (8.0, 0.6)])
+def test_a_loss_that_soon_shows_no_more_is_weighed_as_a_whole(soon: float, strength: float, shown: float) -> None:
+    """A support beside stiffer ones: the data show a part of what a free one does, between none and all of it, and exclude neither well."""
+
+    def data(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        lost = 10.0 ** -min(z[0], 0.0) - 1.0
+        slope = -np.log(10.0) * (lost + 1.0) * soon / (lost + soon) ** 2
+        effect = lost / (lost + soon) + slope * max(z[0], 0.0)
+        return np.array([strength * (effect - shown), 0.0]), np.array([[strength * slope], [0.0]])
+
+    one = np.ones(1)
+    problem = replace(
+        Saturating((0.0, 0.0), 1.0).problem(), data=data, bounds=np.array([[-4.0, 2.0]]), bolts=np.arange(1), neighbours=[],
+        joint=one > 0.0, mean=0.0 * one, std=one,
+    )  # fmt: skip
+    t = np.linspace(-4.0, 1.0, 2001)
+    fits = np.array([-0.5 * float(np.sum(data(np.array([change]))[0] ** 2)) for change in t])
+    tight = logsumexp(fits + norm.logpdf(t, 0.0, PRIOR.joint_tight_std))
+    loose = logsumexp(fits + norm.logpdf(t, PRIOR.joint_loose_mean, PRIOR.joint_loose_std))
+    found = sample_changes(problem, [np.zeros(1)], PRIOR, sweeps=50)
+    # Within a third of a nat; up to two thirds more where the tight kind is no Gaussian either.
+    assert -0.35 < found.ratios[0] - (loose - tight) < 0.65
+
+
 @pytest.mark.parametrize("lost", [0.0, -0.7, -1.5])
 @pytest.mark.parametrize("follows", [False, True])
 def test_the_loss_of_one_group_alone_is_weighed_by_its_likelihood(lost: float, follows: bool) -> None:

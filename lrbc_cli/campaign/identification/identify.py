@@ -15,7 +15,7 @@ from lrbc_cli.campaign.identification.job import Job
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.identification.sampling import beyond_of, changes_of, opens_of
 from lrbc_cli.campaign.identification.unknowns import stored_covariance
-from lrbc_cli.campaign.identification.weights import ratio_of
+from lrbc_cli.campaign.identification.weights import ratio_of, worst_channel
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.updating.judging.reference import ReferenceState
@@ -118,6 +118,8 @@ def _identified(job: Job) -> Identification:
     solution, knowledge = fit.solution, fit.knowledge
     if fit.curve is not None:
         job.notes += curve_notes(fit.curve)
+    told = replace(job.measurement, values=job.told(job.name, job.measurement))
+    job.warnings += worst_channel(inputs, told, inputs.campaign.jobs[job.name], job.selected, updated)
     beyond = beyond_of(job.model, fit, changes)
     opens = opens_of(inputs, fit, job.error)
     tight, expected = job.of_reference(), None

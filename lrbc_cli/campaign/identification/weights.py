@@ -152,10 +152,10 @@ def validation_channels(values: Complexes, used: Integers, unused: Integers, lim
     return own, "" if own.size else "the validation channels are copies of records that were fitted"
 
 
-def ratio_of(inputs: Inputs, measurement: Measurement, job: JobConfig, selected: Integers, updated: Complexes) -> float:
-    """Misfit of the validation channels over that of the channels used, at least 1, see ``noise.validation_ratio``.
-
-    Each line is weighted by its noise, as in the fit, so that a noisier validation channel does not count as an error of the model.
+def weighted_misfits(
+    inputs: Inputs, measurement: Measurement, job: JobConfig, selected: Integers, updated: Complexes
+) -> tuple[Floats, Integers]:
+    """Misfit of each value, each line weighted by its noise as in the fit, and the validation channels.
 
     Parameters
     ----------
@@ -166,6 +166,11 @@ def ratio_of(inputs: Inputs, measurement: Measurement, job: JobConfig, selected:
         Lines that entered the cost.
     updated : (F, R) complex array
         FRFs of the model on all measured lines.
+
+    Returns
+    -------
+    (F, R) float array, int array
+        [dB], NaN where there is no value.
     """
     values, used = measurement.values, inputs.used
     channels, _ = validation_channels(values, used, inputs.validation, inputs.statistics.validation)
@@ -173,9 +178,40 @@ def ratio_of(inputs: Inputs, measurement: Measurement, job: JobConfig, selected:
     left = np.where(valid, np.abs(decibel(updated) - decibel(np.where(valid, values, 1.0))), np.nan)
     _, sigma = measured_sigma(inputs, measurement, job, selected)
     level = mean_of(left[:, used])
-    if sigma is not None and level:
-        left = left * noise_weights(sigma, level)
-    return validation_ratio(mean_of(left[:, channels]), mean_of(left[:, used]))
+    return left * noise_weights(sigma, level) if sigma is not None and level else left, channels
+
+
+def ratio_of(inputs: Inputs, measurement: Measurement, job: JobConfig, selected: Integers, updated: Complexes) -> float:
+    """Misfit of the validation channels over that of the channels used, at least 1, see ``noise.validation_ratio``.
+
+    Weighted by noise (see ``weighted_misfits``), so that a noisier validation channel does not count as an error of the model.
+    """
+    left, channels = weighted_misfits(inputs, measurement, job, selected, updated)
+    return validation_ratio(mean_of(left[:, channels]), mean_of(left[:, inputs.used]))
+
+
+def worst_channel(
+    inputs: Inputs,
+    measurement: Measurement,
+    job: JobConfig,
+    selected: Integers,
+    updated: Complexes,
+    *,
+    much: float = 2.0,
+    least_db: float = 1.0,
+) -> list[str]:
+    """Warning that names the worst validation channel if ``ratio_of`` is at least ``much``; not if its misfit is below ``least_db``."""
+    left, channels = weighted_misfits(inputs, measurement, job, selected, updated)
+    fitted, own = mean_of(left[:, inputs.used]), {int(i): mean_of(left[:, i]) or 0.0 for i in channels}
+    ratio, worst = validation_ratio(mean_of(left[:, channels]), fitted), max(own, key=own.__getitem__, default=0)
+    if ratio < much or own[worst] < least_db:
+        return []
+    name = inputs.responses[worst].name
+    which = f" ({name}: {validation_ratio(own[worst], fitted):.1f} times)" if len(own) > 1 else f" ({name})"
+    return [
+        f"the model explains the validation channels {ratio:.1f} times worse than the channels used{which}; the errors of all changes are "
+        f"taken as so much larger, and fewer bolts can be judged. fix: check position, direction and sensitivity of {name}"
+    ]
 
 
 def joint_sigma(*parts: Floats | None) -> Floats | None:

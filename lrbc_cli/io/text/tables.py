@@ -302,7 +302,8 @@ def read_points(path: Path) -> PointTable:
             "one point at each place",
             f"{names[second]} at {_place(xyz[second])}",
             "two points lie at one place",
-            f"line {table.lines[first]} already puts {names[first]} there; correct the coordinates of one, or remove the duplicate",
+            f"line {table.lines[first]} already puts {names[first]} there; correct the coordinates of one, or remove the duplicate (of two "
+            "joints that really lie at one place, as in a stack of plates, move one by 0.1 mm)",
         )
     return PointTable(name=tuple(names), xyz=xyz)
 

@@ -312,7 +312,7 @@ def _by_role(bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: s
         word = rule.word(probability)
         if word == UNDECIDED and note is None:
             note = "the data do not decide: the interval of its change contains the threshold"
-        excused = _excused(posterior, own, rule) if word == TIGHT else None
+        excused = (_excused(posterior, own, rule) or _by_prior(posterior, limit, between, rule)) if word == TIGHT else None
         if word == TIGHT and excused is None and bolt.joint and bolt.difference is not None and bolt.difference <= limit:
             excused = "its posterior probability says tight, but the identified stiffness is below the threshold"
         if word == TIGHT and posterior.may_be_free:
@@ -361,9 +361,14 @@ def _most_changed(posterior: Change, own: float, scatter: float, rule: DecisionR
     return found
 
 
+def _even(ratio: float) -> float:
+    """Probability for a log likelihood ratio at even prior odds."""
+    return 0.5 + 0.5 * float(np.tanh(0.5 * ratio))
+
+
 def _hidden(posterior: Change, rule: DecisionRule) -> tuple[str, ...]:
     """Groups of a joint's springs of which the data do not exclude, at even prior odds, that they alone are free or loose."""
-    lost = (group for group, ratio in posterior.alone if rule.word(0.5 + 0.5 * float(np.tanh(0.5 * ratio))) != TIGHT)
+    lost = (group for group, ratio in posterior.alone if rule.word(_even(ratio)) != TIGHT)
     return tuple(dict.fromkeys([*posterior.unfelt, *lost]))
 
 
@@ -378,6 +383,20 @@ def _excused(posterior: Change, own: float, rule: DecisionRule) -> str | None:
     if gap and TIGHT not in (rule.word(posterior.below(rule.mixture_change, 0.0)), rule.word(posterior.below(own, 0.0, changed=True))):
         return "no more than the gap beside it explains, but without the gap not clearly above the threshold"
     return None
+
+
+def _by_prior(posterior: Change, limit: float, between: float, rule: DecisionRule) -> str | None:
+    """Message on a joint that is tight only because few are loose beforehand: at even prior odds the data must say it, too.
+
+    The share of loose joints beforehand is a choice, near enough to the limit of a verdict that a likelihood ratio of 2 would clear a joint
+    that hardly affects the FRFs.
+    """
+    if posterior.ratio is None:
+        return None
+    even = _even(posterior.ratio) * posterior.below(limit, between, changed=True)
+    if rule.word(even) == TIGHT:
+        return None
+    return f"the data do not exclude that it is loose: at even prior odds the probability is {even:.2g}"
 
 
 def scatter_of(baselines: Iterable[Sequence[BoltVerdict]]) -> TightScatter:

@@ -121,6 +121,8 @@ class Change:
         Groups of a joint with springs in several groups whose change is known to within ``deviation``.
     alone : tuple of (str, float)
         Groups of a joint with several, each with the log likelihood ratio of a typical loss of it alone against none.
+    ratio : float or None
+        Log likelihood ratio of loose against tight, for a joint; None if its change was not sampled.
     """
 
     mean: float
@@ -135,6 +137,7 @@ class Change:
     unfelt: tuple[str, ...] = ()
     parts: tuple[PartialChange, ...] = ()
     alone: tuple[tuple[str, float], ...] = ()
+    ratio: float | None = None
 
     def below(self, limit: float, scatter: float, *, changed: bool = False) -> float:
         """Posterior probability of a change below a limit, widened by the scatter of tight states; with ``changed`` given it is loose."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
+from scipy.special import logit, ndtr
 
 from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.updating.statistics.priors import BOLT_PRIOR, BoltPrior
@@ -56,6 +56,11 @@ class ChangeSamples:
     def inclusion(self) -> Floats:
         """(b,) probabilities of the loose kind."""
         return np.asarray(self.loose.mean(axis=0))
+
+    @property
+    def ratios(self) -> Floats:
+        """(b,) log likelihood ratios of loose against tight: what the data add to the prior odds."""
+        return np.asarray(logit(np.clip(self.inclusion, 1e-300, 1.0 - 1e-15)) - self.prior.log_odds)
 
     @property
     def mean(self) -> Floats:
