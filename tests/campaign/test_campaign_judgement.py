@@ -151,7 +151,7 @@ def test_a_validation_channel_that_is_explained_less_widens_the_intervals(tmp_pa
         widths.append((np.mean(group["std"]), np.mean([b["change_std"] for b in result["bolts"]])))
         told = [w for w in result["warnings"] if "sensitivity of mic3" in w]
         assert len(told) == (gain > 1.0)
-        assert all(f"{ratios[-1]:.1f} times worse" in w for w in told)
+        assert all("over 100 times worse than the channels used (mic3)" in w for w in told)
     assert ratios[1] > 2.0 * ratios[0]
     assert widths[1][0] > widths[0][0]
     assert widths[1][1] > widths[0][1]

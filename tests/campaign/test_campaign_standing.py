@@ -254,8 +254,7 @@ def test_another_rule_judges_anew(frame: Folder, tmp_path: Path) -> None:
     assert (outcome.code, outcome.json["kept"], outcome.json["judged"]) == (0, [], ["tight", *OTHERS])
     after = frame.results()
     verdicts = {name: [bolt["verdict"] for bolt in tree["bolts"]] for name, tree in after.items()}
-    assert "undecided" in verdicts["loose-2"]
-    assert "undecided" not in {bolt["verdict"] for bolt in before["loose-2"]["bolts"]}
+    assert verdicts["loose-2"].count("undecided") > [bolt["verdict"] for bolt in before["loose-2"]["bolts"]].count("undecided")
     for name in after:
         own = frame.result(name)["provenance"]
         assert own["files"] == stored[name]["files"]

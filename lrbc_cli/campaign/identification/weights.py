@@ -207,9 +207,13 @@ def worst_channel(
     if ratio < much or own[worst] < least_db:
         return []
     name = inputs.responses[worst].name
-    which = f" ({name}: {validation_ratio(own[worst], fitted):.1f} times)" if len(own) > 1 else f" ({name})"
+
+    def times(ratio: float) -> str:
+        return f"{ratio:.1f} times" if ratio < 100.0 else "over 100 times"
+
+    which = f" ({name}: {times(validation_ratio(own[worst], fitted))})" if len(own) > 1 else f" ({name})"
     return [
-        f"the model explains the validation channels {ratio:.1f} times worse than the channels used{which}; the errors of all changes are "
+        f"the model explains the validation channels {times(ratio)} worse than the channels used{which}; the errors of all changes are "
         f"taken as so much larger, and fewer bolts can be judged. fix: check position, direction and sensitivity of {name}"
     ]
 
