@@ -52,7 +52,8 @@ def factors_of(inputs: Inputs, measurement: Measurement, states: Sequence[Comple
     low, high = inputs.campaign.reduction.band
     if np.ptp(measurement.frequency_hz) < LEAST_BAND * (high - low):
         return ()
-    return offsets_of(measurement.frequency_hz, measurement.values, states, quantities_of(inputs))
+    found = offsets_of(measurement.frequency_hz, measurement.values, states, quantities_of(inputs))
+    return tuple(replace(offset, uncalibrated=measurement.uncalibrated) for offset in found)
 
 
 def late_together(inputs: Inputs, offsets: Sequence[Offset]) -> tuple[Offset, ...]:
@@ -148,7 +149,7 @@ def _recognised(inputs: Inputs, common: Common, compared: Sequence[int]) -> list
     kinds = [(response.quantity, response.input) for response in inputs.responses]
     shared = {kinds[i] for i in common.responses}.isdisjoint(kinds[i] for i in compared if i not in common.responses)
     near = [known for known in offset.known if offset.power or offset.after <= LEAST_DIFFERENCE or abs(known.db - offset.db) <= reach]
-    return [known for known in near if shared or not known.of_all]
+    return [known for known in near if (shared or not known.of_all) and not offset.uncalibrated]
 
 
 def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: str) -> tuple[str, str]:
@@ -178,6 +179,8 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
         return text, f"{likely} a derivative or an integral with respect to time, perhaps of the input. Convert the FRF file"
     if len(common.responses) == count and (cause := _beside_unit(inputs, common, job)):
         return text, f"{likely} {cause}"
+    if offset.uncalibrated:
+        return text, _uncalibrated_text(offset)
     own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-offset.db / 20.0))}"
     # A sensitivity with a digit too many or too few, of some sensors or in one job; a unit may explain the factor as well.
     tenfold = float(np.copysign(20.0, offset.db))
@@ -211,6 +214,15 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
         scales = (f"responses.{inputs.responses[i].name}.scale: {10.0 ** (known.db / 20.0):.6g}" for i in common.responses)
         return text, cause + ", ".join(scales)
     return text, cause + (f"jobs.{job}.format.unit: {unit}, or {own}" if unit and len(common.responses) == count else own)
+
+
+def _uncalibrated_text(offset: Offset) -> str:
+    """Cause and fix of a factor of FRFs whose file states volts: from data sheets, as the model has errors of its own."""
+    return (
+        "cause: the channels are not calibrated (unit in the file). Enter the sensitivities of sensors and hammer in the analyser, and "
+        "export again; or write `scale` in each job: sensitivity of the hammer over that of the sensor, in SI (by this comparison about "
+        f"{10.0 ** (-offset.db / 20.0):.2g}; take it from the data sheets)"
+    )
 
 
 def _unknown_text(offset: Offset, own: str, *, some: bool) -> str:

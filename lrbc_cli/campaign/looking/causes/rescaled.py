@@ -185,6 +185,7 @@ def material_text(seen: Seen, whole: Measurement, offsets: Sequence[Offset]) -> 
     """
     level = float(np.median([offset.db for offset in offsets]))
     known = any(abs(each.db - level) <= LEAST_REACH for offset in offsets for each in offset.known)
+    known = known or any(offset.uncalibrated for offset in offsets)
     if known or seen.misfit <= LEAST_DIFFERENCE or any(offset.power for offset in offsets):
         return ""
     found = _both(seen, whole, 1.0, level, 3)
