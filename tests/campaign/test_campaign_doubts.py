@@ -88,7 +88,7 @@ def test_a_factor_that_leaves_most_of_the_misfit_is_no_unit(frame: Folder) -> No
     assert "acc3: measured over computed +31.10 dB" in found(0.5, 3.0)[0]
 
 
-def hammered(*, unit: str | None = None, scale: float = 1.0, uncalibrated: bool = False, **db: float) -> list[Finding]:
+def hammered(*, unit: str | None = None, scale: float = 1.0, uncalibrated: bool = False, power: int = 0, **db: float) -> list[Finding]:
     """Findings of four sensors under two hammer points with these factors, else none; of files with this unit and scale, or in volts."""
     names = [f"a{k}-h{h}" for h in (1, 2) for k in range(1, 5)]
     responses = [SimpleNamespace(name=n, node=int(n[1]), direction=3, quantity="acceleration", input=int(n[-1]) - 1) for n in names]
@@ -101,7 +101,7 @@ def hammered(*, unit: str | None = None, scale: float = 1.0, uncalibrated: bool 
         Offset(response=i, db=size, half=0.3, power=0, known=(), before=max(abs(size), 1.0), after=1.0, named=abs(size) > 2.0)
         for i, size in enumerate(own)
     ]
-    return offset_findings(inputs, [replace(offset, uncalibrated=uncalibrated) for offset in found], "tight")
+    return offset_findings(inputs, [replace(offset, uncalibrated=uncalibrated, power=power) for offset in found], "tight")
 
 
 def test_the_unit_to_write_replaces_the_one_that_is_stated() -> None:
@@ -137,6 +137,14 @@ def test_factors_of_a_sensor_or_of_a_hammer_are_told_as_such() -> None:
     assert "jobs.tight.scale: {a1-h1: " in sensor.text
     (hammer,) = hammered(**{f"a{k}h2": 4.6 for k in range(1, 5)})
     assert (hammer.kind, hammer.responses) == (Kind.UNITS, (4, 5, 6, 7))
+
+
+def test_another_quantity_is_told_apart_from_a_unit() -> None:
+    """Beside it, the frequencies of the modes are not doubted."""
+    (unit,) = hammered(**{f"a{k}h{h}": 20.0 for k in range(1, 5) for h in (1, 2)})
+    (velocity,) = hammered(power=-1, **{f"a{k}h{h}": 20.0 for k in range(1, 5) for h in (1, 2)})
+    assert "velocity, not acceleration" in velocity.text
+    assert (unit.detail, velocity.detail) == ("", "quantity")
 
 
 def test_of_g_and_a_factor_of_ten_several_sensors_share_g() -> None:

@@ -275,6 +275,7 @@ def offset_findings(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list
             text="probably not in the model's units: " + "; ".join(factor_text(inputs, common, compared, job)),
             kind=Kind.UNITS,
             responses=common.responses,
+            detail="quantity" if common.offset.power else "",
         )
         for common in shared
         if common not in placed
