@@ -177,10 +177,8 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
         return text, cause + keys + (f", and jobs.{job}.format.unit: {unit}" if unit else "")
     if b:
         return text, f"{likely} a derivative or an integral with respect to time, perhaps of the input. Convert the FRF file"
-    if len(common.responses) == count and (cause := _beside_unit(inputs, common, job)):
+    if cause := _uncalibrated_text(offset) or _beside_unit(inputs, common, job, count):
         return text, f"{likely} {cause}"
-    if offset.uncalibrated:
-        return text, _uncalibrated_text(offset)
     own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-offset.db / 20.0))}"
     # A sensitivity with a digit too many or too few, of some sensors or in one job; a unit may explain the factor as well.
     tenfold = float(np.copysign(20.0, offset.db))
@@ -217,9 +215,11 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
 
 
 def _uncalibrated_text(offset: Offset) -> str:
-    """Cause and fix of a factor of FRFs whose file states volts: from data sheets, as the model has errors of its own."""
+    """Cause and fix of a factor of FRFs whose file states volts (from data sheets, as the model has errors of its own); else empty."""
+    if not offset.uncalibrated:
+        return ""
     return (
-        "cause: the channels are not calibrated (unit in the file). Enter the sensitivities of sensors and hammer in the analyser, and "
+        "the channels are not calibrated (unit in the file). Enter the sensitivities of sensors and hammer in the analyser, and "
         "export again; or write `scale` in each job: sensitivity of the hammer over that of the sensor, in SI (by this comparison about "
         f"{10.0 ** (-offset.db / 20.0):.2g}; take it from the data sheets)"
     )
@@ -238,10 +238,13 @@ def _unknown_text(offset: Offset, own: str, *, some: bool) -> str:
     )
 
 
-def _beside_unit(inputs: Inputs, common: Common, job: str) -> str:
-    """Cause and fix of a factor beside a unit that the campaign states: a scale as well, or another unit; empty if neither explains it."""
+def _beside_unit(inputs: Inputs, common: Common, job: str, count: int) -> str:
+    """Cause and fix of a factor beside a unit that the campaign states: a scale as well, or another unit; empty if neither explains it.
+
+    The factor must be that of all ``count`` responses.
+    """
     offset, response, stated = common.offset, inputs.responses[common.offset.response], _stated_unit(inputs, job)
-    if stated is None:
+    if stated is None or len(common.responses) < count:
         return ""
     (label, decibels), scale, key = stated, inputs.campaign.jobs[job].factor(response.name), f"jobs.{job}.scale"
     reach, unit = min(max(offset.half, LEAST_REACH), MOST_REACH), f"jobs.{job}.format.unit: {label}"
