@@ -270,7 +270,8 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     out.found += [*([] if Kind.READ in of_tight else unclear(inputs, readable)), *without_phases(inputs, readable)]
     compared = {name: found for name, found in usable.items() if name not in look.doubted}
     # Beside a reference job that is not tight, the others differ by its loose bolts.
-    out.found += [] if Kind.NOT_TIGHT in of_tight else other_chains(inputs, compared)
+    other_quantity = {each.place.removeprefix("job ") for each in look.found if each.kind is Kind.UNITS and each.detail}
+    out.found += [] if Kind.NOT_TIGHT in of_tight else other_chains(inputs, compared, other_quantity)
     out.found += other_runs(inputs, usable)
     out.warn(*foreign_titles(inputs, readable))
     pairs = mistitled(inputs, readable)

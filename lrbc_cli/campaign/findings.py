@@ -73,7 +73,7 @@ class Finding:
     cycles : tuple of tuples of int
         Exchanged responses, see ``likeness.exchanged``.
     detail : str
-        Tells different causes of one kind apart.
+        Tells different causes of one kind apart; for ``Kind.UNITS`` not empty if another quantity was measured.
     """
 
     text: str

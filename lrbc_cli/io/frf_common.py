@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.encoding import fold
 from lrbc_cli.io.layout import TextLayout
-from lrbc_cli.io.units import Unit, decibel, numerator_quantity, parse_unit, response_quantity
+from lrbc_cli.io.units import Unit, decibel, is_voltage, numerator_quantity, parse_unit, response_quantity
 
 _CIRCULAR = re.compile(r"(omega|w|\u03c9)(?![a-z])|(angular|circular) freq|kreisfreq|pulsation")
 _FREQUENCY_UNITS = re.compile(r"(?<![a-z])(k?hz|hertz|cps|rad(s|ians?)?)(?![a-z])|^(1/s(ec)?|s(\^?-|⁻)[1¹])$")
@@ -203,8 +203,21 @@ def clean_coherence(values: NDArray[Any], path: Path, place: str) -> tuple[NDArr
     return np.clip(real, 0.0, 1.0), bool(undefined.any())
 
 
-def conversion(label: str, layout: TextLayout, path: Path, place: str, notes: list[str], warnings: list[str]) -> tuple[float, str | None]:
-    """Factor to SI and quantity of an FRF, from the layout or a label such as ``(m/s²)/N`` or ``dB re 1 g/N``.
+def unread_text(label: str, meant: str, *, volts: bool) -> str:
+    """Warning about a unit that is not understood, and counts as ``meant``; ``volts``: because its channels are not calibrated."""
+    if not volts:
+        return f"unit {label} not understood, {meant}: set 'format: {{unit: ...}}' of the job"
+    return (
+        f"unit {label} is that of channels that are not calibrated, {meant}. Enter the sensitivities of sensors and hammer in the "
+        "analyser, and export again; or write `scale` in the job: sensitivity of the hammer [V/N] over that of the sensor [V/(m/s2) or "
+        "V/Pa], 100 mV/g being 0.0102 V/(m/s2)"
+    )
+
+
+def conversion(
+    label: str, layout: TextLayout, path: Path, place: str, notes: list[str], warnings: list[str]
+) -> tuple[float, str | None, bool]:
+    """Factor to SI and quantity of an FRF, from the layout or a label such as ``(m/s²)/N`` or ``dB re 1 g/N``; and whether it is in volts.
 
     A label of the response alone is taken over newtons. A label that is not understood counts as SI, with a warning.
 
@@ -233,8 +246,8 @@ def conversion(label: str, layout: TextLayout, path: Path, place: str, notes: li
                 "wrong",
             )
         if label.strip("- "):
-            warnings.append(f"unit {label!r} not understood, SI assumed: set 'format: {{unit: ...}}' of the job")
-        return reference, layout.quantity
+            warnings.append(unread_text(repr(label), "SI assumed", volts=is_voltage(label)))
+        return reference, layout.quantity, is_voltage(label)
     quantity = layout.quantity or response_quantity(unit)
     if quantity != response_quantity(unit):
         expected = f"a unit of {quantity} over force"
@@ -242,7 +255,7 @@ def conversion(label: str, layout: TextLayout, path: Path, place: str, notes: li
     factor = unit.factor * (reference if stated is None else 1.0)
     if factor != 1.0:
         notes.append(f"values in {layout.unit or label} multiplied by {factor:.9g} to give SI")
-    return factor, quantity
+    return factor, quantity, False
 
 
 def _ranges(numbers: list[int]) -> str:

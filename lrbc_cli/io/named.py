@@ -6,7 +6,7 @@ The readers of these formats turn a file into ``Named``; frequencies, FRFs, name
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -357,15 +357,14 @@ class _NamedFrfs:
                 raise not_finite(self.path, f"{label}, row {bad + 1}", column[bad])
             unit = units[index] if len(units) == len(columns) else next(iter(units), "")
             notes: list[str] = []
-            factor, quantity = conversion(unit, self.layout, self.path, f"variable {name}", notes, self.warnings)
+            factor, quantity, volts = conversion(unit, self.layout, self.path, f"variable {name}", notes, self.warnings)
             for note in notes:
                 self.notes.add(note)
             coherence = None if quality is None else clean_coherence(quality[index], self.path, f"coherence of {label}")[0]
             place = f"variable {name}" + (f", column {index + 1}" if len(columns) > 1 else "")
             values = scaled(column, factor, self.path, label)
-            self.records.append(
-                FrfRecord(name=label, frequency_hz=axis, values=values, quantity=quantity, coherence=coherence, place=place)
-            )
+            known = FrfRecord(name=label, frequency_hz=axis, values=values, quantity=quantity, coherence=coherence, place=place)
+            self.records.append(replace(known, uncalibrated=volts))
 
     def _coherence_of(self, name: str, shape: tuple[int, ...], axis: Floats) -> list[NDArray[Any]] | None:
         """Columns of the coherence of an array: the one with its name, else the only one of its structure and size."""

@@ -126,6 +126,11 @@ def parse_unit(label: str) -> Unit | None:
     return unit if not rest else None
 
 
+def is_voltage(label: str) -> bool:
+    """Whether a label, such as ``V/V``, contains a voltage, as of channels whose sensitivity was not entered in the analyser."""
+    return any(re.fullmatch(r"[mµμu]?V|volts?", part.strip("[]() "), re.IGNORECASE) for part in label.split("/"))
+
+
 def decibel(label: str) -> tuple[float, str] | None:
     """Reference of a unit such as ``dB re 1 Pa/N`` as value and unit (empty if not stated); None if the label is not in decibels."""
     match = _DECIBEL.fullmatch(label.strip())

@@ -36,6 +36,8 @@ class FrfRecord:
         Number of the record in its file, from 1.
     file : str
         The file that it was read from.
+    uncalibrated : bool
+        Whether its unit in the file contains a voltage: sensitivities were not entered in the analyser.
     """
 
     name: str
@@ -50,6 +52,7 @@ class FrfRecord:
     place: str = ""
     number: int = 0
     file: str = ""
+    uncalibrated: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from lrbc_cli.campaign.reading.doubts.astray import (
     reversed_order,
     stray_springs,
 )
+from lrbc_cli.campaign.reading.doubts.names import missing_springs
 from lrbc_cli.campaign.reading.doubts.points import NearPoint, beside_nodes, exchanged_axes
 from lrbc_cli.campaign.reading.inputs import read_as_exported
 from lrbc_cli.campaign.reading.places import EXCHANGES, require_near
@@ -263,3 +264,50 @@ def test_a_stray_spring_puts_the_springs_in_doubt(tmp_path: Path) -> None:
     assert any("node 393 lies" in text and "from B2" in text for text in inputs.warnings)
     assert inputs.springs_doubt
     assert not sample("plate").springs_doubt
+
+
+def springs(file: str, bolts: Sequence[str], components: Sequence[str], size: float = 600.0, *, odd: str = "") -> BushingTable:
+    """Springs to ground of bolts named after their nodes; those of the bolt ``odd`` are ten times as stiff."""
+    lines = [(bolt, component) for bolt in bolts for component in components]
+    return BushingTable(
+        path=Path(file),
+        lines=tuple(range(2, 2 + len(lines))),
+        bolt=tuple(bolt for bolt, _ in lines),
+        node_a=np.array([int(bolt[1:]) for bolt, _ in lines]),
+        node_b=(None,) * len(lines),
+        component=tuple(component for _, component in lines),
+        stiffness=np.array([10.0 * size if bolt == odd else size for bolt, _ in lines]),
+        axes=np.tile(np.eye(3), (len(lines), 1, 1)),
+    )
+
+
+TEN = [f"B{k}" for k in range(1, 11)]
+TURNING = DofTable(node=np.repeat(np.arange(1, 11), 3), component=np.array(["UZ", "ROTX", "ROTY"] * 10), xyz=np.zeros((30, 3)))
+
+
+def test_a_bolt_forgotten_in_one_of_two_tables() -> None:
+    axial, short = springs("axial.csv", TEN, ["UZ"], 4e6), [name for name in TEN if name != "B7"]
+    assert list(missing_springs([axial, springs("rocking.csv", short, ["ROTX", "ROTY"])], TURNING)) == [
+        "rocking.csv: no ROTX, ROTY spring of B7, although all 9 other bolts of its kind have one there; B7 has UZ in axial.csv. Check "
+        "whether its lines were forgotten. If so, add them: B7,7,,ROTX,600; B7,7,,ROTY,600 (bolt,node_a,node_b,component,stiffness)"
+    ]
+    # One component of it, also where each group takes one component of one file.
+    part = [springs("all.csv", TEN, ["UZ"], 4e6), springs("all.csv", TEN, ["ROTX"]), springs("all.csv", short, ["ROTY"])]
+    (text,) = missing_springs(part, TURNING)
+    assert "all.csv: no ROTY spring of B7" in text
+    assert text.endswith("add it: B7,7,,ROTY,600 (bolt,node_a,node_b,component,stiffness)")
+
+
+def test_tables_that_serve_some_bolts_only() -> None:
+    """Half of them, few in all, another kind of bolt, no DOF for the spring, and names that other warnings tell."""
+    axial, short = springs("axial.csv", TEN, ["UZ"], 4e6), [name for name in TEN if name != "B7"]
+    rocking = springs("rocking.csv", short, ["ROTX", "ROTY"])
+    assert not list(missing_springs([axial, springs("rocking.csv", TEN[:6], ["ROTX"])], TURNING))
+    assert not list(missing_springs([axial, springs("rocking.csv", TEN[:1], ["ROTX"])], TURNING))
+    assert not list(missing_springs([springs("axial.csv", TEN[:4], ["UZ"]), springs("rocking.csv", TEN[:3], ["ROTX"])], TURNING))
+    assert not list(missing_springs([springs("axial.csv", TEN, ["UZ"], 4e6, odd="B7"), rocking], TURNING))
+    assert not list(missing_springs([axial, rocking, springs("other.csv", ["B7"], ["ROTY"])], TURNING))
+    kept = (TURNING.node != 7) | (TURNING.component == "UZ")
+    assert not list(missing_springs([axial, rocking], DofTable(TURNING.node[kept], TURNING.component[kept], TURNING.xyz[kept])))
+    assert not list(missing_springs([axial, rocking], TURNING, ["B7"]))
+    assert not list(missing_springs([], TURNING))

@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 from pads import S, pads_model, pads_ports
 
+from lrbc_cli.campaign.findings import Kind, kinds_of
 from lrbc_cli.campaign.identification.compared.chains import coherence_doubt, soft_tip
 from lrbc_cli.campaign.identification.compared.likeness import run_backwards
+from lrbc_cli.campaign.looking import measured
 from lrbc_cli.updating.misfit.frf import port_model
+from lrbc_cli.updating.statistics.chain.modal import ChainFault
 
 HZ = S.imag / (2 * np.pi)
 
@@ -50,6 +53,21 @@ def test_a_response_whose_coherence_fell_alone() -> None:
 )
 def test_other_noise_is_no_fault_of_one_channel(times: list[float]) -> None:
     assert said(TIGHT * np.array(times)) is None
+
+
+@pytest.mark.parametrize(("kind", "kept"), [("clock", False), ("lines", False), ("window", True)])
+def test_frequencies_are_not_doubted_while_the_quantity_is(monkeypatch: pytest.MonkeyPatch, kind: str, kept: bool) -> None:
+    """Velocities stated as accelerations: a few modes 2.8 % higher, all alike, and advice to divide the frequencies by that."""
+    monkeypatch.setattr(measured, "chain_doubt", lambda *_: ChainFault(kind, "told"))
+    inputs: Any = SimpleNamespace(responses=INPUTS.responses, campaign=SimpleNamespace(update=SimpleNamespace(reference="tight")))
+    jobs = {name: measurement(TIGHT) for name in ("tight", "loose")}
+
+    def told(*other_quantity: str) -> bool:
+        return Kind.CHAIN in kinds_of(measured.other_chains(inputs, jobs, other_quantity))
+
+    assert told()
+    assert told("another")
+    assert told("loose") is told("tight") is kept
 
 
 def test_a_response_that_a_loose_bolt_lets_fall_is_no_fault() -> None:

@@ -88,8 +88,8 @@ def test_a_factor_that_leaves_most_of_the_misfit_is_no_unit(frame: Folder) -> No
     assert "acc3: measured over computed +31.10 dB" in found(0.5, 3.0)[0]
 
 
-def hammered(*, unit: str | None = None, scale: float = 1.0, **db: float) -> list[Finding]:
-    """Findings of four sensors under two hammer points with these factors, else none; of files with this unit and scale."""
+def hammered(*, unit: str | None = None, scale: float = 1.0, uncalibrated: bool = False, power: int = 0, **db: float) -> list[Finding]:
+    """Findings of four sensors under two hammer points with these factors, else none; of files with this unit and scale, or in volts."""
     names = [f"a{k}-h{h}" for h in (1, 2) for k in range(1, 5)]
     responses = [SimpleNamespace(name=n, node=int(n[1]), direction=3, quantity="acceleration", input=int(n[-1]) - 1) for n in names]
     job = SimpleNamespace(factor=lambda _: scale, first=Path("tight.uff"), format_of=lambda _: unit and TextFormat(unit=unit))
@@ -101,7 +101,7 @@ def hammered(*, unit: str | None = None, scale: float = 1.0, **db: float) -> lis
         Offset(response=i, db=size, half=0.3, power=0, known=(), before=max(abs(size), 1.0), after=1.0, named=abs(size) > 2.0)
         for i, size in enumerate(own)
     ]
-    return offset_findings(inputs, found, "tight")
+    return offset_findings(inputs, [replace(offset, uncalibrated=uncalibrated, power=power) for offset in found], "tight")
 
 
 def test_the_unit_to_write_replaces_the_one_that_is_stated() -> None:
@@ -139,6 +139,14 @@ def test_factors_of_a_sensor_or_of_a_hammer_are_told_as_such() -> None:
     assert (hammer.kind, hammer.responses) == (Kind.UNITS, (4, 5, 6, 7))
 
 
+def test_another_quantity_is_told_apart_from_a_unit() -> None:
+    """Beside it, the frequencies of the modes are not doubted."""
+    (unit,) = hammered(**{f"a{k}h{h}": 20.0 for k in range(1, 5) for h in (1, 2)})
+    (velocity,) = hammered(power=-1, **{f"a{k}h{h}": 20.0 for k in range(1, 5) for h in (1, 2)})
+    assert "velocity, not acceleration" in velocity.text
+    assert (unit.detail, velocity.detail) == ("", "quantity")
+
+
 def test_of_g_and_a_factor_of_ten_several_sensors_share_g() -> None:
     g = -20.0 * np.log10(9.80665)
     (several,) = hammered(**{f"a{k}h{h}": g - 0.1 for k in (1, 2) for h in (1, 2)})
@@ -155,6 +163,19 @@ def test_nearly_ten_times_is_told_beside_another_sensitivity() -> None:
     assert "(then jobs.tight.scale: {a1-h1: 0.110917, a1-h2: 0.110917})" in near.text
     (far,) = hammered(a1h1=17.0, a1h2=17.0)
     assert "ten times" not in far.text
+
+
+def test_no_unit_is_guessed_for_channels_without_sensitivities() -> None:
+    """Sensitivities of sensors and hammer leave any factor: +13 dB came out as FRFs per lbf."""
+    pounds = {f"a{k}h{h}": 20.0 * np.log10(4.4482) for k in range(1, 5) for h in (1, 2)}
+    (unit,) = hammered(**pounds)
+    assert "FRFs per lbf" in unit.text
+    (volts,) = hammered(uncalibrated=True, **pounds)
+    assert volts.text.endswith(
+        "cause: the channels are not calibrated (unit in the file). Enter the sensitivities of sensors and hammer in the analyser, and "
+        "export again; or write `scale` in each job: sensitivity of the hammer over that of the sensor, in SI (by this comparison about "
+        "0.22; take it from the data sheets)"
+    )
 
 
 def test_several_single_responses_are_one_finding() -> None:

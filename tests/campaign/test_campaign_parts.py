@@ -124,8 +124,39 @@ def test_a_density_that_is_wrong_as_a_whole(monkeypatch: pytest.MonkeyPatch, mas
         return replace(model, C=sp.csc_array(0.1 * model.C))
 
     given, true = lightly_damped(assembly()), lightly_damped(assembly(1.03 * mass, first=mass))
-    wrong = told(given, true, lambda job, _: rescaled.scaled_text(job, mass**-0.5) or "")
-    assert wrong == f"mass {1.0 / mass:.2g}"
+    wrong = told(given, true, lambda job, _: rescaled.scaled_text(job, mass**-0.5, "too heavy") or "")
+    assert wrong == f"too heavy; mass {1.0 / mass:.2g}"
+
+
+@pytest.mark.parametrize(
+    ("stiff", "heavy", "said"),
+    [
+        (1.5**3, 1.5, "The thickness of plates, or the height of beams, is probably 1.5 times too large in the model: with the third"),
+        (
+            1.8**-3,
+            1.0 / 1.8,
+            "The thickness of plates, or the height of beams, is probably 1.8 times too small in the model: with the third",
+        ),
+        (2.25, 1.0, "too stiff; stiffness 2."),
+    ],
+)
+def test_a_thickness_is_told_apart_from_one_matrix_by_the_level(
+    monkeypatch: pytest.MonkeyPatch, stiff: float, heavy: float, said: str
+) -> None:
+    """Of a sheet of 3 mm instead of 2 mm, the frequencies alone said a stiffness 2.3 times too large; the level was 3.5 dB off then."""
+    monkeypatch.setattr(rescaled, "mistake_text", lambda _, matrix, size: f"{matrix} {size:.2g}")
+
+    def built(k: float, m: float) -> FeModel:
+        plain = assembly()
+        return replace(plain, K=sp.csc_array(k * plain.K), M=sp.csc_array(m * plain.M))
+
+    def cause(job: Seen, _: float) -> str:
+        # So that forty lines are compared, which is faster.
+        job.source.known[b"work"] = 0.1 * rescaled.MOST_WORK / (12 * 40)
+        return rescaled.scaled_text(job, (heavy / stiff) ** 0.5, "too stiff") or ""
+
+    text = told(built(stiff, heavy), built(1.0, 1.0), cause)
+    assert text.startswith(said)
 
 
 def test_proportional_damping_follows_the_mass_that_is_corrected(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -22,7 +23,20 @@ def job(spread_db: float, seed: int) -> np.ndarray:
 
 def campaign(*baselines: str) -> Any:
     update = SimpleNamespace(baselines=baselines, reference="tight")
-    return SimpleNamespace(campaign=SimpleNamespace(update=update, calibration=None))
+    return SimpleNamespace(campaign=SimpleNamespace(update=update, calibration=None), bolts=None)
+
+
+def with_bolt(tight: Seen, free: np.ndarray) -> Seen:
+    """The same with a model whose bolt B8 owns one value, and FRFs without it."""
+    group = SimpleNamespace(name="axial", bolt=np.zeros(1, dtype=np.int64))
+    inputs = SimpleNamespace(**vars(tight.inputs) | {"bolts": SimpleNamespace(name=("B8",))})
+    return replace(
+        tight,
+        source=SimpleNamespace(inputs=inputs, known={}),  # type: ignore[arg-type]
+        parameters=SimpleNamespace(placed=[(group, slice(0, 1), None)]),
+        states=np.stack([tight.states[0], free]),
+        loosened=[np.zeros(0, dtype=np.int64), np.zeros(1, dtype=np.int64)],
+    )
 
 
 def beside(inputs: Any, name: str, measured: np.ndarray) -> Seen:
@@ -50,6 +64,23 @@ def test_a_baseline_is_not_exchanged_with_the_reference_job_but_a_job_that_is_as
     assert "exchange jobs.tight.frf and jobs.loose.frf. If a bolt" in text
     # Without a baseline that shows it, such a job is no sign.
     assert tighter(monkeypatch, 7.0, "tight-2", loose=5.1) == ""
+
+
+@pytest.mark.parametrize(("left", "exchange"), [(5.2, False), (6.0, True)])
+def test_no_exchange_is_advised_where_one_bolt_explains_the_reference_job(
+    monkeypatch: pytest.MonkeyPatch, left: float, exchange: bool
+) -> None:
+    """It would put a loosened state in place of another one."""
+    monkeypatch.setattr(tightness.Seen, "of", lambda _, name, whole: beside(campaign("tight-2"), name, whole))
+    jobs: dict[str, Any] = {"tight": job(8.3, 1), "tight-2": job(4.8, 2), "loose": job(5.1, 3)}
+    seen = with_bolt(beside(campaign("tight-2"), "tight", jobs["tight"]), jobs["tight"] / job(left, 9))
+    text = tightness.tighter_text(seen, jobs)
+    assert ("exchange" in text) is exchange
+    assert text.startswith("With B8 free the level misfit is 5.2 dB, instead of 8.3 dB: B8 was probably loose in tight.") is not exchange
+    advice = (
+        ". Set update.reference to a tight job, such as tight-2, or tighten it and measure tight again. loose (5.1 dB), tight-2 (4.8 dB)"
+    )
+    assert (advice in text) is not exchange
 
 
 def test_a_job_that_nobody_called_tight_has_to_be_far_nearer(monkeypatch: pytest.MonkeyPatch) -> None:

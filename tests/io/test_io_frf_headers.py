@@ -231,6 +231,9 @@ def test_units_of_pulse_functions(tmp_path: Path) -> None:
         result = read_frf(functions(*units))
         assert result.warnings == ("unit 'furlong/N' not understood, SI assumed: set 'format: {unit: ...}' of the job",)
         np.testing.assert_allclose(result.records[0].values, H, rtol=1e-11)
+    volts = read_frf(functions("V/V"))
+    assert "unit 'V/V' is that of channels that are not calibrated, SI assumed" in volts.warnings[0]
+    assert volts.records[0].uncalibrated
     for units in (["N/g"], ["g/N", "N/(m/s²)"]):
         with pytest.raises(DataError, match="this is not the unit of an FRF") as caught:
             read_frf(functions(*units))

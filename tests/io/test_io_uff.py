@@ -607,15 +607,27 @@ def test_a_coherence_on_other_lines_is_told_by_the_number_of_its_record() -> Non
 )
 @pytest.mark.parametrize(
     ("above", "below", "told"),
-    [("V", "V", "'V' over 'V'"), ("EU", "NONE", "'EU'"), ("NONE", "V", "'' over 'V'"), ("m/s^2", "V", "'m/s^2' over 'V'")],
+    [("EU", "EU", "'EU' over 'EU'"), ("EU", "NONE", "'EU'"), ("NONE", "EU", "'' over 'EU'"), ("m/s^2", "EU", "'m/s^2' over 'EU'")],
 )
 def test_labels_that_are_not_understood_are_warned_of(tmp_path, above, below, told, head, meant):
-    """An uncalibrated chain (V over V) counted as SI with only a note."""
     one = function(numerator=(12, 0, 0, "Acceleration", above), denominator=(13, 0, 0, "Force", below))
     (warning,) = read(tmp_path, head + one + one).warnings
     assert warning.startswith(f"records 1-2: unit {told} not understood, {meant}")
     assert "'format: {unit: ...}'" in warning
     assert read(tmp_path, head + one, TextLayout(unit="g/N")).warnings == ()
+
+
+@pytest.mark.parametrize(("above", "below"), [("V", "V"), ("mV", "mV"), ("NONE", "V"), ("m/s^2", "V"), ("Volts", "N"), ("1", "1")])
+def test_channels_without_sensitivities_are_named(tmp_path, above, below):
+    """No unit is to be written for them, but sensitivities are to be entered, unless the campaign states a unit."""
+    one = function(numerator=(12, 0, 0, "Acceleration", above), denominator=(13, 0, 0, "Force", below))
+    found = read(tmp_path, units(*SI) + one)
+    (warning,) = found.warnings
+    assert "is that of channels that are not calibrated, factor 1 to SI taken from dataset 164. Enter the sensitivities" in warning
+    assert "format" not in warning
+    assert found.records[0].uncalibrated
+    stated = read(tmp_path, one, TextLayout(unit="g/N"))
+    assert (stated.warnings, stated.records[0].uncalibrated) == ((), False)
 
 
 @pytest.mark.parametrize("labels", [("NONE", "NONE"), ("NONE", "N"), ("", ""), ("m/s^2", "NONE"), ("m/s^2", "N"), ("g", "lbf"), ("-", "N")])

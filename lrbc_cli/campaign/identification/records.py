@@ -62,8 +62,8 @@ class Measurement:
         Number of measurements of which ``values`` is the mean.
     left_out : (int, int)
         Number of lines below and above the band.
-    titles : tuple of str
-        Descriptions in the files, see ``FrfSet``.
+    titles, uncalibrated : tuple of str, bool
+        See ``FrfSet``, and ``FrfRecord`` (of some record, and no scale of the job converts it).
     """
 
     frequency_hz: Floats = field(repr=False)
@@ -77,6 +77,7 @@ class Measurement:
     files: int = 1
     left_out: tuple[int, int] = (0, 0)
     titles: tuple[str, ...] = ()
+    uncalibrated: bool = False
 
     @property
     def lines(self) -> str:
@@ -186,10 +187,9 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     frf, hashes = _records_of(job, name)
     coherences = _coherences(job, hashes)
     records = matched(inputs, job, name, frf)
-    notes = list(frf.notes)
     warnings = [*frf.warnings, *_missing(inputs, job, records, frf), *misplaced(inputs, job, records)]
     pairs = [(r, record) for r, record in zip(inputs.responses, records, strict=True) if record is not None]
-    notes += pair_notes(inputs, job, pairs)
+    notes = [*frf.notes, *pair_notes(inputs, job, pairs)]
     if unused := len(frf.records) - len({id(record) for _, record in pairs}):
         notes.append(f"{unused} of {len(frf.records)} records belong to no response; left out")
     _require_one_axis(records, job, name, inputs)
@@ -229,6 +229,7 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
         hashes=hashes,
         left_out=(low, high),
         titles=frf.titles,
+        uncalibrated=any(record.uncalibrated and job.factor(r.name) == 1.0 for r, record in pairs),
     )
 
 

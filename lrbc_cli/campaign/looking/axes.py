@@ -213,8 +213,8 @@ def stretched_text(measurement: Measurement, seen: Seen, *, most: float = 2.0, s
     level = float(np.nanmedian(read(frequency_hz * best) - here))
     if both := both_text(seen, measurement, best, level):
         cause = both
-    elif not typed and (scaled := scaled_text(seen, best)):
-        cause = f"{wrong[:1].upper() + wrong[1:]}; {scaled}"
+    elif not typed and (scaled := scaled_text(seen, best, wrong[:1].upper() + wrong[1:])):
+        cause = scaled
     return (
         f"all measured resonances are probably at {best:.3g} times the frequencies of the model: this factor reduces the level misfit "
         f"from {before:.1f} to {found.min():.1f} dB (mean level of each response removed). {cause}"

@@ -125,7 +125,7 @@ def little_in_common(seen: Seen, measurements: Mapping[str, Measurement]) -> lis
         far = f"level misfits of {min(own):.1f} to {max(own):.1f} dB at the start values (mean level of each response removed)"
         far += _uneven_text(seen)
         if tighter := tighter_text(seen, measurements):
-            text = f"measured and computed FRFs differ: {far}. {tighter}{looser(seen, typical)}"
+            text = f"measured and computed FRFs differ: {far}. {tighter}"
             return [Finding(text=text, kind=Kind.NOT_TIGHT)]
         causes = "the springs whose places are warned of may be the reason; otherwise " if inputs.springs_doubt else ""
         causes += (

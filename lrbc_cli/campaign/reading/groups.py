@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -20,12 +20,13 @@ from lrbc_cli.campaign.reading.doubts.astray import (
     renumbered_text,
     stray_springs,
 )
+from lrbc_cli.campaign.reading.doubts.names import missing_springs
 from lrbc_cli.campaign.reading.joints import aside_text, bolts_of_terms, bushing_vectors, joint_notes, owners, require_free
 from lrbc_cli.campaign.reading.places import EXCHANGES, require_near
 from lrbc_cli.campaign.reading.reader import ModelReader, Parts
 from lrbc_cli.config.structure import Damping, GroupConfig, GroupDampingConfig
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.text.bushings import read_bushings
+from lrbc_cli.io.text.bushings import BushingTable, read_bushings
 from lrbc_cli.io.text.tables import Positions, read_points, read_positions
 from lrbc_cli.model.dofs import PointTable
 from lrbc_cli.model.selection import arc_length, edges_of, is_line, unit_columns
@@ -105,6 +106,11 @@ def _damping_text(config: GroupConfig, damping: GroupDampingConfig | None, owned
 class GroupReader(ModelReader):
     """Reads bolts and parameter groups."""
 
+    @cached_property
+    def bushings(self) -> list[BushingTable]:
+        """Tables of springs of the groups read so far, in the units of the files."""
+        return []
+
     def terms(self) -> tuple[list[Terms], LowRankTerms]:
         """All groups, and their terms side by side."""
         found: list[Terms] = []
@@ -120,6 +126,8 @@ class GroupReader(ModelReader):
             tables = list(dict.fromkeys(tables))
             names = f"nodes given in {' and '.join(tables)}"
             self.warn(f"bolts: {self.campaign.bolts.name if self.campaign.bolts else ''}: {text} ({names})")
+        if self.dofs is not None:
+            self.warn(*missing_springs(self.bushings, self.dofs, self.misnamed))
         power = np.concatenate([np.full(f.group.terms.size, KIND_POWER[f.group.config.kind]) for f in found])
         baseline = np.concatenate([np.full(f.group.terms.size, f.group.config.baseline) for f in found])
         left, right = (sp.hstack(vectors, format="csc") for vectors in ([f.left for f in found], [f.right for f in found]))
@@ -270,6 +278,7 @@ class GroupReader(ModelReader):
                     found=component,
                 )
             table = table.only(component)
+        self.bushings.append(table)
         unit = self.unit
         turns = np.char.startswith(np.array(table.component), "ROT")
         table = replace(table, stiffness=table.stiffness * unit.force * np.where(turns, unit.length, 1.0 / unit.length))

@@ -97,10 +97,11 @@ def _of_table(table: TextTable, path: Path, layout: TextLayout, within: str = ""
     for pair in pairs:
         name, about = pair.name, f"{within}column {table.called(pair.first)}"
         values = combined(*_parts(table, pair, path), pair.kind, angles.get(pair.second, "rad"))
-        scale, quantity = conversion(_unit(table, pair, units, layout, path), layout, path, about, notes, warnings)
+        scale, quantity, volts = conversion(_unit(table, pair, units, layout, path), layout, path, about, notes, warnings)
         coherence = _coherence(table, coherences[name], path, name, notes) if name in coherences else None
         values = scaled(values, scale, path, about)
-        records.append(FrfRecord(name=name, frequency_hz=frequency, values=values, quantity=quantity, coherence=coherence, place=about))
+        known = FrfRecord(name=name, frequency_hz=frequency, values=values, quantity=quantity, coherence=coherence, place=about)
+        records.append(replace(known, uncalibrated=volts))
     return FrfSet(source=str(path), records=tuple(records), notes=tuple(dict.fromkeys(notes)), warnings=tuple(dict.fromkeys(warnings)))
 
 

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.frf_common import Notes, check_frequencies, clean_coherence, first_bad, not_finite, scaled
+from lrbc_cli.io.frf_common import Notes, check_frequencies, clean_coherence, first_bad, not_finite, scaled, unread_text
 from lrbc_cli.io.layout import TextLayout
 from lrbc_cli.io.uff.datasets import UffAxis, UffFunction, UffUnits, dataset_numbers, read_datasets
-from lrbc_cli.io.units import Unit, numerator_quantity, parse_unit, response_quantity
+from lrbc_cli.io.units import Unit, is_voltage, numerator_quantity, parse_unit, response_quantity
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
 FUNCTION_TYPES = {
@@ -189,6 +189,7 @@ def _frf(function: UffFunction, unit: UffUnits | None, layout: TextLayout, path:
         reference_direction=abs(function.reference_direction),
         place=f"record {function.record}",
         number=function.record,
+        uncalibrated=layout.si_unit is None and _in_volts(function),
     )
 
 
@@ -265,7 +266,7 @@ def _conversion(function: UffFunction, units: UffUnits | None, layout: TextLayou
     unread = _unread(function) if label is None else ""
     if unread:
         meant = "SI assumed" if table is None else f"factor {table:.6g} to SI taken from dataset 164"
-        notes.warn(f"unit {unread} not understood, {meant}: set 'format: {{unit: ...}}' of the job", record)
+        notes.warn(unread_text(unread, meant, volts=_in_volts(function)), record)
     elif label is None and table is None:
         notes.add("no units (no dataset 164, no labels); SI assumed", record)
     if quantity is None:
@@ -296,6 +297,12 @@ def _unread(function: UffFunction) -> str:
     if not above and (not below or parse_unit(below) is not None):
         return ""
     return f"{above!r} over {below!r}" if below else repr(above)
+
+
+def _in_volts(function: UffFunction) -> bool:
+    """Whether the labels of the axes state voltages, or numbers over numbers: sensitivities were not entered in the analyser."""
+    labels = [axis.unit.strip() for axis in (function.numerator, function.denominator)]
+    return any(map(is_voltage, labels)) or labels == ["1", "1"]
 
 
 def _require_force(function: UffFunction, path: Path, notes: Notes) -> None:

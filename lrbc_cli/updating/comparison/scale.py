@@ -100,6 +100,8 @@ class Offset:
         Mean cosine between the phases, by (turned, mirrored).
     delay : float
         Delay of the measured relative to the computed FRFs [s], negative if they lead; 0 if none is clear.
+    uncalibrated : bool
+        Whether the file states voltages: no mistake of a unit explains the factor then.
     """
 
     response: int
@@ -114,6 +116,7 @@ class Offset:
     conjugate: bool = False
     phases: Mapping[tuple[bool, bool], float] = field(default_factory=dict, repr=False)
     delay: float = 0.0
+    uncalibrated: bool = False
 
     @property
     def unit(self) -> Known | None:

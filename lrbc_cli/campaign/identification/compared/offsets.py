@@ -52,7 +52,8 @@ def factors_of(inputs: Inputs, measurement: Measurement, states: Sequence[Comple
     low, high = inputs.campaign.reduction.band
     if np.ptp(measurement.frequency_hz) < LEAST_BAND * (high - low):
         return ()
-    return offsets_of(measurement.frequency_hz, measurement.values, states, quantities_of(inputs))
+    found = offsets_of(measurement.frequency_hz, measurement.values, states, quantities_of(inputs))
+    return tuple(replace(offset, uncalibrated=measurement.uncalibrated) for offset in found)
 
 
 def late_together(inputs: Inputs, offsets: Sequence[Offset]) -> tuple[Offset, ...]:
@@ -148,7 +149,7 @@ def _recognised(inputs: Inputs, common: Common, compared: Sequence[int]) -> list
     kinds = [(response.quantity, response.input) for response in inputs.responses]
     shared = {kinds[i] for i in common.responses}.isdisjoint(kinds[i] for i in compared if i not in common.responses)
     near = [known for known in offset.known if offset.power or offset.after <= LEAST_DIFFERENCE or abs(known.db - offset.db) <= reach]
-    return [known for known in near if shared or not known.of_all]
+    return [known for known in near if (shared or not known.of_all) and not offset.uncalibrated]
 
 
 def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: str) -> tuple[str, str]:
@@ -176,7 +177,7 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
         return text, cause + keys + (f", and jobs.{job}.format.unit: {unit}" if unit else "")
     if b:
         return text, f"{likely} a derivative or an integral with respect to time, perhaps of the input. Convert the FRF file"
-    if len(common.responses) == count and (cause := _beside_unit(inputs, common, job)):
+    if cause := _uncalibrated_text(offset) or _beside_unit(inputs, common, job, count):
         return text, f"{likely} {cause}"
     own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-offset.db / 20.0))}"
     # A sensitivity with a digit too many or too few, of some sensors or in one job; a unit may explain the factor as well.
@@ -213,6 +214,17 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
     return text, cause + (f"jobs.{job}.format.unit: {unit}, or {own}" if unit and len(common.responses) == count else own)
 
 
+def _uncalibrated_text(offset: Offset) -> str:
+    """Cause and fix of a factor of FRFs whose file states volts (from data sheets, as the model has errors of its own); else empty."""
+    if not offset.uncalibrated:
+        return ""
+    return (
+        "the channels are not calibrated (unit in the file). Enter the sensitivities of sensors and hammer in the analyser, and "
+        "export again; or write `scale` in each job: sensitivity of the hammer over that of the sensor, in SI (by this comparison about "
+        f"{10.0 ** (-offset.db / 20.0):.2g}; take it from the data sheets)"
+    )
+
+
 def _unknown_text(offset: Offset, own: str, *, some: bool) -> str:
     """Causes of a factor that no unit explains, and the fix (``own``: for a sensitivity), of all responses in all jobs unless ``some``."""
     unknown = "a sensitivity, a gain or a unit that is not known here"
@@ -226,10 +238,13 @@ def _unknown_text(offset: Offset, own: str, *, some: bool) -> str:
     )
 
 
-def _beside_unit(inputs: Inputs, common: Common, job: str) -> str:
-    """Cause and fix of a factor beside a unit that the campaign states: a scale as well, or another unit; empty if neither explains it."""
+def _beside_unit(inputs: Inputs, common: Common, job: str, count: int) -> str:
+    """Cause and fix of a factor beside a unit that the campaign states: a scale as well, or another unit; empty if neither explains it.
+
+    The factor must be that of all ``count`` responses.
+    """
     offset, response, stated = common.offset, inputs.responses[common.offset.response], _stated_unit(inputs, job)
-    if stated is None:
+    if stated is None or len(common.responses) < count:
         return ""
     (label, decibels), scale, key = stated, inputs.campaign.jobs[job].factor(response.name), f"jobs.{job}.scale"
     reach, unit = min(max(offset.half, LEAST_REACH), MOST_REACH), f"jobs.{job}.format.unit: {label}"
@@ -263,6 +278,7 @@ def offset_findings(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list
             text="probably not in the model's units: " + "; ".join(factor_text(inputs, common, compared, job)),
             kind=Kind.UNITS,
             responses=common.responses,
+            detail="quantity" if common.offset.power else "",
         )
         for common in shared
         if common not in placed

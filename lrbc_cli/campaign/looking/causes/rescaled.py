@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -18,7 +18,6 @@ from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.places import GRAVITIES, POWERS, mistake_text
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.factors import with_factors
-from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.problem.full import full_ports
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.updating.comparison.scale import LEAST_OFFSET, LEAST_REACH, Offset
@@ -39,6 +38,9 @@ PROMINENCE = 3.0
 
 #: Number of lines compared, and predicted operations up to which further factors are tried: half a minute.
 LINES, MOST_WORK = 12, 2e12
+
+#: See ``_cases``.
+_Case = tuple[str, float, Complexes, float]
 
 #: Calibrated factors of the structure.
 _STRUCTURE = ("stiffness.structure", "mass.structure")
@@ -106,17 +108,19 @@ def rescaled_text(seen: Seen, before: float, *, further: float = 1.0) -> str | N
     return f"{text}. This reduces the level misfit from {before:.1f} to {left:.1f} dB (mean level of each response removed)"
 
 
-def scaled_text(seen: Seen, ratio: float, *, most: int = 12, share: float = 0.1, further: float = 1.5) -> str | None:
+def scaled_text(seen: Seen, ratio: float, wrong: str, *, most: int = 12, share: float = 0.1, further: float = 1.5) -> str | None:
     """Warning that names the matrix and factor by which all resonances are shifted; None if shape and level of the FRFs do not decide.
 
     A factor on the mass acts relative to stiffness and bolt springs alike, so it is the square of ``ratio``. One on the stiffness leaves
-    the bolt springs as they are, so it is found by minimisation.
+    the bolt springs as they are, so it is found by minimisation. So is a thickness, if neither explains the level.
 
     Parameters
     ----------
     seen : Seen
     ratio : float
         Measured over computed frequencies.
+    wrong : str
+        What is wrong with the model if it is one matrix.
     most : int
         Largest number of full solutions of that minimisation.
     share : float
@@ -129,24 +133,45 @@ def scaled_text(seen: Seen, ratio: float, *, most: int = 12, share: float = 0.1,
     if most * seen.work(few.s.size) > MOST_WORK:
         return None
 
-    def misfit(case: tuple[str, float, Complexes, float]) -> tuple[float, float]:
+    def misfit(case: _Case) -> tuple[float, float]:
         difference = levels(few.measured) - levels(case[2])
         return float(np.median(spread(difference, 0))), abs(float(np.nanmedian(difference)) - case[3])
 
-    def stiffness(power: float) -> float:
-        return misfit(next(_cases(few, 10.0**power)))[0]
+    def nearest(case: Callable[[Seen, float], _Case], middle: float, reach: float, limit: int) -> tuple[float, float, float]:
+        """Factor with the smallest misfit, that misfit, and the level there [dB]; ``middle`` and ``reach`` of the powers of ten tried."""
+        bounds, options = (middle - reach, middle + reach), {"maxiter": limit}
+        found = minimize_scalar(lambda power: misfit(case(few, 10.0**power))[0], bounds=bounds, method="bounded", options=options)
+        best = case(few, 10.0 ** float(found.x))
+        return best[1], *misfit(best)
 
-    # With soft bolt springs the exponent is twice that of the frequency ratio, with stiff ones up to twice as much.
-    middle, reach = 2.0 * np.log10(ratio), 2.0 * abs(np.log10(ratio)) + 0.05
     with suppress(LrbcError, StopIteration):
-        power = float(minimize_scalar(stiffness, bounds=(middle - reach, middle + reach), method="bounded", options={"maxiter": most}).x)
-        fits = {"stiffness": (10.0**-power, *misfit(next(_cases(few, 10.0**power))))}
+        # With soft bolt springs the exponent is twice that of the frequency ratio, with stiff ones up to twice as much.
+        log = float(np.log10(ratio))
+        fits = {"stiffness": nearest(lambda at, factor: next(_cases(at, factor)), 2.0 * log, 2.0 * abs(log) + 0.05, most)}
         fits |= {case[0]: (case[1], *misfit(case)) for case in _cases(few, ratio**2) if case[0] == "mass"}
         right = [name for name, (_, left, off) in fits.items() if explains(left, off, before, further)]
+        unexplained = min((fits[name][2] for name in right), default=MOST_OFF)
+        if unexplained > LEAST_OFFSET:
+            # The resonances of the stiffness found, but for springs that are softer or stiffer beside it.
+            size, left, off = nearest(_thickened, -float(np.log10(fits["stiffness"][0])), 0.25 * abs(log), most // 3)
+            if off < CLEARLY * unexplained and explains(left, off, before, further):
+                return _thickness_text(size, left)
         if len(right) == 1:
             size = fits[right[0]][0]
-            return mistake_text(inputs.campaign, right[0], float(f"{size:.2g}") if size > 1.0 else 1.0 / float(f"{1.0 / size:.2g}"))
+            text = mistake_text(inputs.campaign, right[0], float(f"{size:.2g}") if size > 1.0 else 1.0 / float(f"{1.0 / size:.2g}"))
+            return f"{wrong}; {text}"
     return None
+
+
+def _thickness_text(size: float, left: float) -> str:
+    """Warning about a thickness that is ``size`` times too large, with the misfit that it leaves [dB]."""
+    wrong = f"{size:.2g} times too large" if size > 1.0 else f"{1.0 / size:.2g} times too small"
+    return (
+        f"The thickness of plates, or the height of beams, is probably {wrong} in the model: with the third power of this factor on the "
+        f"stiffness and the first on the mass, frequencies and level of the FRFs fit ({left:.1f} dB left). Then the mass sum is too "
+        f"{'large' if size > 1.0 else 'small'} by this factor: compare it with the weight of the structure. Correct the thickness in the "
+        "FE model, and export it again"
+    )
 
 
 def both_text(seen: Seen, whole: Measurement, ratio: float, level: float, *, rounds: int = 3) -> str:
@@ -185,6 +210,7 @@ def material_text(seen: Seen, whole: Measurement, offsets: Sequence[Offset]) -> 
     """
     level = float(np.median([offset.db for offset in offsets]))
     known = any(abs(each.db - level) <= LEAST_REACH for offset in offsets for each in offset.known)
+    known = known or any(offset.uncalibrated for offset in offsets)
     if known or seen.misfit <= LEAST_DIFFERENCE or any(offset.power for offset in offsets):
         return ""
     found = _both(seen, whole, 1.0, level, 3)
@@ -359,23 +385,34 @@ def softness_text(seen: Seen) -> str:
     return f". {counts}: the model is too {wrong} (density, modulus, thickness, supports)"
 
 
-def _cases(seen: Seen, factor: float) -> Iterator[tuple[str, float, Complexes, float]]:
+def _cases(seen: Seen, factor: float) -> Iterator[_Case]:
     """Matrix, factor by which it is too large, FRFs after correction (F, R), and level [dB] to be subtracted from the difference.
 
     Dividing the mass by f is the same as multiplying K + D + s C by f, with FRFs larger by f. Proportional damping follows the matrix that
     is corrected. Full solves are used because a model with thousands of modes in the band cannot be reduced.
     """
-    recipe, plain, settings, dynamic = seen.inputs.recipe, seen.inputs.model, seen.inputs.campaign.reduction, seen.dynamic
-
-    def ports(model: FeModel) -> PortFrf:
-        return full_ports(model, seen.inputs.input_of, seen.s, settings.band, backend=settings.backend)
-
-    def damping(of: str, times: float) -> sp.csc_array:
-        """C with alpha or beta of proportional damping multiplied."""
-        return with_factors(plain, recipe, {name: times for name in recipe.proportional if name.startswith(of)})[0].C
-
+    plain, dynamic = seen.inputs.model, seen.dynamic
     with suppress(LrbcError):
-        stiff = ports(replace(plain, K=plain.K * factor, C=damping("beta", factor)))
+        stiff = _ports(seen, factor, _damping(seen, "beta", factor))
         yield "stiffness", 1.0 / factor, stiff.evaluate(dynamic), 0.0
-        light = ports(replace(plain, K=plain.K * factor, C=damping("alpha", 1.0 / factor) * factor)) if plain.C.nnz else stiff
+        light = _ports(seen, factor, _damping(seen, "alpha", 1.0 / factor) * factor) if plain.C.nnz else stiff
         yield "mass", factor, light.evaluate(factor * dynamic), 20.0 * float(np.log10(factor))
+
+
+def _thickened(seen: Seen, factor: float) -> _Case:
+    """As ``_cases``, for a thickness off by t, the square root of ``factor``: K t^3 + D - w^2 M t is t times K t^2 + D / t - w^2 M."""
+    t = float(np.sqrt(factor))
+    return "thickness", 1.0 / t, _ports(seen, factor, _damping(seen, "beta", factor)).evaluate(seen.dynamic / t), -20.0 * float(np.log10(t))
+
+
+def _ports(seen: Seen, factor: float, damping: sp.csc_array) -> PortFrf:
+    """Port FRFs by full solves with another damping matrix and the stiffness matrix multiplied."""
+    inputs, settings = seen.inputs, seen.inputs.campaign.reduction
+    other = replace(inputs.model, K=inputs.model.K * factor, C=damping)
+    return full_ports(other, inputs.input_of, seen.s, settings.band, backend=settings.backend)
+
+
+def _damping(seen: Seen, of: str, times: float) -> sp.csc_array:
+    """Damping matrix with alpha or beta of proportional damping multiplied."""
+    recipe = seen.inputs.recipe
+    return with_factors(seen.inputs.model, recipe, {name: times for name in recipe.proportional if name.startswith(of)})[0].C

@@ -26,8 +26,21 @@ def taken_as_tight(inputs: Inputs) -> set[str]:
     return {*campaign.update.baselines, *([campaign.calibration.job] if campaign.calibration is not None else [])}
 
 
-def tighter_text(seen: Seen, measurements: Mapping[str, Measurement]) -> str:
-    """Warning that names jobs that fit the tight model far better than the reference job does; empty if there are none."""
+def tighter_text(seen: Seen, measurements: Mapping[str, Measurement], *, as_well: float = 1.1) -> str:
+    """Warning that names jobs that fit the tight model far better than the reference job does; empty if there are none.
+
+    If one bolt explains the reference job, files are not said to be exchanged: that would put the file of a loosened state in its place.
+
+    Parameters
+    ----------
+    seen : Seen
+        Of the reference job.
+    measurements : mapping
+        By job.
+    as_well : float
+        Largest misfit that a free bolt may leave, as a ratio to that of the nearest job that could be exchanged. Its stiffness is not
+        fitted, so it may leave a little more.
+    """
     reference, every = seen.job, {name: Seen.of(seen.source, name, whole) for name, whole in measurements.items()}
     far = {name: float(np.median(apart(own.measured, own.model))) for name, own in every.items()}
 
@@ -45,14 +58,34 @@ def tighter_text(seen: Seen, measurements: Mapping[str, Measurement]) -> str:
         near |= {name: own for name, own in far.items() if name not in {reference, *assumed} and own < min(UNLIKE, NEARER * far[reference])}
     order = sorted(near.items(), key=lambda each: (each[0] in assumed, each[1]))
     judged = [name for name in near if name not in assumed]
+    loose, left = _freed(seen)
+    bolts = () if seen.inputs.bolts is None else seen.inputs.bolts.name
+    if len(loose) == 1 and loose[0] in bolts and left <= min([NEARER * far[reference], *(as_well * near[name] for name in judged)]):
+        tight = [name for name, _ in order if name in assumed]
+        return (
+            f"With {loose[0]} free the level misfit is {left:.1f} dB, instead of {far[reference]:.1f} dB: {loose[0]} was probably loose in "
+            f"{reference}. {_to_set(seen.inputs)} to a tight job{f', such as {tight[0]}' if tight else ''}, or tighten it and measure "
+            f"{reference} again. {_fit_text(order, reference, far[reference])}"
+        )
     other = f"jobs.{order[0][0]}.frf" if judged else "that of a job to be judged"
     other += " (or that of another of these)" if len(judged) > 1 else ""
-    named = ", ".join(f"{name} ({own:.1f} dB)" for name, own in order)
     return (
-        f"{named} {'fits' if len(near) == 1 else 'fit'} the tight model far better than {reference} ({far[reference]:.1f} dB). If files "
-        f"are exchanged, exchange jobs.{reference}.frf and {other}. If a bolt was loose in "
-        f"{reference}, set update.reference to a tight job"
+        f"{_fit_text(order, reference, far[reference])}. If files are exchanged, exchange jobs.{reference}.frf and {other}. If a bolt was "
+        f"loose in {reference}, set update.reference to a tight job{looser(seen, far[reference])}"
     )
+
+
+def _fit_text(order: Sequence[tuple[str, float]], reference: str, far: float) -> str:
+    """Clause on the jobs, with their misfits [dB], that fit the tight model better than the reference job (``far``) does."""
+    named = ", ".join(f"{name} ({own:.1f} dB)" for name, own in order)
+    return f"{named} {'fits' if len(order) == 1 else 'fit'} the tight model far better than {reference} ({far:.1f} dB)"
+
+
+def _to_set(inputs: Inputs) -> str:
+    """Beginning of the advice to name another job as the tight one."""
+    campaign = inputs.campaign
+    same = campaign.calibration is not None and campaign.calibration.job == campaign.update.reference
+    return f"Set update.reference{' and calibration.job' if same else ''}"
 
 
 def not_tight(seen: Seen, held: Complexes, others: Sequence[Complexes] = (), *, least: int = 3) -> str:
@@ -99,18 +132,24 @@ def looser(seen: Seen, typical: float) -> str:
 
     ``typical`` is the level misfit of the tight state [dB].
     """
+    names, left = _freed(seen)
+    if not names or left > CLEARLY * typical:
+        return ""
+    return f". With {', '.join(names)} free the level misfit is {left:.1f} dB: check whether all bolts were tight"
+
+
+def _freed(seen: Seen) -> tuple[list[str], float]:
+    """Bolts, or values of an edge in words, with which free the model fits best, and the level misfit there [dB]; no names if none."""
     inputs, loosened = seen.inputs, seen.loosened
     distances = np.median(apart(seen.measured, seen.states[: len(loosened)]), axis=1)
     best = int(np.argmin(distances))
-    if distances[best] > CLEARLY * typical or not loosened[best].size:
-        return ""
     for group, where, _ in seen.parameters.placed:
-        if where.start <= loosened[best][0] < where.stop:
+        if loosened[best].size and where.start <= loosened[best][0] < where.stop:
             at = loosened[best] - where.start
             owners = [] if group.bolt is None or inputs.bolts is None else [inputs.bolts.name[b] for b in group.bolt[at] if b >= 0]
-            named = ", ".join(dict.fromkeys(owners)) or f"values {at[0] + 1} to {at[-1] + 1} of parameters.{group.name}"
-            return f". With {named} free the level misfit is {distances[best]:.1f} dB: check whether all bolts were tight"
-    return ""
+            values = f"values {at[0] + 1} to {at[-1] + 1} of parameters.{group.name}"
+            return list(dict.fromkeys(owners)) or [values], float(distances[best])
+    return [], float(distances[best])
 
 
 def of_other_unit_text(before: Seen, after: Seen, *, least: float = 1.5, alike: float = 0.5, close: float = 0.1, share: float = 0.5) -> str:
@@ -187,7 +226,7 @@ def risen_text(inputs: Inputs, changes: Mapping[str, Floats], *, least: float = 
     jobs : int
         Least number of jobs that count.
     """
-    reference, bolts, calibration = inputs.campaign.update.reference, inputs.bolts, inputs.campaign.calibration
+    bolts = inputs.bolts
     if bolts is None or not changes:
         return ""
     kept = [own[own > -least] for own in np.array(list(changes.values())).T]
@@ -195,10 +234,9 @@ def risen_text(inputs: Inputs, changes: Mapping[str, Floats], *, least: float = 
     named = ", ".join(f"{name} (by {own:.1f} decades)" for name, own in zip(bolts.name, usual, strict=True) if own >= least)
     if not named:
         return ""
-    tight = "update.reference" + (" and calibration.job" if calibration is not None and calibration.job == reference else "")
     return (
-        f"most other jobs are fitted best with a stiffer {named}: probably not all bolts were tight here. Set {tight} to a job with all "
-        "bolts tight, or tighten them and measure this job again"
+        f"most other jobs are fitted best with a stiffer {named}: probably not all bolts were tight here. {_to_set(inputs)} to a job with "
+        "all bolts tight, or tighten them and measure this job again"
     )
 
 

@@ -1,13 +1,25 @@
-"""Detects names of bolts that were sorted in a spreadsheet without their coordinates."""
+"""Detects names of bolts that were sorted in a spreadsheet without their coordinates, or that a table of springs lacks."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
-from lrbc_cli.model.dofs import PointTable
+from lrbc_cli.errors import listing
+from lrbc_cli.io.text.bushings import BushingTable
+from lrbc_cli.model.dofs import COMPONENTS, DofTable, PointTable
+from lrbc_cli.model.selection import at_node
+
+#: What tells the springs of a bolt apart: table, component, and whether they go to ground.
+_Sort = tuple[Path, str, bool]
+
+#: Nodes of a spring; None is ground.
+_Ends = tuple[int, int | None]
 
 
 def sorted_names(bolts: PointTable | None) -> Iterator[str]:
@@ -35,3 +47,94 @@ def sorted_names(bolts: PointTable | None) -> Iterator[str]:
             "in a spreadsheet without their coordinates, and give each bolt its own place. If the bolts are really named in this order, "
             "ignore this warning"
         )
+
+
+@dataclass
+class _Springs:
+    """Springs of one bolt: their nodes and stiffnesses by sort."""
+
+    ends: dict[_Sort, list[_Ends]] = field(default_factory=dict)
+    stiffness: dict[_Sort, list[float]] = field(default_factory=dict)
+
+    def like(self, peers: Sequence[_Springs], *, rounding: float = 1e-6) -> bool:
+        """Whether its springs are of the same sorts as some of its peers' and no stiffer or softer, so that only lines are missing."""
+
+        def within(sort: _Sort, values: Sequence[float]) -> bool:
+            usual = [value for peer in peers for value in peer.stiffness[sort]]
+            return (1.0 - rounding) * min(usual) <= min(values) and max(values) <= (1.0 + rounding) * max(usual)
+
+        return self.ends.keys() < peers[0].ends.keys() and all(within(sort, values) for sort, values in self.stiffness.items())
+
+
+def missing_springs(
+    tables: Sequence[BushingTable], dofs: DofTable, misnamed: Collection[str] = (), *, least: int = 4, few: float = 0.2
+) -> Iterator[str]:
+    """Warnings about bolts that lack springs in a table, although they have the springs of the other bolts in another table.
+
+    Such lines are easily forgotten, and the bolt is then held less than the others in all states. A table may serve some bolts only, so
+    nearly all must be alike, and the bolts that lack springs must have neither other springs nor other stiffnesses than those.
+
+    Parameters
+    ----------
+    tables : sequence of BushingTable
+        Of the groups, in the units of the files; as often as a group selects a component of it.
+    dofs : DofTable
+    misnamed : collection of str
+        Bolts whose springs were found under the name of another bolt.
+    least : int
+        Least number of bolts that have all springs.
+    few : float
+        Largest number of bolts that lack springs, as a share of those that have all.
+    """
+    bolts: dict[str, _Springs] = {}
+    for table in tables:
+        each = zip(table.bolt, table.node_a.tolist(), table.node_b, table.component, table.stiffness.tolist(), strict=True)
+        for bolt, a, b, component, stiffness in each:
+            own, sort = bolts.setdefault(bolt, _Springs()), (table.path, component, b is None)
+            own.ends.setdefault(sort, []).append((a, b))
+            own.stiffness.setdefault(sort, []).append(stiffness)
+    usual, count = Counter(frozenset(own.ends) for own in bolts.values()).most_common(1)[0] if bolts else (frozenset[_Sort](), 0)
+    peers = {name: own for name, own in bolts.items() if own.ends.keys() == usual}
+    short = {name: own for name, own in bolts.items() if name not in peers and name}
+    if count < least or len(short) > few * count or not all(own.like(list(peers.values())) for own in short.values()):
+        return
+    plain = all(np.allclose(table.axes, np.eye(3)) for table in tables)
+    for path in dict.fromkeys(table.path for table in tables):
+        for name, own in short.items():
+            lacking = sorted((sort for sort in usual - own.ends.keys() if sort[0] == path), key=lambda sort: COMPONENTS.index(sort[1]))
+            lacking = [sort for sort in lacking if _movable(own, sort, dofs, plain)]
+            if lacking and name not in misnamed:
+                yield _missing_text(name, own, lacking, peers, plain)
+
+
+def _ends_of(own: _Springs, ground: bool) -> list[_Ends]:
+    """Nodes of the other springs of a bolt, of those that go to ground or of those that do not."""
+    return list(dict.fromkeys(ends for sort, every in own.ends.items() if sort[2] == ground for ends in every))
+
+
+def _movable(own: _Springs, sort: _Sort, dofs: DofTable, plain: bool) -> bool:
+    """Whether the nodes of a bolt have the DOFs that a missing spring needs: an export without them leaves no place for it."""
+    first = 3 * (COMPONENTS.index(sort[1]) // 3)
+    named = [sort[1]] if plain else COMPONENTS[first : first + 3]
+    ends = _ends_of(own, sort[2])
+    return bool(ends) and all(any(at_node(dofs, node, name).size for name in named) for each in ends for node in each if node is not None)
+
+
+def _missing_text(name: str, own: _Springs, lacking: Sequence[_Sort], peers: dict[str, _Springs], plain: bool, *, most: int = 6) -> str:
+    """Warning about the springs that a bolt lacks in one table, with the lines to be added."""
+    path, components = lacking[0][0], listing([sort[1] for sort in lacking])
+    others = listing(list(dict.fromkeys(f"{sort[1]} in {sort[0].name}" for sort in own.ends)), 3)
+    first, peer = next(iter(peers.items()))
+    lines = list[str]()
+    for sort in lacking:
+        values = sorted({value for each in peers.values() for value in each.stiffness[sort]})
+        ends = _ends_of(own, sort[2])
+        if plain and len(values) == 1 and len(ends) == len(peer.ends[sort]):
+            lines += [f"{name},{a},{'' if b is None else b},{sort[1]},{values[0]:g}" for a, b in ends]
+    shown = f"{'; '.join(lines[:most])}{' ...' if len(lines) > most else ''}"
+    whole = len(lines) >= len(lacking)
+    added = f": {shown} (bolt,node_a,node_b,component,stiffness)" if whole else f", as those of {first} there, at the nodes of {name}"
+    return (
+        f"{path.name}: no {components} spring of {name}, although all {len(peers)} other bolts of its kind have one there; {name} has "
+        f"{others}. Check whether its lines were forgotten. If so, add {'them' if max(len(lines), len(lacking)) > 1 else 'it'}{added}"
+    )
