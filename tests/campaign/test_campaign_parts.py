@@ -12,8 +12,10 @@ import pytest
 import scipy.sparse as sp
 from looking import seen
 
-from lrbc_cli.campaign.looking.causes import rescaled
+from lrbc_cli.campaign.findings import Finding, Kind
+from lrbc_cli.campaign.looking.causes import parts, rescaled
 from lrbc_cli.campaign.looking.causes.parts import lump_text, part_text
+from lrbc_cli.campaign.looking.first_look import _gains_by_chance
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.factors import make_recipe
@@ -107,6 +109,36 @@ def told(given: FeModel, true: FeModel, cause: Callable[[Seen, float], str] = pa
 )
 def test_a_part_of_another_material(factors: tuple[float, float], what: str) -> None:
     assert told(assembly(), assembly(*factors)).startswith(what)
+
+
+@pytest.mark.parametrize(
+    ("own", "db", "error_db", "chance"),
+    [((1,), -9.9, 8.0, True), ((1,), -20.0, 8.0, False), ((1,), -9.9, 1.0, False), ((0, 1, 2, 3), -9.9, 8.0, False)],
+)
+def test_a_gain_of_one_response_beside_a_far_model(own: tuple[int, ...], db: float, error_db: float, chance: bool) -> None:
+    """A factor that no unit has, by chance; not a digit of a sensitivity, nor beside a model that is near, nor of most responses."""
+    rng = np.random.default_rng(2)
+    model = 10.0 ** (rng.normal(0.0, 10.0, (150, 6)) / 20.0) + 0j
+    responses = [SimpleNamespace(name=f"a{i}", quantity="acceleration", input=0, node=i, direction="UZ") for i in range(6)]
+    inputs: Any = SimpleNamespace(responses=responses)
+    job = seen(model * 10.0 ** (rng.normal(0.0, error_db, model.shape) / 20.0), model[None], hz=HZ, inputs=inputs)
+    offsets = [Offset(response=i, db=db, half=0.5, power=0, known=(), before=11.2, after=5.5, named=i in own) for i in range(6)]
+    found = [Finding(text="a factor", kind=Kind.UNITS, responses=own)]
+    assert _gains_by_chance(job, found, offsets) == chance
+
+
+def test_moduli_differ_by_more_than_densities(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of steel and aluminium: 210 and 70 GPa, 7850 and 2700 kg/m3."""
+    tried = list[FeModel]()
+
+    def misfit(_: Seen, model: FeModel) -> tuple[float, float]:
+        tried.append(model)
+        return 9.0, 9.0
+
+    monkeypatch.setattr(parts, "_misfit", misfit)
+    assert told(assembly(), assembly(2.9, 3.0)) == ""
+    largest = [max((getattr(model, name).diagonal() / getattr(assembly(), name).diagonal()).max() for model in tried) for name in "KM"]
+    assert largest == pytest.approx([3.0, 2.9])
 
 
 def test_nothing_is_said_of_right_parts_or_of_one() -> None:

@@ -29,9 +29,11 @@ from lrbc_cli.campaign.identification.compared.likeness import (
 )
 from lrbc_cli.campaign.identification.compared.offsets import (
     LEAST_BAND,
+    causes_of,
     factors_of,
     late_together,
     offset_findings,
+    quantities_of,
     sideways_finding,
     trusted,
 )
@@ -66,7 +68,7 @@ from lrbc_cli.campaign.reduced.memory import options_of, reduction_cost
 from lrbc_cli.campaign.reduced.stage import ReductionStage, require_baselines
 from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.reduction.build import reduce_model
-from lrbc_cli.updating.comparison.scale import Offset
+from lrbc_cli.updating.comparison.scale import Offset, grouped
 
 #: Misfit up to which no fit of loosened bolts is needed to explain a measurement [dB].
 NEAR = 2.0
@@ -265,6 +267,10 @@ def _looked_at(
     shared = seen.reference and any(len(each.responses) == len(offsets) for each in told if each.kind is Kind.UNITS)
     if shared and (text := material_text(seen, measurements[name], offsets)):
         return OfJob([Finding(text=text, kind=Kind.MATERIAL)])
+    by_chance = seen.reference and _gains_by_chance(seen, told, offsets)
+    if by_chance and (far := [each for each in _of_model(seen, measurements) if each.kind is not Kind.ALONE]):
+        # Not shared with the other jobs, either.
+        told, offsets = far, tuple(replace(offset, named=False) for offset in offsets)
     # Places are looked for below; without a better finding these remain.
     uneven = [each for each in told if each.kind is Kind.PLACES]
     told = [each for each in told if each.kind is not Kind.PLACES]
@@ -283,6 +289,18 @@ def _looked_at(
         if not told and fitted is not None:
             told = beside_fitted(seen, fitted) or foreign(seen, held)
     return OfJob(told or uneven, offsets)
+
+
+def _gains_by_chance(seen: Seen, told: Sequence[Finding], offsets: Sequence[Offset]) -> bool:
+    """Whether all findings are factors of less than half of the responses, without a known cause, beside a model that is far from all.
+
+    Such a model, with a wrong material for example, is at another level at some response by chance.
+    """
+    few, compared = {i for each in told for i in each.responses}, [offset.response for offset in offsets]
+    if seen.misfit <= LEAST_DIFFERENCE or kinds_of(told) != {Kind.UNITS} or 2 * len(few) >= len(compared):
+        return False
+    shared = [common for common in grouped(offsets, quantities_of(seen.inputs)) if few.intersection(common.responses)]
+    return not any(causes_of(seen.inputs, common, compared) for common in shared)
 
 
 def _of_model(seen: Seen, measurements: Mapping[str, Measurement]) -> list[Finding]:

@@ -1,4 +1,4 @@
-"""Finds sensors stated with two coordinates exchanged, a wrong sign of one, or a wrong direction, by all FRFs of each sensor together."""
+"""Finds sensors stated with wrong coordinates, on the wrong one of two parts, or in a wrong direction, by all FRFs of each together."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from lrbc_cli.arrays import Floats
+from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, apart, apart_there
 from lrbc_cli.campaign.looking.causes.moved import LINES, gradually, solved
 from lrbc_cli.campaign.looking.causes.rescaled import MOST_WORK
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reading.reach import parts_of
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.selection import nearest, spacing
@@ -111,13 +112,14 @@ def _text(inputs: Inputs, dofs: DofTable, other: _Other, before: float, after: f
         )
     xyz = ", ".join(f"{value:.6g}" for value in dofs.xyz[other.dof] / inputs.campaign.unit_system.length)
     return (
-        f"{', '.join(names)}: sensor probably stated with {other.how}: at node {dofs.node[other.dof]} the level misfit falls from "
+        f"{', '.join(names)}: sensor probably stated {other.how}: at node {dofs.node[other.dof]} the level misfit falls from "
         f"{before:.1f} to {after:.1f} dB (mean level of each response removed). If the sensor was there, correct {keys}: near: [{xyz}]"
     )
 
 
 def _others(inputs: Inputs, dofs: DofTable) -> Iterator[_Other]:
-    """Nodes of the mesh at the stated coordinates with two exchanged or one sign reversed, and other directions at the stated node."""
+    """Nodes at the stated coordinates with two exchanged or one sign reversed, or on another part, and other directions at that node."""
+    part = parts_of(inputs.model, joined=False)
     for own, responses in _points(inputs).items():
         if inputs.model.is_acoustic[own]:
             continue
@@ -128,10 +130,22 @@ def _others(inputs: Inputs, dofs: DofTable) -> Iterator[_Other]:
         ways: list[tuple[str, Floats]] = []
         for a, b in ((0, 1), (0, 2), (1, 2)):
             order = [b if k == a else a if k == b else k for k in range(3)]
-            ways.append((f"{_AXES[a]} and {_AXES[b]} exchanged", place[order]))
+            ways.append((f"with {_AXES[a]} and {_AXES[b]} exchanged", place[order]))
         for a in range(3):
-            ways.append((f"the sign of {_AXES[a]} reversed", place * np.where(np.arange(3) == a, -1.0, 1.0)))
+            ways.append((f"with the sign of {_AXES[a]} reversed", place * np.where(np.arange(3) == a, -1.0, 1.0)))
         for how, other in ways:
             found = nearest(dofs, other.tolist(), str(dofs.component[own]))
             if found is not None and found[0] != own and found[1] <= 0.5 * spacing(dofs, found[0]):
                 yield _Other(responses=tuple(responses), dof=found[0], how=how)
+        if (other_side := _on_other_part(dofs, part, own)) is not None:
+            yield _Other(responses=tuple(responses), dof=other_side, how="on the wrong one of two parts that overlap there")
+
+
+def _on_other_part(dofs: DofTable, part: Integers, own: int) -> int | None:
+    """DOF of another part than that of DOF ``own``, nearest to it within half of the mesh size, as in the overlap of a lap joint."""
+    away = np.where(dofs.component == dofs.component[own], np.linalg.norm(dofs.xyz - dofs.xyz[own], axis=1), np.inf)
+    same = part == part[own]
+    mesh = away[same & (away > 0.0)].min(initial=np.inf)
+    across = np.where(same, np.inf, away)
+    best = int(np.argmin(across))
+    return best if np.isfinite(mesh) and across[best] <= 0.5 * mesh else None

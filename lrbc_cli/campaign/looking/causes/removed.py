@@ -72,10 +72,8 @@ def _numbering(
     """Finding if each job fits the bolts counted from the other end better than the stated ones, and all of them clearly."""
     own = {name: (all_far[stated[name]], all_far[turned[name]]) for name, all_far in far.items() if stated[name] != turned[name]}
     before, after = (sum(each[k] for each in own.values()) for k in (0, 1))
-    # Where each job is nearest to the turned bolts among those of all jobs, less is enough.
-    nearest = all(after_turning <= min(far[name].values()) for name, (_, after_turning) in own.items())
-    share = NEARER**0.5 if nearest else NEARER
-    if len(own) < 2 or after > share * before or any(other > as_stated for as_stated, other in own.values()):
+    clear = _clear(before, after, sum(min(far[name].values()) for name in own))
+    if len(own) < 2 or not clear or any(other > as_stated for as_stated, other in own.values()):
         return []
     text = (
         f"the bolts of {file} are probably numbered from the other end: with the names in reverse order, the removed bolts explain the "
@@ -85,6 +83,17 @@ def _numbering(
     return [Finding(text=text, kind=Kind.REMOVED)]
 
 
+def _clear(before: float, after: float, least: float, *, further: float = 0.1) -> bool:
+    """Whether misfits ``after`` a correction are clearly below those ``before``, sums over jobs [dB].
+
+    A model that is not calibrated leaves as much as it explains. Less is therefore enough if the correction leads to the nearest bolts of
+    all that jobs state: if those with the ``least`` misfits explain not more than the share ``further`` of it in addition. Neighbours of a
+    bolt that hardly changes the FRFs fit as well as the bolt itself.
+    """
+    nearest = after - least <= further * (before - after)
+    return after <= (NEARER**0.5 if nearest else NEARER) * before
+
+
 def _exchanges(far: Mapping[str, Mapping[frozenset[str], float]], stated: Mapping[str, frozenset[str]]) -> list[Finding]:
     """Findings of pairs of jobs that each fit the removed bolts of the other clearly better."""
     found, gone = list[Finding](), set[str]()
@@ -92,8 +101,9 @@ def _exchanges(far: Mapping[str, Mapping[frozenset[str], float]], stated: Mappin
     for one, other in combinations(far, 2):
         before = far[one][stated[one]] + far[other][stated[other]]
         after = far[one][stated[other]] + far[other][stated[one]]
+        least = min(far[one].values()) + min(far[other].values())
         if (
-            after <= NEARER * before
+            _clear(before, after, least)
             and far[one][stated[other]] < far[one][stated[one]]
             and far[other][stated[one]] < far[other][stated[other]]
         ):
