@@ -120,11 +120,13 @@ def test_a_gain_of_one_response_beside_a_far_model(own: tuple[int, ...], db: flo
     rng = np.random.default_rng(2)
     model = 10.0 ** (rng.normal(0.0, 10.0, (150, 6)) / 20.0) + 0j
     responses = [SimpleNamespace(name=f"a{i}", quantity="acceleration", input=0, node=i, direction="UZ") for i in range(6)]
-    inputs: Any = SimpleNamespace(responses=responses)
+    update = SimpleNamespace(reference="tight")
+    inputs: Any = SimpleNamespace(responses=responses, campaign=SimpleNamespace(update=update))
     job = seen(model * 10.0 ** (rng.normal(0.0, error_db, model.shape) / 20.0), model[None], hz=HZ, inputs=inputs)
     offsets = [Offset(response=i, db=db, half=0.5, power=0, known=(), before=11.2, after=5.5, named=i in own) for i in range(6)]
     found = [Finding(text="a factor", kind=Kind.UNITS, responses=own)]
     assert _gains_by_chance(job, found, offsets) == chance
+    assert not _gains_by_chance(replace(job, job="state"), found, offsets)
 
 
 def test_moduli_differ_by_more_than_densities(monkeypatch: pytest.MonkeyPatch) -> None:

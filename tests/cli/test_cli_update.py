@@ -580,7 +580,8 @@ def test_fail_on_loose(frame: Folder) -> None:
     assert frame.run("update").code == 0
     assert frame.run("update", "--fail-on-loose", "--job", "loose-2").code == 6
     told = frame.run("update", "--fail-on-loose")
-    assert "\nloose-2: B3, B4 loose; 4 tight\n" in told.stdout
+    # Beside two missing bolts the others hardly affect the FRFs.
+    assert "\nloose-2: B3, B4 loose; 2 tight, 2 inconclusive\n" in told.stdout
     assert "\na bolt is loose\n" in told.stdout
     wide = frame.run("update", "--fail-on-loose", "--override", "update.loose_change=-3")
     assert "update.loose_change: -3 calls a bolt tight that lost up to 99.9 % of its stiffness" in wide.stderr

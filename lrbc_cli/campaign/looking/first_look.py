@@ -267,10 +267,8 @@ def _looked_at(
     shared = seen.reference and any(len(each.responses) == len(offsets) for each in told if each.kind is Kind.UNITS)
     if shared and (text := material_text(seen, measurements[name], offsets)):
         return OfJob([Finding(text=text, kind=Kind.MATERIAL)])
-    by_chance = seen.reference and _gains_by_chance(seen, told, offsets)
-    if by_chance and (far := [each for each in _of_model(seen, measurements) if each.kind is not Kind.ALONE]):
-        # Not shared with the other jobs, either.
-        told, offsets = far, tuple(replace(offset, named=False) for offset in offsets)
+    if _gains_by_chance(seen, told, offsets) and (far := [one for one in _of_model(seen, measurements) if one.kind is not Kind.ALONE]):
+        told, offsets = far, tuple(replace(offset, named=False) for offset in offsets)  # not shared with the other jobs, either
     # Places are looked for below; without a better finding these remain.
     uneven = [each for each in told if each.kind is Kind.PLACES]
     told = [each for each in told if each.kind is not Kind.PLACES]
@@ -292,12 +290,12 @@ def _looked_at(
 
 
 def _gains_by_chance(seen: Seen, told: Sequence[Finding], offsets: Sequence[Offset]) -> bool:
-    """Whether all findings are factors of less than half of the responses, without a known cause, beside a model that is far from all.
+    """Whether all findings of the reference job are factors of less than half of the responses, without a known cause, beside a far model.
 
     Such a model, with a wrong material for example, is at another level at some response by chance.
     """
     few, compared = {i for each in told for i in each.responses}, [offset.response for offset in offsets]
-    if seen.misfit <= LEAST_DIFFERENCE or kinds_of(told) != {Kind.UNITS} or 2 * len(few) >= len(compared):
+    if not seen.reference or seen.misfit <= LEAST_DIFFERENCE or kinds_of(told) != {Kind.UNITS} or 2 * len(few) >= len(compared):
         return False
     shared = [common for common in grouped(offsets, quantities_of(seen.inputs)) if few.intersection(common.responses)]
     return not any(causes_of(seen.inputs, common, compared) for common in shared)
