@@ -1263,7 +1263,7 @@ MISTAKES = [
         lambda folder: shutil.copy(folder.data / "frf" / "b5-loose.uff", folder.data / "frf" / "tight-1.uff"),
         0,
         "With B5 free the level misfit is",
-        "check whether all bolts were tight",
+        "B5 was probably loose in tight-1. Set update.reference and calibration.job to a tight job, such as tight-2",
     ),
     Mistake(
         "hammer and sensors mirrored",
