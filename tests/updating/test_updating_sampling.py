@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.special import logsumexp
+from scipy.special import expit, logsumexp
 from scipy.stats import multivariate_normal, norm
 
 from lrbc_cli.updating.posterior import sampling
@@ -68,6 +68,19 @@ class Saturating:
         return inclusion, marginals[:, t < limit].sum(axis=1), marginals @ t
 
 
+def one_joint(data: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]) -> tuple[MixtureProblem, float]:
+    """The problem of a single joint, and its exact log likelihood ratio of loose against tight, by sums over a grid."""
+    one = np.ones(1)
+    problem = replace(
+        Saturating((0.0, 0.0), 1.0).problem(), data=data, bounds=np.array([[-4.0, 2.0]]), bolts=np.arange(1), neighbours=[],
+        joint=one > 0.0, mean=0.0 * one, std=one,
+    )  # fmt: skip
+    t = np.linspace(-4.0, 1.0, 2001)
+    fits = np.array([-0.5 * float(np.sum(data(np.array([change]))[0] ** 2)) for change in t])
+    tight, loose = (0.0, PRIOR.joint_tight_std), (PRIOR.joint_loose_mean, PRIOR.joint_loose_std)
+    return problem, float(logsumexp(fits + norm.logpdf(t, *loose)) - logsumexp(fits + norm.logpdf(t, *tight)))
+
+
 @pytest.mark.parametrize("truth", [(-2.5, 0.0), (-3.0, -2.0), (-1.3, 0.05), (0.0, 0.0)])
 @pytest.mark.parametrize("start", [0.0, -2.0])
 def test_a_free_joint_is_loose_however_flat_the_data_are_there(truth: tuple[float, float], start: float) -> None:
@@ -90,16 +103,8 @@ def test_data_against_a_small_loss_say_nothing_on_a_large_one(strength: float) -
         r = np.array([passing * lost, -strength * left])
         return r, np.array([[-passing * (1.0 - 2.0 * lost**2) / width], [-strength * np.log(10.0) * left]])
 
-    one = np.ones(1)
-    problem = replace(
-        Saturating((0.0, 0.0), 1.0).problem(), data=data, bounds=np.array([[-4.0, 2.0]]), bolts=np.arange(1), neighbours=[],
-        joint=one > 0.0, mean=0.0 * one, std=one,
-    )  # fmt: skip
-    t = np.linspace(-4.0, 1.0, 2001)
-    fits = np.array([-0.5 * float(np.sum(data(np.array([change]))[0] ** 2)) for change in t])
-    tight = logsumexp(fits + norm.logpdf(t, 0.0, PRIOR.joint_tight_std)) + np.log(1.0 - PRIOR.loose_share)
-    loose = logsumexp(fits + norm.logpdf(t, PRIOR.joint_loose_mean, PRIOR.joint_loose_std)) + np.log(PRIOR.loose_share)
-    exact = 1.0 / (1.0 + np.exp(tight - loose))
+    problem, ratio = one_joint(data)
+    exact = expit(ratio + PRIOR.log_odds)
     assert exact > 0.6
     assert sample_changes(problem, [start], PRIOR, sweeps=50).inclusion[0] == pytest.approx(exact, abs=0.03)
 
@@ -115,18 +120,10 @@ def test_a_loss_that_soon_shows_no_more_is_weighed_as_a_whole(soon: float, stren
         effect = lost / (lost + soon) + slope * max(z[0], 0.0)
         return np.array([strength * (effect - shown), 0.0]), np.array([[strength * slope], [0.0]])
 
-    one = np.ones(1)
-    problem = replace(
-        Saturating((0.0, 0.0), 1.0).problem(), data=data, bounds=np.array([[-4.0, 2.0]]), bolts=np.arange(1), neighbours=[],
-        joint=one > 0.0, mean=0.0 * one, std=one,
-    )  # fmt: skip
-    t = np.linspace(-4.0, 1.0, 2001)
-    fits = np.array([-0.5 * float(np.sum(data(np.array([change]))[0] ** 2)) for change in t])
-    tight = logsumexp(fits + norm.logpdf(t, 0.0, PRIOR.joint_tight_std))
-    loose = logsumexp(fits + norm.logpdf(t, PRIOR.joint_loose_mean, PRIOR.joint_loose_std))
+    problem, ratio = one_joint(data)
     found = sample_changes(problem, [np.zeros(1)], PRIOR, sweeps=50)
     # Within a third of a nat; up to two thirds more where the tight kind is no Gaussian either.
-    assert -0.35 < found.ratios[0] - (loose - tight) < 0.65
+    assert -0.35 < found.ratios[0] - ratio < 0.65
 
 
 @pytest.mark.parametrize("lost", [0.0, -0.7, -1.5])

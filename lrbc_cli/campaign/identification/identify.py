@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.found import Fit, Identification
 from lrbc_cli.campaign.identification.gains import Gains
 from lrbc_cli.campaign.identification.job import Job
@@ -18,6 +18,7 @@ from lrbc_cli.campaign.identification.unknowns import stored_covariance
 from lrbc_cli.campaign.identification.weights import ratio_of, worst_channel
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource
+from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.misfit.cost import mean_misfit
 from lrbc_cli.updating.posterior.samples import ChangeSamples
@@ -90,6 +91,12 @@ def _resumed(job: Job, fit: Fit, z: Floats) -> Fit | None:
     return job.drifted(again.after(fit.evaluations + here.evaluations))
 
 
+def _heard(job: Job, updated: Complexes) -> tuple[Inputs, Measurement, JobConfig, Integers, Complexes]:
+    """What ``weights.weighted_misfits`` compares: the measurement without what is mostly noise, and the (F, R) FRFs of the model."""
+    told = replace(job.measurement, values=job.told(job.name, job.measurement))
+    return job.inputs, told, job.inputs.campaign.jobs[job.name], job.selected, updated
+
+
 def _with_posterior(job: Job, best: Fit, *others: Floats) -> tuple[Fit, Gains | None, Complexes, ChangeSamples | None]:
     """A fit with the posterior that verdicts rest on: its gains, the (F, R) FRFs of the model with them, and changes at bolts.
 
@@ -98,9 +105,7 @@ def _with_posterior(job: Job, best: Fit, *others: Floats) -> tuple[Fit, Gains | 
     inputs, fit = job.inputs, job.about_reference(best)
     gains = job.gains_of(fit)
     updated = job.frf(fit.solution.theta, fit.knowledge) * job.lifted * (1.0 if gains is None else gains.factors(inputs))
-    told = replace(job.measurement, values=job.told(job.name, job.measurement))
-    ratio = ratio_of(inputs, told, inputs.campaign.jobs[job.name], job.selected, updated)
-    fit = replace(fit, knowledge=fit.knowledge.wider(ratio))
+    fit = replace(fit, knowledge=fit.knowledge.wider(ratio_of(*_heard(job, updated))))
     state = None if fit.relative else stored_covariance(job.parameters, job.reference)
     ends = [*others, *other_ends(job.parameters, fit.solution.starts)]
     changes = changes_of(inputs, fit.plain, fit.knowledge, fit.solution.evaluation.jacobian, state, job.error, ends)
@@ -118,8 +123,7 @@ def _identified(job: Job) -> Identification:
     solution, knowledge = fit.solution, fit.knowledge
     if fit.curve is not None:
         job.notes += curve_notes(fit.curve)
-    told = replace(job.measurement, values=job.told(job.name, job.measurement))
-    job.warnings += worst_channel(inputs, told, inputs.campaign.jobs[job.name], job.selected, updated)
+    job.warnings += worst_channel(*_heard(job, updated))
     beyond = beyond_of(job.model, fit, changes)
     opens = opens_of(inputs, fit, job.error)
     tight, expected = job.of_reference(), None
