@@ -12,9 +12,15 @@ Visibility = Literal["detectable", "marginal", "not detectable"]
 
 
 class PlannedNoise(NoiseRecord):
-    """Noise of a line, and the source of this number."""
+    """Noise of a line, the source of this number, and how many residuals count as one beside the correlation factor (for joints)."""
 
     source: str
+    coarsening: float = 1.0
+
+    @property
+    def counted(self) -> float:
+        """Number of residuals that count as one."""
+        return self.correlation_factor * self.coarsening
 
 
 class VisibilityLimits(Record):

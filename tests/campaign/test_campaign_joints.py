@@ -12,10 +12,12 @@ from campaigns import Folder
 from grillage import BETA, BOLTS, NOMINAL, dof, grillage, matrices, node
 from scipy.spatial.transform import Rotation
 
+import lrbc_cli as lrbc
 from lrbc_cli.campaign.reading.joints import aside_text, bushing_vectors
 from lrbc_cli.errors import ConfigError, DataError, LrbcError
 from lrbc_cli.io.text.bushings import AXES, read_bushings
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
+from lrbc_cli.updating.statistics.error_model import ERRORS
 
 #: Two nodes at one place and one further on, six DOFs each; a pressure with the number of a node, which must not be taken for it.
 TABLE = DofTable(
@@ -251,3 +253,16 @@ class TestOwnership:
         (folder.data / "t.csv").write_text(f"bolt,node_a,node_b,component,stiffness\nA,{node(0, 0)},{node(1, 0)},UZ,1e5\n")
         with_groups(folder, {"t": {"select": {"bushings": "data/t.csv"}}})
         assert any("the nodes of 1 spring lie up to 100 mm off the spring axis" in warning for warning in folder.inputs().warnings)
+
+
+def test_a_plan_of_joints_counts_residuals_as_an_identification_does(joints: Folder) -> None:
+    """With four residuals that count as one, the effects of a bolt are half as many standard deviations, but for the priors."""
+    study = lrbc.load(joints.config, cache=joints.cache)
+    assert study.inputs.statistics.errors.coarsening == 4.0
+    alone = study.with_method(statistics=replace(study.inputs.statistics, errors=replace(ERRORS, coarsening=1.0)))
+    coarse, fine = (each.plan(draws=0) for each in (study, alone))
+    assert (coarse.noise.coarsening, fine.noise.coarsening) == (4.0, 1.0)
+    assert coarse.noise.counted == 4.0 * coarse.noise.correlation_factor
+    at, without = (np.array([bolt.losses[1].d_prime for bolt in record.bolts]) for record in (coarse, fine))
+    assert without.min() > 1.0
+    np.testing.assert_allclose(at, without / 2.0, rtol=0.2)

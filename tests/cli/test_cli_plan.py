@@ -69,7 +69,7 @@ def test_without_jobs(bare: Folder) -> None:
     assert len(written.pop("digest")) == 64
     assert written == tree
     assert tree["state"] == "initial"
-    assert tree["noise"] == {"sigma_db": 1.0, "correlation_factor": 2.0, "source": "assumed"}
+    assert tree["noise"] == {"sigma_db": 1.0, "correlation_factor": 2.0, "coarsening": 1.0, "source": "assumed"}
     assert list(rows(tree)) == [f"B{i}" for i in range(1, 7)]
     assert {entry["name"]: entry["planned"] for entry in tree["responses"]} == {"mic1": True, "mic2": True, "mic3": False, "acc1": False}
     assert sum(counted(tree).values()) == 6
@@ -235,6 +235,7 @@ def test_a_finished_job_is_a_state(box: Folder) -> None:
         "sigma_db": 0.5,
         # What changes leave in a job that is compared is not the model discrepancy.
         "correlation_factor": result["noise"]["correlation_factor"],
+        "coarsening": 1.0,
         "source": "--noise",
     }
     assert planned(box, "--state", "initial")["state"] == "initial"

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -265,7 +265,9 @@ def _record(
         campaign=inputs.campaign.name,
         state=about.state.text,
         state_job=about.state.job,
-        noise=PlannedNoise(sigma_db=about.noise.sigma, correlation_factor=about.noise.factor, source=about.origin),
+        noise=PlannedNoise(
+            sigma_db=about.noise.sigma, correlation_factor=about.noise.factor, coarsening=about.noise.coarsening, source=about.origin
+        ),
         losses=LOSSES,
         loss=LOSS,
         tightened=about.tightened,
@@ -363,7 +365,8 @@ def _about(inputs: Inputs, parameters: Parameterisation, request: Request) -> Ab
     if request.noise_db is not None and not (np.isfinite(request.noise_db) and request.noise_db > 0):
         raise ConfigError("no noise", place="--noise", expected="a standard deviation above 0, in dB", found=f"{request.noise_db:g}")
     if request.noise_db is not None:
-        noise, origin = Noise(sigma=request.noise_db, factor=noise.factor), "--noise"
+        noise, origin = noise.at(request.noise_db), "--noise"
+    noise = replace(noise, coarsening=inputs.statistics.errors.coarsening_of(parameters.of_joints))
     doubt = coarse = ""
     if isinstance(record, JobRecord):
         misfit = record.misfit_db

@@ -201,7 +201,7 @@ def plan_text(output: Path) -> str:
     asked = ", ".join(f"{decades:g}" for decades in plan.losses)
     lines = [
         f"{_state(plan)}, {plan.lines.count} lines; one bolt at a time {_moved(plan)} by {asked} decades",
-        f"errors of {plan.noise.sigma_db:.2g} dB per line, {plan.noise.correlation_factor:.2g} lines count as one ({plan.noise.source})",
+        f"errors of {plan.noise.sigma_db:.2g} dB per line, {plan.noise.counted:.2g} lines count as one ({plan.noise.source})",
         _means(plan),
         f"d': distance of the changed FRFs from what other bolts can imitate [standard deviations], {_ALL}",
         "std: standard deviation of a small change [decades]",
@@ -291,7 +291,7 @@ def _means(plan: PlanRecord) -> str:
 def _explained(plan: PlanRecord) -> str:
     return (
         f"Predicted from the model alone, {_state(plan)}, with errors of {number(plan.noise.sigma_db, 3)} dB per line "
-        f"({number(plan.noise.correlation_factor, 3)} lines count as one; {plan.noise.source}) on {plan.lines.count} lines. "
+        f"({number(plan.noise.counted, 3)} lines count as one; {plan.noise.source}) on {plan.lines.count} lines. "
         f"Each bolt in turn is {_moved(plan)} alone. {_means(plan)[0].upper()}{_means(plan)[1:]}. "
         "A bolt is detectable if a right verdict has a "
         f"probability of at least {100 * plan.limits.detectable:.0f} % at {_decades(plan.loss)}. d': distance of the "

@@ -87,7 +87,7 @@ class FactorProblem:
         out, prior = list[Nuisance](), self.statistics.calibration
         stiff, damps = (prior.stiff_std, prior.stiff_bound), (prior.damping_factor_std, prior.damping_bound)
         # Coarsening reduces the weight of the data for joints. Factors affect all resonances, so their prior is reduced alike.
-        wide = float(np.sqrt(self.statistics.errors.coarsening)) if self.parameters.of_joints else 1.0
+        wide = float(np.sqrt(self.statistics.errors.coarsening_of(self.parameters.of_joints)))
         for name in self.names:
             shift = float(np.log(self.base.get(name, 1.0)))
             std, bound = stiff if moves_resonances(self.model.recipe, name) else damps

@@ -308,8 +308,8 @@ class Misfit:
 
     @property
     def coarsening(self) -> float:
-        """Number of residuals that count as one: ``ErrorModel.coarsening`` for joints; 1 along edges, where neighbours hold a value."""
-        return self.errors.coarsening if self.model.parameters.of_joints else 1.0
+        """See ``ErrorModel.coarsening_of``."""
+        return self.errors.coarsening_of(self.model.parameters.of_joints)
 
     @property
     def weighted(self) -> bool:

@@ -88,6 +88,10 @@ class ErrorModel(Checked):
     runaway: Positive = 1.5
     least_runaway_db: NotNegative = 0.1
 
+    def coarsening_of(self, joints: bool) -> float:
+        """Number of residuals that count as one: ``coarsening`` for joints; 1 along edges, where neighbours hold a value."""
+        return self.coarsening if joints else 1.0
+
 
 #: The defaults, for callers that use a part of the package by itself.
 ERRORS = ErrorModel()
