@@ -198,8 +198,13 @@ def calibrate(
     theta: Floats | None = None
     rounds: list[Round] = []
     now = inputs
+
+    def tell(text: str) -> None:
+        progress(f"calibration from {settings.job}: fitting the factors, round {len(rounds) + 1}: {text}")
+
+    problem = replace(problem, progress=tell)
     while True:
-        progress(f"calibration from {settings.job}: fitting the factors, round {len(rounds) + 1}")
+        tell("begins")
         fit = _fitted(inputs, problem, theta)
         watch.lap("fit")
         problem, gains = fit.problem, _gains(inputs, fit)

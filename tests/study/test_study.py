@@ -176,9 +176,13 @@ def test_calibrating_and_updating_are_those_of_the_commands(frame: Folder) -> No
     folder, tree = frame, frame.tree()
     tree["calibration"] = {"job": "tight", "factors": ["stiffness.structure", "damping.structure"]}
     folder.write(tree)
-    study = lrbc_cli.load(folder.config, cache=folder.cache)
+    told: list[str] = []
+    study = lrbc_cli.load(folder.config, cache=folder.cache, progress=told.append)
     record, kept = study.calibrate()
     assert not kept
+    # A calibration of many joints takes minutes: each descent is told, and is a point at which it can be interrupted.
+    said = [text for text in told if text.startswith("calibration from tight: fitting the factors, round 1: a descent from ")]
+    assert len(said) >= len(record.stages) > 2
     assert study.inputs.calibration is not None
     assert study.inputs.calibration.factors == {name: entry.value for name, entry in record.factors.items()}
     assert not study.update(["tight"]).errors

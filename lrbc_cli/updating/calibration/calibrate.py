@@ -6,7 +6,7 @@ decreases to zero, see ``search.smooth``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -64,6 +64,8 @@ class FactorProblem:
     statistics : StatisticalModel
     gains : (U, K) float array or None
         Unknown gains of the responses, see ``DataResidual``: marginalised on the measured lines.
+    progress : callable
+        Called with a text at the end of each descent.
     """
 
     model: AffineModel
@@ -80,6 +82,7 @@ class FactorProblem:
     nuisances: tuple[Nuisance, ...] = ()
     statistics: StatisticalModel = STATISTICS
     gains: Floats | None = field(default=None, repr=False)
+    progress: Callable[[str], None] = field(default=lambda _: None, repr=False)
 
     @property
     def scalars(self) -> tuple[Nuisance, ...]:
@@ -250,8 +253,9 @@ class FactorFit:
 
 def _descend(problem: FactorProblem, misfit: Misfit, theta: Floats, width: float, tolerance: float, limit: int) -> tuple[Solution, Stage]:
     solution = gauss_newton(misfit, theta, problem.bounds, tolerance=tolerance, max_iterations=limit)
-    first = solution.history[0].misfit_db
-    return solution, Stage(width_hz=width, before_db=first, after_db=solution.evaluation.misfit_db, evaluations=solution.evaluations)
+    first, last = solution.history[0].misfit_db, solution.evaluation.misfit_db
+    problem.progress(f"a descent from {first:.2f} to {last:.2f} dB")
+    return solution, Stage(width_hz=width, before_db=first, after_db=last, evaluations=solution.evaluations)
 
 
 def descents(problem: FactorProblem, theta: Floats, far: bool, limit: int, soft: bool = False) -> tuple[Solution, list[Stage]]:
