@@ -391,7 +391,7 @@ class JobRecord(_JobBase):
             doubtful=() if tight is None else tight.doubtful,
             missing=tuple(name for name, entry in self.misfit_db.responses.items() if entry.used and not math.isfinite(entry.final)),
             measurement=() if self.provenance.measured_db is None else tuple(self.provenance.measured_db.tolist()),
-            copied_db=(self.decision_rule or {}).get("copied_db", 0.0),
+            **{name: value for name, value in (self.decision_rule or {}).items() if name in ("copied_db", "confidence")},
         )
 
     @property

@@ -6,12 +6,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 from looking import seen
 
 from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared.likeness import by_sensors, exchanged_text
 from lrbc_cli.campaign.looking.all_jobs import pooled
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
+from lrbc_cli.campaign.looking.unexplained import beside_fitted
 
 
 def campaign(reference: str = "tight") -> Any:
@@ -125,3 +127,16 @@ def test_records_exchanged_in_a_job_with_loosened_bolts_show_beside_a_fit() -> N
     assert "jobs.loose.records" in hammers_text(seen(exchanged, states, inputs=inputs, job="loose"), fitted)
     assert hammers_text(seen(loosened, np.concatenate([states, 1.05 * loosened[None]]), inputs=inputs, job="loose"), fitted) == ""
     assert hammers_text(seen(exchanged, states, inputs=inputs, job="loose"), lambda _: None) == ""
+
+
+@pytest.mark.parametrize(("h1_db", "h2_db", "told"), [(5.0, 2.0, True), (5.0, 2.8, False), (5.0, 4.0, False), (2.5, 1.0, False)])
+def test_a_hammer_that_hit_elsewhere_in_a_job_with_loosened_bolts(h1_db: float, h2_db: float, told: bool) -> None:
+    """Its records are far from the fitted state, those of the other hammer point are not; errors of the model show at both."""
+    inputs, states = two_hammers()
+    inputs.campaign, inputs.input_of = campaign("another"), np.repeat([0, 1], 4)
+    errs = np.random.default_rng(6).laplace(0.0, 1.0, (200, 8)) * np.repeat([h1_db, h2_db], 4)
+    texts = [str(one) for one in beside_fitted(seen(states[0] * 10.0 ** (errs / 20.0), states, inputs=inputs), states[0])]
+    assert any("FRFs of h1 differ from the state of the bolts that fits best by" in text for text in texts) == told
+    if told:
+        assert len(texts) == 1
+        assert "direction of excitation.h1 in this job" in texts[0]

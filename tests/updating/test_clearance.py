@@ -11,7 +11,7 @@ from lrbc_cli.updating.judging.clearance import BoltFinding, JobFinding, not_cle
 
 def job(verdicts: str, status: str = "converged", **more: object) -> JobFinding:
     """One letter a bolt: tight, loose, undecided, probably loose (undecided), outside."""
-    words = {"t": ("tight", 0.01), "l": ("loose", 0.99), "u": ("undecided", 0.3), "p": ("undecided", 0.7), "o": ("outside", None)}
+    words = {"t": ("tight", 0.002), "l": ("loose", 0.99), "u": ("undecided", 0.3), "p": ("undecided", 0.7), "o": ("outside", None)}
     bolts = tuple(
         BoltFinding(name=f"B{i}", verdict=words[letter][0], probability=words[letter][1]) for i, letter in enumerate(verdicts, start=1)
     )
@@ -116,6 +116,21 @@ def test_bolts_that_are_tight_as_a_whole_only_are_said() -> None:
     assert sentence(every) == "no loose bolt found: 1 tight (as a whole: springs of rot alone may be loose)"
     assert not_clear({"tight": REFERENCE, "a": every}) == {}
     assert sentence(replace(every, assumed="baseline")) == "a baseline, taken as tight"
+
+
+def test_many_bolts_that_are_tight_one_by_one_are_no_all_clear_together() -> None:
+    """Each of twenty is tight at 0.003, but one of them may be loose at 0.06, which no verdict of 0.95 allows."""
+    many = job("t" * 20)
+    few = replace(many, bolts=tuple(replace(bolt, probability=0.0024) for bolt in many.bolts))
+    some = replace(many, bolts=tuple(replace(bolt, probability=0.003) for bolt in many.bolts))
+    assert not_clear({"tight": REFERENCE, "a": few}) == {}
+    words = "one of them may be loose, with a probability of up to 0.06"
+    assert not_clear({"tight": REFERENCE, "a": some}) == {"a": [f"20 tight, but {words}"]}
+    assert sentence(some) == f"no loose bolt found: 20 tight; {words}"
+    assert not_clear({"tight": REFERENCE, "a": replace(some, confidence=0.9)}) == {}
+    # Bolts that are taken as tight have no such probability, and beside a loose or an inconclusive bolt there is no all-clear anyway.
+    assert sentence(replace(some, assumed="baseline")) == "a baseline, taken as tight"
+    assert words not in sentence(replace(some, bolts=(*some.bolts, BoltFinding(name="B99", verdict="loose", probability=1.0))))
 
 
 def test_runs_of_bolts_keep_their_zeros() -> None:

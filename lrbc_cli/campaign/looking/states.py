@@ -171,8 +171,7 @@ class Seen:
     @property
     def by_excitation(self) -> dict[int, float]:
         """As ``misfit``, separately for the responses of each excitation [dB]."""
-        far, input_of = apart(self.measured, self.model), self.inputs.input_of
-        return {int(at): float(np.median(far[input_of == at])) for at in np.unique(input_of)}
+        return by_excitation(apart(self.measured, self.model), self.inputs.input_of)
 
     def work(self, lines: int) -> float:
         """Predicted operations of full solves at that many lines."""
@@ -196,6 +195,11 @@ class Seen:
     def left(self) -> float:
         """Level misfit of the nearest state: median over the responses, mean level of each removed [dB]."""
         return float(np.median(apart(self.measured, self.states), axis=1).min())
+
+
+def by_excitation(far: Floats, input_of: Integers) -> dict[int, float]:
+    """Median of level misfits (R,) over the responses of each excitation [dB]."""
+    return {int(at): float(np.median(far[input_of == at])) for at in np.unique(input_of)}
 
 
 def states_of(source: Looking, parameters: Parameterisation, s: Complexes) -> tuple[Complexes, list[Integers]]:

@@ -26,7 +26,7 @@ from lrbc_cli.campaign.looking.causes.parts import lump_text, part_text
 from lrbc_cli.campaign.looking.causes.rescaled import rescaled_text, softness_text
 from lrbc_cli.campaign.looking.causes.tightness import UNLIKE, looser, tighter_text
 from lrbc_cli.campaign.looking.causes.together import together_text
-from lrbc_cli.campaign.looking.states import Seen
+from lrbc_cli.campaign.looking.states import Seen, by_excitation
 from lrbc_cli.campaign.reading.inputs import Inputs
 
 
@@ -76,11 +76,16 @@ def _of_one_blow(seen: Seen, told: list[Finding]) -> str:
     at = own.pop()
     if 2 * len(alone) <= int((input_of == at).sum()):
         return ""
+    return _blow_text(seen, away, at, "the model")
+
+
+def _blow_text(seen: Seen, away: Mapping[int, float], at: int, what: str) -> str:
+    """Warning that the records of excitation ``at`` alone differ from ``what``, by the level misfits of all excitations [dB]."""
     name, rest = seen.inputs.excitations[at], max(db for other, db in away.items() if other != at)
     return (
-        f"FRFs of {name} differ from the model by {away[at]:.1f} dB (median over its responses, mean level of each removed), those of "
-        f"other excitations by {rest:.1f} dB at most. Check the place and the direction of excitation.{name}, and that its records are not "
-        "those of another hammer point"
+        f"FRFs of {name} differ from {what} by {away[at]:.1f} dB (median over its responses, mean level of each removed), those of "
+        f"other excitations by {rest:.1f} dB at most. Check the place and the direction of excitation.{name}"
+        f"{'' if seen.reference else ' in this job'}, and that its records are not those of another hammer point"
     )
 
 
@@ -201,14 +206,22 @@ def beside_tight(seen: Seen, tight: Complexes, reach: tuple[Floats | float, Floa
 
 
 def beside_fitted(seen: Seen, fitted: Complexes) -> list[Finding]:
-    """Sensors far from the state of the bolts that fits best (``fitted``, (F, R)), at every hammer point, if that explains the others."""
-    every = apart(seen.measured, fitted)
+    """Hammer point or sensors far from the state of the bolts that fits best (``fitted``, (F, R)), if that explains the others.
+
+    A sensor must be far at every hammer point.
+    """
+    every, what = apart(seen.measured, fitted), "the state of the bolts that fits best"
+    away = by_excitation(every, seen.inputs.input_of)
+    worst = max(away, key=away.__getitem__)
+    rest = max((db for at, db in away.items() if at != worst), default=np.inf)
+    if rest < LEAST_DIFFERENCE < away[worst] and rest < CLEARLY * away[worst]:
+        return [Finding(text=_blow_text(seen, away, worst, what), kind=Kind.HAMMER)]
     if float(np.median(every)) > LEAST_DIFFERENCE:
         return []
     # Errors of the model show at single hammer points, too.
     alone = set(outlying(every))
     whole = [i for i in sorted(alone) if alone.issuperset(same_sensor(seen.inputs, i))]
-    return single_responses(seen.inputs, every, whole, "the state of the bolts that fits best", seen.job)
+    return single_responses(seen.inputs, every, whole, what, seen.job)
 
 
 def foreign(seen: Seen, tight: Complexes) -> list[Finding]:

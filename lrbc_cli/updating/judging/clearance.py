@@ -47,6 +47,8 @@ class JobFinding:
         Figures of the measured levels, independent of the file [dB]; empty if not known.
     copied_db : float
         Largest difference of these figures for the same measurement, see ``DecisionRule`` [dB].
+    confidence : float
+        Posterior probability that a verdict needs, and that of no loose bolt at all which an all-clear needs.
     """
 
     status: str
@@ -58,6 +60,7 @@ class JobFinding:
     missing: Sequence[str] = ()
     measurement: Sequence[float] = ()
     copied_db: float = 0.0
+    confidence: float = 0.95
 
     def named(self, verdict: str) -> list[BoltFinding]:
         """The bolts with this verdict."""
@@ -73,9 +76,20 @@ class JobFinding:
         """The bolts of ``seen`` that are judged neither tight nor loose."""
         return [bolt for bolt in self.seen if bolt.verdict not in ("tight", "loose")]
 
+    @property
+    def together(self) -> str:
+        """That one of the bolts may be loose although each by itself is judged tight; empty if that leaves the all-clear its confidence.
+
+        The sum of their probabilities is the largest probability that any of them is loose, however they depend on each other (Boole).
+        """
+        tight = self.named("tight")
+        most = sum(bolt.probability or 0.0 for bolt in tight)
+        alone = self.assumed is None and len(tight) == len(self.seen)
+        return f"one of them may be loose, with a probability of up to {min(most, 1.0):.2g}" if alone and most > 1 - self.confidence else ""
+
 
 def open_points(job: JobFinding) -> list[str]:
-    """Reasons why a job is no all-clear; empty if every bolt that it can judge is tight and the job is validated and complete.
+    """Reasons why a job is no all-clear; empty if all bolts that it can judge are tight, also together, and it is validated and complete.
 
     The reference job and baselines are tight by assumption, which says nothing about other jobs.
     """
@@ -91,6 +105,8 @@ def open_points(job: JobFinding) -> list[str]:
         points.append(f"{_names(job.doubtful)} taken as tight, but {_doubt(job)}")
     if job.assumed is None and not job.seen:
         points.append(_no_verdict(job))
+    if job.together:
+        points.append(f"{len(job.seen)} tight, but {job.together}")
     if job.missing:
         points.append(f"no record of {_names(job.missing)}")
     if not job.validated:
@@ -152,7 +168,7 @@ def sentence(job: JobFinding) -> str:
     elif loose:
         text = "; ".join([alarm, *([", ".join(counts)] if counts else [])])
     elif tight:
-        text = f"no loose bolt found: {', '.join(counts)}"
+        text = f"no loose bolt found: {', '.join(counts)}" + (f"; {job.together}" if job.together else "")
     else:
         text = f"no loose bolt found, but none is judged tight: {', '.join(counts)}"
     if job.doubtful:
