@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.arrays import Complexes, Floats, Integers
 
 LN10 = float(np.log(10.0))
 
@@ -168,6 +168,8 @@ class Parameterisation:
     Attributes
     ----------
     groups : tuple of ParameterGroup
+    factor : (nt,) float array or None
+        Factor of the linear value of each term; None for 1, see ``weakened``.
     placed : tuple of (ParameterGroup, slice, int or None)
         Each group with the slice of its log10 values and the index of its p_damp in theta.
     size : int
@@ -175,6 +177,7 @@ class Parameterisation:
     """
 
     groups: tuple[ParameterGroup, ...]
+    factor: Floats | None = field(default=None, repr=False)
     placed: tuple[tuple[ParameterGroup, slice, int | None], ...] = field(init=False, repr=False)
     size: int = field(init=False)
 
@@ -233,14 +236,20 @@ class Parameterisation:
         kappa = np.zeros(self.terms)
         for group, values, _ in self.placed:
             kappa[group.terms] = group.values(theta[values])[group.parameter]
-        return kappa
+        return kappa if self.factor is None else kappa * self.factor
+
+    def weakened(self, terms: Integers, decades: float) -> Parameterisation:
+        """The same unknowns, with the linear values of some terms changed by so many decades whatever the unknowns are."""
+        factor = np.ones(self.terms) if self.factor is None else self.factor.copy()
+        factor[terms] *= 10.0**decades
+        return Parameterisation(self.groups, factor)
 
     def scale_jacobian(self, theta: Floats) -> Floats:
         """(nt, size) Jacobian of ``scales`` with respect to theta; columns of p_damp are zero."""
         J = np.zeros((self.terms, self.size))
         for group, values, _ in self.placed:
             J[group.terms, values] = group.value_jacobian(theta[values])[group.parameter]
-        return J
+        return J if self.factor is None else J * self.factor[:, None]
 
     def spectra(self, theta: Floats, s: Complexes) -> Complexes:
         """(F, nt) c_j(s) of ``D_j = c_j(s) kappa_j``: s^power, times ``1 + (s beta + i loss_factor) 10^p_damp`` with tied damping (33)."""

@@ -80,14 +80,17 @@ HAMMER = (2, 1)
 
 
 def measured(changes: dict[str, float], rng: np.random.Generator, frequency: np.ndarray) -> np.ndarray:
-    """(F, 5) accelerances of the bolted grillage by dense solves, with scatter of 0.05 decades a bolt and 0.3 % of noise."""
+    """(F, 5) accelerances of the bolted grillage by dense solves, with scatter of 0.05 decades a bolt and 0.3 % of noise.
+
+    Changes [decades] of bolts (``B9``), and of single kinds of their springs besides (``B9.ROTX``).
+    """
     K, M = matrices()
     K0 = K.copy()
     for name, (i, j) in BOLTS.items():
         change = changes.get(name, 0.05 * rng.standard_normal())
         for component, stiffness in NOMINAL.items():
             # Each kind of spring loses a little more or less.
-            own = 0.03 * rng.standard_normal()
+            own = 0.03 * rng.standard_normal() + changes.get(f"{name}.{component}", 0.0)
             K[dof(i, j, component), dof(i, j, component)] += stiffness * 10.0 ** (change + own)
     C = ALPHA * M + BETA * K0
     force = np.zeros(K.shape[0])
@@ -97,6 +100,26 @@ def measured(changes: dict[str, float], rng: np.random.Generator, frequency: np.
     y = np.array([s_**2 * np.linalg.solve(s_**2 * M + s_ * C + K, force)[at] for s_ in s])
     noise = rng.standard_normal(y.shape) + 1j * rng.standard_normal(y.shape)
     return y * (1.0 + 0.003 * noise)
+
+
+def write_job(data: Path, job: str, changes: dict[str, float], seed: int) -> None:
+    """Write the file of a measurement, see ``measured``."""
+    frequency = np.arange(BAND[0], BAND[1] + 1, 4.0)
+    y = measured(changes, np.random.default_rng(seed), frequency)
+    records = tuple(
+        FrfRecord(
+            name=name,
+            frequency_hz=frequency,
+            values=y[:, k],
+            quantity="acceleration",
+            response_node=node(*at),
+            response_direction=3,
+            reference_node=node(*HAMMER),
+            reference_direction=3,
+        )
+        for k, (name, at) in enumerate(SENSORS.items())
+    )
+    write_frf(data / f"{job}.uff", FrfSet(source=job, records=records))
 
 
 def grillage(path: Path, jobs: tuple[str, ...] = tuple(JOBS)) -> Folder:
@@ -114,23 +137,8 @@ def grillage(path: Path, jobs: tuple[str, ...] = tuple(JOBS)) -> Folder:
     rows = ["bolt,node_a,node_b,component,stiffness"]
     rows += [f"{name},{node(*at)},,{component},{k:g}" for name, at in BOLTS.items() for component, k in NOMINAL.items()]
     (data / "bushings.csv").write_text("\n".join(rows) + "\n")
-    frequency = np.arange(BAND[0], BAND[1] + 1, 4.0)
     for index, job in enumerate(jobs):
-        y = measured(JOBS[job], np.random.default_rng(100 + index), frequency)
-        records = tuple(
-            FrfRecord(
-                name=name,
-                frequency_hz=frequency,
-                values=y[:, k],
-                quantity="acceleration",
-                response_node=node(*at),
-                response_direction=3,
-                reference_node=node(*HAMMER),
-                reference_direction=3,
-            )
-            for k, (name, at) in enumerate(SENSORS.items())
-        )
-        write_frf(data / f"{job}.uff", FrfSet(source=job, records=records))
+        write_job(data, job, JOBS[job], 100 + index)
     folder = Folder(path)
     groups = {"axial": "UZ", "rocking_x": "ROTX", "rocking_y": "ROTY"}
     folder.write(

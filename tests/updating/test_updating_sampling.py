@@ -143,7 +143,8 @@ def test_the_loss_of_one_group_alone_is_weighed_by_its_likelihood(lost: float, f
 
     problem = replace(
         Saturating((0.0, 0.0), 1.0).problem(), data=data, bounds=np.tile([-4.0, 2.0], (3, 1)), bolts=joints, mean=0.0 * three,
-        std=np.array([1.0, PRIOR.deviation_std, 1.0]), groups=((0, "second", way), (1, "loose", way)),
+        std=np.array([1.0, PRIOR.deviation_std, 1.0]), groups=((0, "second", np.array([5])), (1, "loose", np.array([6]))),
+        weakened=lambda _: lambda terms, decades: lambda z: data(z + decades * float(terms[0] == 5) * way),
         about=(lambda z: (data, 0.25 * float(z @ z))) if follows else None,
     )  # fmt: skip
     kinds = np.array([False, True])

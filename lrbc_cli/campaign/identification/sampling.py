@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.arrays import Bools, Floats
+from lrbc_cli.arrays import Bools, Floats, Integers
 from lrbc_cli.campaign.identification.found import Fit
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.misfit.cost import ChangeError, Misfit
 from lrbc_cli.updating.misfit.frf import FrfModel
 from lrbc_cli.updating.posterior.confidence import beyond_errors, open_values
@@ -23,7 +24,7 @@ from lrbc_cli.updating.posterior.samples import ChangeSamples
 from lrbc_cli.updating.posterior.sampling import sample_changes
 from lrbc_cli.updating.search.descent import Level
 from lrbc_cli.updating.unknowns.places import pitch_of
-from lrbc_cli.updating.unknowns.shapes import joints_of, neighbours
+from lrbc_cli.updating.unknowns.shapes import neighbours
 
 #: Residuals and their Jacobian as a function of the unknowns z.
 Data = Callable[[Floats], tuple[Floats, Floats]]
@@ -111,6 +112,12 @@ def changes_of(
 
         return {"data": data_by(misfit, further), "about": None if error is None else about, "residuals": residuals}
 
+    def weakened(z: Floats) -> Callable[[Integers, float], Data]:
+        there = plain.near(place(z))
+        there = there if error is None else there.about(place(z), error.near(place(z)))
+        carried = there.carried(further, plain)
+        return lambda terms, decades: data_by(there.weakened(terms, decades), carried)
+
     def near(z: Floats) -> MixtureProblem:
         theta = place(z)
         return replace(problem, **posed(plain.near(theta), None if error is None else error.near(theta)), near=None)
@@ -121,12 +128,7 @@ def changes_of(
     position = {int(column): i for i, column in enumerate(order)}
     pairs = [(position[int(shapes.bolts[a])], position[int(shapes.bolts[b])]) for a, b in neighbours(parameters, bolts, shapes)]
     inverse, rest = np.linalg.pinv(shapes.T), np.zeros(further.shape[1])
-    groups: list[tuple[int, str, Floats]] = []
-    for bolt, own in enumerate(joints_of(parameters, bolts.shape[0])):
-        if len(own) > 1 and int(shapes.bolts[bolt]) in position:
-            lone = [inverse @ np.isin(np.arange(parameters.size), values) for values in own.values()]
-            named = [parameters.groups[group].name for group in own]
-            groups += [(position[int(shapes.bolts[bolt])], name, np.concatenate([z, rest])) for name, z in zip(named, lone, strict=True)]
+    told = [(position.get(int(shapes.bolts[bolt])), name, terms) for bolt, name, terms in springs_apart(inputs, parameters)]
     problem = MixtureProblem(
         **posed(plain, error),
         variance=variance,
@@ -138,11 +140,34 @@ def changes_of(
         std=np.concatenate([shapes.std, std]),
         shared=plain.errors.shift_error,
         ratio=knowledge.noise.ratio,
-        groups=groups,
+        groups=[(at, name, terms) for at, name, terms in told if at is not None],
+        weakened=weakened,
         near=near,
     )
     starts = [knowledge.z, *(inverse @ (theta - prior) for theta in ends)]
     return sample_changes(problem, [np.concatenate([z, rest]) for z in starts], inputs.statistics.bolts)
+
+
+def springs_apart(inputs: Inputs, parameters: Parameterisation) -> list[tuple[int, str, Integers]]:
+    """Groups of springs that a joint may lose alone: bolt, name and terms, for bolts with several.
+
+    Translations and rotations of one group count as two: one value holds them together, but a joint can lose one of them.
+    """
+    turning = np.zeros(parameters.terms, dtype=bool)
+    if inputs.dofs is not None:
+        turning = abs(inputs.model.terms.left).T @ ~np.char.startswith(inputs.dofs.component, "ROT") == 0.0
+    found: dict[int, list[tuple[str, Integers]]] = {}
+    for group in parameters.groups:
+        if group.kind != "stiffness" or group.bolt is None:
+            continue
+        owner = group.bolt[group.parameter]
+        for bolt in np.unique(owner[owner >= 0]).tolist():
+            terms = group.terms[owner == bolt]
+            parts = {"translation": terms[~turning[terms]], "rotation": terms[turning[terms]]}
+            split = all(part.size for part in parts.values())
+            own = [(f"{group.name} ({name})", part) for name, part in parts.items()] if split else [(group.name, terms)]
+            found.setdefault(bolt, []).extend(own)
+    return [(bolt, name, terms) for bolt, parts in found.items() if len(parts) > 1 for name, terms in parts]
 
 
 def beyond_of(model: FrfModel, fit: Fit, changes: ChangeSamples | None, *, steps: tuple[int, int] = (65, 17)) -> Floats | None:

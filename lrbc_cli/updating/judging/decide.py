@@ -312,7 +312,8 @@ def _by_role(bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: s
         word = rule.word(probability)
         if word == UNDECIDED and note is None:
             note = "the data do not decide: the interval of its change contains the threshold"
-        excused = (_excused(posterior, own, rule) or _by_prior(posterior, limit, between, rule)) if word == TIGHT else None
+        excuses = (_excused(posterior, own, rule), _by_prior(posterior, limit, between, rule), _lost_alone(posterior, rule))
+        excused = next(filter(None, excuses), None) if word == TIGHT else None
         if word == TIGHT and excused is None and bolt.joint and bolt.difference is not None and bolt.difference <= limit:
             excused = "its posterior probability says tight, but the identified stiffness is below the threshold"
         if word == TIGHT and posterior.may_be_free:
@@ -370,6 +371,12 @@ def _hidden(posterior: Change, rule: DecisionRule) -> tuple[str, ...]:
     """Groups of a joint's springs of which the data do not exclude, at even prior odds, that they alone are free or loose."""
     lost = (group for group, ratio in posterior.alone if rule.word(_even(ratio)) != TIGHT)
     return tuple(dict.fromkeys([*posterior.unfelt, *lost]))
+
+
+def _lost_alone(posterior: Change, rule: DecisionRule) -> str | None:
+    """Message on a joint that is tight as a whole, while the data say, at even prior odds, that its springs of one group are loose."""
+    lost = [f"{group} (log likelihood ratio {ratio:.1f})" for group, ratio in posterior.alone if rule.word(_even(ratio)) == LOOSE]
+    return f"the data say that springs of it alone are loose: {', or '.join(lost)}" if lost else None
 
 
 def _excused(posterior: Change, own: float, rule: DecisionRule) -> str | None:

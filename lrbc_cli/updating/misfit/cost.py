@@ -265,6 +265,12 @@ class Misfit:
         other.model = self.model.near(theta)
         return other
 
+    def weakened(self, terms: Integers, decades: float) -> Misfit:
+        """The same cost, of a model with some terms changed, see ``Parameterisation.weakened``."""
+        other = copy(self)
+        other.model = self.model.weakened(terms, decades)
+        return other
+
     def residuals(self, theta: Floats) -> Floats:
         """Data residuals [dB], without derivatives."""
         y = self.model.frf(theta)

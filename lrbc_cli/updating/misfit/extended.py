@@ -6,6 +6,7 @@ It replaces ``FrfModel`` in calibrations and in jobs with nuisance parameters; b
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 
@@ -101,6 +102,12 @@ class ExtendedFrf:
     def near(self, theta: Floats) -> ExtendedFrf:
         """The model itself: each state is solved for by itself."""
         return self
+
+    def weakened(self, terms: Integers, decades: float) -> ExtendedFrf:
+        """The same model with some terms changed, see ``Parameterisation.weakened``."""
+        other = copy(self)
+        other.parameters = self.parameters.weakened(terms, decades)
+        return other
 
     def sensitivities(self, theta: Floats, phase: bool = False) -> tuple[Complexes, Floats | Complexes]:
         """(F, R) FRFs and the (F, R, size) derivatives of their dB values, or of ``20/ln10 ln(H)``, as ``FrfModel.sensitivities``."""

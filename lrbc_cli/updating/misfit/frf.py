@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.reduced.ports import PortFrf
@@ -39,6 +39,9 @@ class Sensitive(Protocol):
 
     def near(self, theta: Floats) -> Sensitive:
         """The same model, faster at states that differ from theta in few stiffnesses."""
+
+    def weakened(self, terms: Integers, decades: float) -> Sensitive:
+        """The same model with some terms changed, see ``Parameterisation.weakened``."""
 
 
 def one_by_one(frf: Callable[[Floats], Complexes]) -> Callable[[Floats], Complexes]:
@@ -89,6 +92,11 @@ class FrfModel:
     def near(self, theta: Floats) -> FrfModel:
         """The same model with the interface FRFs about theta, if it has any: only stiffnesses that differ from there are solved for."""
         return self if self.ports is None else port_model(self.ports.about(self.parameters.dynamic(theta, self.s)), self.parameters)
+
+    def weakened(self, terms: Integers, decades: float) -> FrfModel:
+        """The same model with some terms changed, see ``Parameterisation.weakened``; fast near the state that this one is near."""
+        changed = self.parameters.weakened(terms, decades)
+        return FrfModel(s=self.s, parameters=changed, values=self.values, linearised=self.linearised, ports=self.ports)
 
     def nearby(self, theta: Floats) -> Nearby:
         """FRFs at states that differ from theta in few stiffnesses, of several at once; see ``Nearby``."""

@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.arrays import Bools, Floats
+from lrbc_cli.arrays import Bools, Floats, Integers
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit.cost import Evaluation
 from lrbc_cli.updating.posterior.kinds import KindScore, adjacency, improve
@@ -57,9 +57,11 @@ class MixtureProblem:
     ratio : float
         Errors of the data over what ``variance`` says, see ``noise.validation_ratio``. It widens the changes, but does not reduce the
         weight of the data against the prior, which would make badly explained bolts tight.
-    groups : sequence of (int, str, (m,) float array)
-        Each group of springs of a joint with several: the joint as a position in ``bolts``, the group's name, and the change of z by
-        which this group alone changes by one decade.
+    groups : sequence of (int, str, int array)
+        Each group of springs of a joint with several: the joint as a position in ``bolts``, the group's name, and its terms.
+    weakened : callable or None
+        From z to a function of terms and decades, which gives ``data`` with the covariance at z if these terms have changed by so many
+        decades besides; needed where there are ``groups``.
     near : callable or None
         From z to the same problem, faster at unknowns that differ from z in few stiffnesses; None if there is no faster way.
     residuals : callable or None
@@ -77,7 +79,8 @@ class MixtureProblem:
     about: Callable[[Floats], tuple[Callable[[Floats], tuple[Floats, Floats]], float]] | None = None
     shared: float = 0.0
     ratio: float = 1.0
-    groups: Sequence[tuple[int, str, Floats]] = ()
+    groups: Sequence[tuple[int, str, Integers]] = ()
+    weakened: Callable[[Floats], Callable[[Integers, float], Callable[[Floats], tuple[Floats, Floats]]]] | None = None
     near: Callable[[Floats], MixtureProblem] | None = None
     residuals: Callable[[Floats], Callable[[Floats], Floats]] | None = None
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.special import expit, logsumexp
 
-from lrbc_cli.arrays import Floats
+from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.posterior.kinds import KindScore, along_edges
 from lrbc_cli.updating.posterior.mixture import MixtureProblem, State, Stop, best_states, compared, foreseen, pinned, settle
@@ -184,23 +184,22 @@ def _doubted(
 def by_group(problem: MixtureProblem, prior: BoltPrior, state: State, *, step: Stop = (1e-2, 1)) -> tuple[tuple[int, str, float], ...]:
     """For each group of springs of a tight joint the log likelihood ratio of a typical loss of this group alone against none.
 
-    The prior, that the groups of a joint change nearly alike, hides such a loss. So the group is moved by the mean change of loose
+    The prior, that the springs of a joint change nearly alike, hides such a loss. So the group is moved by the mean change of loose
     joints, as in ``_doubted`` with one step of everything else, and the prior of the rest is as without it.
     """
-    asked, near = [(i, name, way) for i, name, way in problem.groups if not state.kinds[i]], pinned(problem.by(state.z), state.z)
-
-    def settled(way: Floats) -> float:
-        def data(z: Floats) -> tuple[Floats, Floats]:
-            return near.data(z + way)
-
-        moved = replace(near, data=data)
-        return settle(moved, prior, state.kinds, state.z, step, rounds=1).evidence
-
-    if not asked:
+    asked = [(i, name, terms) for i, name, terms in problem.groups if not state.kinds[i]]
+    if not asked or problem.weakened is None:
         return ()
-    changes = [max(prior.joint_loose_mean, float(problem.bounds[problem.bolts[i], 0])) for i, *_ in asked]
-    ways = [np.zeros(state.z.size), *(change * way for change, (*_, way) in zip(changes, asked, strict=True))]
-    own, *others = side_by_side(settled, ways)
+    near, without = pinned(problem.by(state.z), state.z), problem.weakened(state.z)
+
+    def settled(one: tuple[int, str, Integers] | None) -> float:
+        form = near
+        if one is not None:
+            i, _, terms = one
+            form = replace(near, data=without(terms, max(prior.joint_loose_mean, float(problem.bounds[problem.bolts[i], 0]))))
+        return settle(form, prior, state.kinds, state.z, step, rounds=1).evidence
+
+    own, *others = side_by_side(settled, [None, *asked])
     return tuple((i, name, other - own) for (i, name, _), other in zip(asked, others, strict=True))
 
 
