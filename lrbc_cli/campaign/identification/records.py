@@ -192,7 +192,7 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     notes = [*frf.notes, *pair_notes(inputs, job, pairs)]
     if unused := len(frf.records) - len({id(record) for _, record in pairs}):
         notes.append(f"{unused} of {len(frf.records)} records belong to no response; left out")
-    _require_one_axis(records, job, name, inputs)
+    _require_one_axis(records, name, inputs)
     axis, low, high = _axis([record for _, record in pairs], job, name, inputs)
     values = np.full((axis.size, len(records)), np.nan + 0j, dtype=complex)
     coherence = np.full((axis.size, len(records)), np.nan)
@@ -330,7 +330,7 @@ def _missing(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None], fr
     return found
 
 
-def _require_one_axis(records: list[FrfRecord | None], job: JobConfig, name: str, inputs: Inputs) -> None:
+def _require_one_axis(records: list[FrfRecord | None], name: str, inputs: Inputs) -> None:
     """Raise a DataError that names both files if two files of a job have different lines in the band."""
     low, high = inputs.campaign.reduction.band
     eps = 1e-9 * high

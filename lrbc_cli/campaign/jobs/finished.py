@@ -200,7 +200,7 @@ def parameter_records(inputs: Inputs, result: Identification) -> dict[str, job.P
             }
         out[group.name] = job.Parameter(
             kind=group.kind,
-            unit=unit_of(inputs, terms),
+            unit=unit_of(terms),
             log10=p,
             log10_effective=effective(group, p),
             log10_per_metre=None if length is None else effective(group, p) - np.log10(length),
@@ -310,7 +310,7 @@ def frf_rows(inputs: Inputs, measurement: Measurement, selected: Integers, initi
     return header, rows
 
 
-def unit_of(inputs: Inputs, group: TermGroup) -> str:
+def unit_of(group: TermGroup) -> str:
     """Unit of the identified values by kind and component, empty if unknown; values of bushings are ratios to nominal ones."""
     if group.config.select.bushings is not None:
         return "× nominal"
