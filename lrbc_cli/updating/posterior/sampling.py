@@ -169,7 +169,7 @@ def _doubted(
 
     def possible(i: int) -> bool:
         z, kinds = state.z.copy(), state.kinds.copy()
-        change = max(prior.joint_loose_mean, float(problem.bounds[problem.bolts[i], 0]))
+        change = problem.loosened(i, prior)
         z[problem.bolts[i]], kinds[i] = change, True
         return any(
             foreseen(form, prior, kinds, z, (i, change)) - tight >= -certain
@@ -198,7 +198,7 @@ def by_group(problem: MixtureProblem, prior: BoltPrior, state: State, *, step: S
 
     if not asked:
         return ()
-    changes = [max(prior.joint_loose_mean, float(problem.bounds[problem.bolts[i], 0])) for i, *_ in asked]
+    changes = [problem.loosened(i, prior) for i, *_ in asked]
     ways = [np.zeros(state.z.size), *(change * way for change, (*_, way) in zip(changes, asked, strict=True))]
     own, *others = side_by_side(settled, ways)
     return tuple((i, name, other - own) for (i, name, _), other in zip(asked, others, strict=True))
@@ -236,8 +236,7 @@ def _other_kind(
         return settle(here, prior, kinds, z, stop)
 
     # The linear problem may lead to the next valley only.
-    far = max(prior.joint_loose_mean, float(problem.bounds[problem.bolts[i], 0]))
-    other = max(map(ended, (change, far) if kinds[i] else (0.0,)), key=lambda end: end.evidence)
+    other = max(map(ended, (change, problem.loosened(i, prior)) if kinds[i] else (0.0,)), key=lambda end: end.evidence)
     gains = [other.evidence - state.evidence]
     if problem.about is not None:
         there = pinned(problem, other.z)
