@@ -12,13 +12,7 @@ import numpy as np
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.compared.addressed import misplaced, pair_notes
 from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, apart
-from lrbc_cli.campaign.identification.matching import (
-    called,
-    describe,
-    matched,
-    require_signals,
-    unmatched,
-)
+from lrbc_cli.campaign.identification.matching import called, describe, matched, require_signals, unmatched
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.config.settings import JobConfig, files_of
 from lrbc_cli.errors import DataError, listing
