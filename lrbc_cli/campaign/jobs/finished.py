@@ -58,11 +58,7 @@ class Finished:
 
 
 def finish(
-    inputs: Inputs,
-    stage: ReductionStage | None,
-    result: Identification,
-    tight: ComparedWith,
-    identities: tuple[Identity, Identity],
+    inputs: Inputs, stage: ReductionStage | None, result: Identification, tight: ComparedWith, identities: tuple[Identity, Identity]
 ) -> Finished:
     """Judge an identification, and make the content of its result files.
 
@@ -170,10 +166,7 @@ def provenance_of(inputs: Inputs, stage: ReductionStage | None, result: Identifi
         certificate=None
         if stage is None
         else job.Certificate.like(
-            stage.reduction,
-            key=stage.decision.key,
-            size=stage.reduction.model.size,
-            tolerance=stage.reduction.options.tolerance,
+            stage.reduction, key=stage.decision.key, size=stage.reduction.model.size, tolerance=stage.reduction.options.tolerance
         ),
         measured_db=result.measurement.means,
         **digests,

@@ -135,14 +135,7 @@ class DynamicStiffness:
     """
 
     def __init__(
-        self,
-        K: sp.csc_array,
-        C: sp.csc_array,
-        M: sp.csc_array,
-        is_acoustic: Bools,
-        *,
-        backend: str = "auto",
-        ordering: str = "auto",
+        self, K: sp.csc_array, C: sp.csc_array, M: sp.csc_array, is_acoustic: Bools, *, backend: str = "auto", ordering: str = "auto"
     ) -> None:
         self.backend = pardiso.resolved(backend)
         self.K, self.C, self.M = K, C, M

@@ -92,12 +92,7 @@ class Posterior:
             # Without noise nothing is uncertain.
             moved = self.covariance @ (jacobian.T @ by_theta) / (self.noise.variance or 1.0)
         left = np.eye(size) - self.shapes.T @ moved[:m]
-        return replace(
-            self,
-            covariance=self.covariance + moved @ state @ moved.T,
-            about=left @ state @ left.T,
-            own=self.covariance[:m, :m],
-        )
+        return replace(self, covariance=self.covariance + moved @ state @ moved.T, about=left @ state @ left.T, own=self.covariance[:m, :m])
 
     @property
     def std(self) -> Floats:

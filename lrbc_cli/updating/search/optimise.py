@@ -331,14 +331,7 @@ def bfgs(
 
 
 def _line_search(
-    record: _Recorder,
-    theta: Floats,
-    value: Evaluation,
-    direction: Floats,
-    *,
-    alpha: float,
-    bounds: Floats,
-    max_step: float,
+    record: _Recorder, theta: Floats, value: Evaluation, direction: Floats, *, alpha: float, bounds: Floats, max_step: float
 ) -> tuple[Floats, Evaluation] | None:
     """Armijo-Goldstein line search: the cost lies between the lines with c and 1 - c times the directional derivative; None if it fails."""
     c = 1e-2

@@ -257,14 +257,7 @@ def hops(misfit: Misfit, end: Solution, bounds: Floats, span: Floats, *, step: f
 
 
 def other_levels(
-    misfit: Misfit,
-    end: Solution,
-    bounds: Floats,
-    span: Floats,
-    joints: Sequence[int],
-    mirrors: Mirrors = alone,
-    *,
-    kept: int = 12,
+    misfit: Misfit, end: Solution, bounds: Floats, span: Floats, joints: Sequence[int], mirrors: Mirrors = alone, *, kept: int = 12
 ) -> list[Floats]:
     """Places beside an optimum with one joint at another level (its groups alike), or exchanged with a stiffer joint; all else as there.
 

@@ -254,12 +254,7 @@ def refuse_units(inputs: Inputs, measurement: Measurement, model: Complexes, job
 
 
 def calibration_doubts(
-    inputs: Inputs,
-    measurement: Measurement,
-    states: Sequence[Complexes],
-    job: str,
-    misfit: tuple[float, float],
-    gains: Gains | None,
+    inputs: Inputs, measurement: Measurement, states: Sequence[Complexes], job: str, misfit: tuple[float, float], gains: Gains | None
 ) -> list[str]:
     """Warnings of a calibration; ``misfit`` of the responses used before and after, over all lines [dB].
 
