@@ -30,12 +30,7 @@ from lrbc_cli.errors import LrbcError, NumericalError
 from lrbc_cli.model.coupling import asymmetry, coupling_of
 from lrbc_cli.model.dofs import COMPONENTS
 from lrbc_cli.reduction.solve import pardiso
-from lrbc_cli.updating.statistics.lines import (
-    few_resonances,
-    interpolated,
-    missed,
-    normalised,
-)
+from lrbc_cli.updating.statistics.lines import few_resonances, interpolated, missed, normalised
 
 
 @dataclass(kw_only=True)

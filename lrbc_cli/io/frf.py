@@ -50,10 +50,6 @@ def _by_name(found: dict[str, tuple[Floats, Floats]]) -> list[CoherenceEntry]:
     return [((name,), *pair) for name, pair in found.items()]
 
 
-def _of_columns(path: Path, layout: TextLayout) -> list[CoherenceEntry]:
-    return _by_name(read_text_coherence(path, layout))
-
-
 def _of_functions(path: Path, _: TextLayout) -> list[CoherenceEntry]:
     return [(_keys(c.name, *c.dof[:2]), c.frequency_hz, c.values) for c in read_uff_coherence(path)]
 
@@ -87,7 +83,9 @@ FORMATS = {
         FrfFormat("mat-v5", lambda _, start: is_mat5(start), _of_arrays(named_mat), _among_arrays(_of_arrays(named_mat), named_mat)),
         FrfFormat("npz", lambda _, start: is_npz(start), _of_arrays(named_npz), _among_arrays(_of_arrays(named_npz), named_npz)),
         FrfFormat("uff", lambda _, start: is_uff(start), read_uff, _of_functions),
-        FrfFormat("text", lambda _, start: _is_text(start), read_frf_text, _of_columns),
+        FrfFormat(
+            "text", lambda _, start: _is_text(start), read_frf_text, lambda path, layout: _by_name(read_text_coherence(path, layout))
+        ),
     )
 }
 

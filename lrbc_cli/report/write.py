@@ -110,14 +110,7 @@ def write_report(
 
 
 def _publish(
-    page: Path,
-    content: Content,
-    tasks: Sequence[_Task],
-    workers: int,
-    *,
-    live: bool,
-    halt: Callable[[], bool],
-    say: Callable[[str], None],
+    page: Path, content: Content, tasks: Sequence[_Task], workers: int, *, live: bool, halt: Callable[[], bool], say: Callable[[str], None]
 ) -> None:
     if tasks:
         _draw_all(tasks, workers, halt, say)

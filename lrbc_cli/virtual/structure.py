@@ -138,10 +138,7 @@ class VirtualStructure:
         moved = {name: self.factors.get(name, 1.0) * value for name, value in drift.factors.items()}
         air = {SOUND_SPEED: float(np.sqrt(drift.warming))} if drift.kelvin else {}
         model, _ = with_factors(self.inputs.model, self.inputs.recipe, self.factors | moved | air)
-        return replace(
-            model,
-            B=moved_loads(self.inputs, drift.hammer) if any(drift.hammer) else model.B[:, : len(self.inputs.excitations)],
-        )
+        return replace(model, B=moved_loads(self.inputs, drift.hammer) if any(drift.hammer) else model.B[:, : len(self.inputs.excitations)])
 
     def _table(self, drift: Drift) -> PortFrf:
         key = drift.kelvin, drift.hammer, tuple(drift.factors.items())

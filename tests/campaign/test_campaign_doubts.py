@@ -13,13 +13,7 @@ from campaigns import Folder
 
 import lrbc_cli as lrbc
 from lrbc_cli.campaign.findings import Finding, Kind
-from lrbc_cli.campaign.identification.compared.doubts import (
-    coarse_text,
-    noise_level,
-    own_fault_text,
-    unreached,
-    worsened,
-)
+from lrbc_cli.campaign.identification.compared.doubts import coarse_text, noise_level, own_fault_text, unreached, worsened
 from lrbc_cli.campaign.identification.compared.offsets import offset_findings, trusted
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.jobs.evidence import guessed_text

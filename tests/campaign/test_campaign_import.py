@@ -13,7 +13,7 @@ import scipy.io
 import scipy.sparse as sp
 from campaigns import Folder
 from foreign_files import write_abaqus, write_dmig, write_harwell_boeing
-from systems import csc
+from systems import beam_element, csc
 
 from lrbc_cli.campaign.reading import dof_source
 from lrbc_cli.campaign.reading.dof_source import order_doubt
@@ -29,32 +29,7 @@ N, PITCH = 6, 0.05
 
 def beam() -> tuple[Any, Any, list[int], list[str]]:
     """A free steel beam of 20 x 5 mm on soft springs: deflection and slope of seven nodes, numbered from 10 in steps of 5."""
-    EI, rho_A, h = 2.1e11 * 0.02 * 0.005**3 / 12, 7850 * 0.02 * 0.005, PITCH
-    k = (
-        EI
-        / h**3
-        * np.array(
-            [
-                [12, 6 * h, -12, 6 * h],
-                [6 * h, 4 * h * h, -6 * h, 2 * h * h],
-                [-12, -6 * h, 12, -6 * h],
-                [6 * h, 2 * h * h, -6 * h, 4 * h * h],
-            ]
-        )
-    )
-    m = (
-        rho_A
-        * h
-        / 420
-        * np.array(
-            [
-                [156, 22 * h, 54, -13 * h],
-                [22 * h, 4 * h * h, 13 * h, -3 * h * h],
-                [54, 13 * h, 156, -22 * h],
-                [-13 * h, -3 * h * h, -22 * h, 4 * h * h],
-            ]
-        )
-    )
+    k, m = beam_element(PITCH, 2.1e11 * 0.02 * 0.005**3 / 12, 7850 * 0.02 * 0.005)
     n = 2 * (N + 1)
     K, M = np.zeros((n, n)), np.zeros((n, n))
     for e in range(N):

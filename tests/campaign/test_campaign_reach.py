@@ -15,25 +15,21 @@ from lrbc_cli.errors import DataError
 STRUCTURE = 8
 
 
-def test_a_coupling_that_was_not_exported_is_told_as_one(tmp_path: Path) -> None:
+def without_coupling(tmp_path: Path, names: str, at: int = STRUCTURE) -> Folder:
+    """The box without the entries of these matrices between the first DOFs and the others."""
     folder = box(tmp_path)
-    for name in ("K", "M"):
-        path = folder.data / f"{name}.mtx"
+    for path in (folder.data / f"{name}.mtx" for name in names):
         matrix = scipy.io.mmread(path).toarray()
-        matrix[:STRUCTURE, STRUCTURE:] = matrix[STRUCTURE:, :STRUCTURE] = 0.0
+        matrix[:at, at:] = matrix[at:, :at] = 0.0
         scipy.io.mmwrite(path, matrix, symmetry="general", precision=17)
+    return folder
+
+
+def test_a_coupling_that_was_not_exported_is_told_as_one(tmp_path: Path) -> None:
+    folder = without_coupling(tmp_path, "KM")
     with pytest.raises(DataError, match="mic1 to excitation hammer is zero: no entry of the matrices couples structure and air") as told:
         read_as_exported(load_campaign(folder.config))
     assert "export the matrices of the coupled model" in str(told.value)
-
-
-def without_coupling(tmp_path: Path, name: str) -> Folder:
-    folder = box(tmp_path)
-    path = folder.data / f"{name}.mtx"
-    matrix = scipy.io.mmread(path).toarray()
-    matrix[:STRUCTURE, STRUCTURE:] = matrix[STRUCTURE:, :STRUCTURE] = 0.0
-    scipy.io.mmwrite(path, matrix, symmetry="general", precision=17)
-    return folder
 
 
 def test_a_block_of_the_coupling_that_was_not_exported_is_named(tmp_path: Path) -> None:
@@ -53,12 +49,7 @@ def test_a_structure_that_does_not_feel_the_air_is_told(tmp_path: Path) -> None:
 
 
 def test_a_piece_of_the_air_alone_is_one_of_several(tmp_path: Path) -> None:
-    folder = box(tmp_path)
-    for name in ("K", "M"):
-        path = folder.data / f"{name}.mtx"
-        matrix = scipy.io.mmread(path).toarray()
-        matrix[:22, 22:] = matrix[22:, :22] = 0.0
-        scipy.io.mmwrite(path, matrix, symmetry="general", precision=17)
+    folder = without_coupling(tmp_path, "KM", 22)
     with pytest.raises(DataError, match="mic3 to excitation hammer is zero: nothing in the matrices connects them") as told:
         read_as_exported(load_campaign(folder.config))
     assert "2 separate pieces" in str(told.value)

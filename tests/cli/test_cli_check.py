@@ -8,21 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-import scipy.sparse as sp
-from campaigns import Folder, box, chain_folder, frame
+from campaigns import Folder, Matrices, box, chain_folder, frame, spoil
 
 from lrbc_cli import load
 from lrbc_cli.campaign.reading.inputs import Inputs
-
-Matrices = dict[str, np.ndarray]
-
-
-def spoil(folder: Folder, change: Callable[[Matrices], object]) -> None:
-    """Change K and M as dense arrays."""
-    matrices = {name: scipy.io.mmread(folder.data / f"{name}.mtx", spmatrix=False).toarray() for name in "KM"}
-    change(matrices)
-    for name, matrix in matrices.items():
-        scipy.io.mmwrite(folder.data / f"{name}.mtx", sp.coo_array(matrix), symmetry="general", precision=17)
 
 
 def section(text: str, title: str) -> list[str]:

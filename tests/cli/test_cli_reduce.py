@@ -12,9 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-import scipy.io
-import scipy.sparse as sp
-from campaigns import Folder, box, chain_folder, frame
+from campaigns import Folder, box, chain_folder, frame, spoil
 
 from lrbc_cli.campaign.reduced import memory
 from lrbc_cli.campaign.reduced.stage import bound_hint
@@ -447,13 +445,6 @@ def test_memory_is_read_from_the_system(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 # -- singular systems ---------------------------------------------------------------------------------------------------
-
-
-def spoil(folder: Folder, change) -> None:  # type: ignore[no-untyped-def]
-    matrices = {name: scipy.io.mmread(folder.data / f"{name}.mtx", spmatrix=False).toarray() for name in "KM"}
-    change(matrices)
-    for name, matrix in matrices.items():
-        scipy.io.mmwrite(folder.data / f"{name}.mtx", sp.coo_array(matrix), symmetry="general", precision=17)
 
 
 @pytest.mark.parametrize("backend", ["superlu", "auto"])

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.io
 import scipy.linalg
 import scipy.sparse as sp
+from systems import beam_element
 
 LENGTH, WIDTH, HEIGHT, STEEL, DENSITY = 0.9, 0.04, 0.006, 2.1e11, 7850.0
 ALPHA, BETA = 1.0, 1.5e-6
@@ -23,19 +24,7 @@ Change = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 def matrices(elements: int, modulus: float = STEEL) -> tuple[np.ndarray, np.ndarray]:
     """Stiffness and mass, UZ and ROTY a node."""
-    a = LENGTH / elements
-    bend = modulus * WIDTH * HEIGHT**3 / 12 / a**3
-    k = bend * np.array(
-        [[12, 6 * a, -12, 6 * a], [6 * a, 4 * a * a, -6 * a, 2 * a * a], [-12, -6 * a, 12, -6 * a], [6 * a, 2 * a * a, -6 * a, 4 * a * a]]
-    )
-    m = (DENSITY * WIDTH * HEIGHT * a / 420) * np.array(
-        [
-            [156, 22 * a, 54, -13 * a],
-            [22 * a, 4 * a * a, 13 * a, -3 * a * a],
-            [54, 13 * a, 156, -22 * a],
-            [-13 * a, -3 * a * a, -22 * a, 4 * a * a],
-        ]
-    )
+    k, m = beam_element(LENGTH / elements, modulus * WIDTH * HEIGHT**3 / 12, DENSITY * WIDTH * HEIGHT)
     # A positive rotation about y tilts the beam downwards.
     turned = np.outer([1, -1, 1, -1], [1, -1, 1, -1])
     K, M = np.zeros((2, 2 * elements + 2, 2 * elements + 2))

@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -20,6 +21,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
+import scipy.sparse as sp
 import yaml
 from shared import shared
 from systems import chain, csc, direct_frf, duct, fe_model, unit
@@ -272,6 +274,17 @@ def box(path: Path) -> Folder:
         )
         write_frf(path / "data" / f"{job}.uff", FrfSet(source=job, records=records))
     return folder
+
+
+Matrices = dict[str, np.ndarray]
+
+
+def spoil(folder: Folder, change: Callable[[Matrices], object]) -> None:
+    """Change K and M as dense arrays."""
+    matrices = {name: scipy.io.mmread(folder.data / f"{name}.mtx", spmatrix=False).toarray() for name in "KM"}
+    change(matrices)
+    for name, matrix in matrices.items():
+        scipy.io.mmwrite(folder.data / f"{name}.mtx", sp.coo_array(matrix), symmetry="general", precision=17)
 
 
 def chain_folder(path: Path, n: int = 12) -> Folder:

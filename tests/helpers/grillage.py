@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import scipy.io
 from campaigns import Folder
+from systems import beam_element
 
 from lrbc_cli.io.frf import write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
@@ -40,15 +41,7 @@ def _element(h: float) -> tuple[np.ndarray, np.ndarray]:
     """Stiffness and mass of a beam with deflection, slope dw/ds and twist at both ends."""
     K, M = np.zeros((6, 6)), np.zeros((6, 6))
     at = [0, 1, 3, 4]
-    bend = [[12, 6 * h, -12, 6 * h], [6 * h, 4 * h**2, -6 * h, 2 * h**2], [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h**2, -6 * h, 4 * h**2]]
-    mass = [
-        [156, 22 * h, 54, -13 * h],
-        [22 * h, 4 * h**2, 13 * h, -3 * h**2],
-        [54, 13 * h, 156, -22 * h],
-        [-13 * h, -3 * h**2, -22 * h, 4 * h**2],
-    ]
-    K[np.ix_(at, at)] = BENDING / h**3 * np.array(bend)
-    M[np.ix_(at, at)] = LINE_MASS * h / 420 * np.array(mass)
+    K[np.ix_(at, at)], M[np.ix_(at, at)] = beam_element(h, BENDING, LINE_MASS)
     twist = np.ix_([2, 5], [2, 5])
     K[twist] = TORSION / h * np.array([[1, -1], [-1, 1]])
     M[twist] = LINE_MASS * 2e-4 * h / 6 * np.array([[2, 1], [1, 2]])

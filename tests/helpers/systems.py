@@ -31,29 +31,30 @@ def chain(n: int, stiffness: float = 2e5, mass: float = 0.05, *, grounded: bool 
     return csc(K), csc(sp.diags_array(mass * (1.0 + 0.3 * np.sin(np.arange(n)))))
 
 
+def beam_element(h: float, bending: float, line_mass: float) -> tuple[np.ndarray, np.ndarray]:
+    """Stiffness and consistent mass of an Euler-Bernoulli beam: deflection and slope at both ends."""
+    bend = [[12, 6 * h, -12, 6 * h], [6 * h, 4 * h**2, -6 * h, 2 * h**2], [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h**2, -6 * h, 4 * h**2]]
+    mass = [
+        [156, 22 * h, 54, -13 * h],
+        [22 * h, 4 * h**2, 13 * h, -3 * h**2],
+        [54, 13 * h, 156, -22 * h],
+        [-13 * h, -3 * h**2, -22 * h, 4 * h**2],
+    ]
+    return bending / h**3 * np.array(bend), line_mass * h / 420 * np.array(mass)
+
+
 def beam(elements: int, length: float = 1.0, bending: float = 60.0, line_mass: float = 0.8) -> tuple[sp.csc_array, sp.csc_array]:
     """Euler-Bernoulli beam, pinned at both ends: DOFs are rotations and deflections, rotation of the left end first.
 
     DOF order: rot_0, w_1, rot_1, ..., w_(N-1), rot_(N-1), rot_N.
     """
-    h = length / elements
-    k = np.array(
-        [[12, 6 * h, -12, 6 * h], [6 * h, 4 * h**2, -6 * h, 2 * h**2], [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h**2, -6 * h, 4 * h**2]]
-    )
-    m = np.array(
-        [
-            [156, 22 * h, 54, -13 * h],
-            [22 * h, 4 * h**2, 13 * h, -3 * h**2],
-            [54, 13 * h, 156, -22 * h],
-            [-13 * h, -3 * h**2, -22 * h, 4 * h**2],
-        ]
-    )
+    k, m = beam_element(length / elements, bending, line_mass)
     size = 2 * (elements + 1)
     K, M = np.zeros((size, size)), np.zeros((size, size))
     for e in range(elements):
         at = slice(2 * e, 2 * e + 4)
-        K[at, at] += bending / h**3 * k
-        M[at, at] += line_mass * h / 420 * m
+        K[at, at] += k
+        M[at, at] += m
     keep = np.delete(np.arange(size), [0, 2 * elements])
     return csc(K[np.ix_(keep, keep)]), csc(M[np.ix_(keep, keep)])
 

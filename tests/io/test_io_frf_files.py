@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
+from damage import damaged, require_sound
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -204,14 +205,7 @@ def small_files(tmp_path_factory):
 @settings(max_examples=150, deadline=None, suppress_health_check=REUSE_FOLDER)
 @given(data=st.data())
 def test_damage_gives_a_data_error_or_frfs(tmp_path, small_files, data):
-    content = bytearray(data.draw(st.sampled_from(small_files)))
-    for _ in range(data.draw(st.integers(0, 4))):
-        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
-    if data.draw(st.booleans()):
-        content = content[: data.draw(st.integers(0, len(content)))]
     path = tmp_path / "damaged"
-    path.write_bytes(bytes(content))
+    path.write_bytes(damaged(data, data.draw(st.sampled_from(small_files))))
     with contextlib.suppress(DataError):
-        for found in read_frf(path).records:
-            assert np.all(np.isfinite(found.values))
-            assert np.all(np.diff(found.frequency_hz) > 0)
+        require_sound(read_frf(path).records)

@@ -7,6 +7,7 @@ import contextlib
 import h5py
 import numpy as np
 import pytest
+from damage import damaged
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -151,12 +152,8 @@ def test_damage_gives_a_data_error_or_a_tree(tmp_path, data):
             {"V": np.arange(12.0).reshape(4, 3) * 1j, "K": np.eye(4), "meta": {"name": "x", "points": [1.5, 2.5]}},
         )
     valid = (tmp_path / "valid.h5").read_bytes()
-    content = bytearray(valid)
-    for _ in range(data.draw(st.integers(0, 4))):
-        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
-    if data.draw(st.booleans()):
-        content = content[: data.draw(st.integers(0, len(content)))]
-    path.write_bytes(bytes(content))
+    content = damaged(data, valid)
+    path.write_bytes(content)
     with contextlib.suppress(DataError):
         assert read_store(path)["meta"] == {"name": "x", "points": [1.5, 2.5]}
-        assert bytes(content) == valid
+        assert content == valid

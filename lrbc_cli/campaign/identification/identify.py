@@ -24,7 +24,7 @@ from lrbc_cli.updating.misfit.cost import mean_misfit
 from lrbc_cli.updating.posterior.samples import ChangeSamples
 from lrbc_cli.updating.search.ends import other_ends
 from lrbc_cli.updating.search.lcurve import curve_notes
-from lrbc_cli.updating.search.optimise import Start
+from lrbc_cli.updating.search.optimise import Start, numbered
 from lrbc_cli.updating.search.valleys import worth
 
 
@@ -85,8 +85,7 @@ def _resumed(job: Job, fit: Fit, z: Floats) -> Fit | None:
     at = first(there.theta)
     start = Start(description="the most probable state of the bolts", cost=at.cost, total=at.total, kept=True, theta=there.theta)
     starts = (*(replace(one, kept=False) for one in fit.solution.starts), start)
-    before = fit.solution.history
-    history = (*before, *(replace(entry, evaluation=len(before) + i) for i, entry in enumerate(there.history)))
+    history = (*fit.solution.history, *numbered(there.history, len(fit.solution.history)))
     again = job.weighted(misfit, replace(there, starts=starts, history=history), job.compared, (job.prior,))
     return job.drifted(again.after(fit.evaluations + here.evaluations))
 

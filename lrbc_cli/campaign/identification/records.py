@@ -12,13 +12,7 @@ import numpy as np
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.compared.addressed import misplaced, pair_notes
 from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, apart
-from lrbc_cli.campaign.identification.matching import (
-    called,
-    describe,
-    matched,
-    require_signals,
-    unmatched,
-)
+from lrbc_cli.campaign.identification.matching import called, describe, matched, require_signals, unmatched
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.config.settings import JobConfig, files_of
 from lrbc_cli.errors import DataError, listing
@@ -192,7 +186,7 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     notes = [*frf.notes, *pair_notes(inputs, job, pairs)]
     if unused := len(frf.records) - len({id(record) for _, record in pairs}):
         notes.append(f"{unused} of {len(frf.records)} records belong to no response; left out")
-    _require_one_axis(records, job, name, inputs)
+    _require_one_axis(records, name, inputs)
     axis, low, high = _axis([record for _, record in pairs], job, name, inputs)
     values = np.full((axis.size, len(records)), np.nan + 0j, dtype=complex)
     coherence = np.full((axis.size, len(records)), np.nan)
@@ -330,7 +324,7 @@ def _missing(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None], fr
     return found
 
 
-def _require_one_axis(records: list[FrfRecord | None], job: JobConfig, name: str, inputs: Inputs) -> None:
+def _require_one_axis(records: list[FrfRecord | None], name: str, inputs: Inputs) -> None:
     """Raise a DataError that names both files if two files of a job have different lines in the band."""
     low, high = inputs.campaign.reduction.band
     eps = 1e-9 * high

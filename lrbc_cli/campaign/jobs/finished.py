@@ -58,11 +58,7 @@ class Finished:
 
 
 def finish(
-    inputs: Inputs,
-    stage: ReductionStage | None,
-    result: Identification,
-    tight: ComparedWith,
-    identities: tuple[Identity, Identity],
+    inputs: Inputs, stage: ReductionStage | None, result: Identification, tight: ComparedWith, identities: tuple[Identity, Identity]
 ) -> Finished:
     """Judge an identification, and make the content of its result files.
 
@@ -170,10 +166,7 @@ def provenance_of(inputs: Inputs, stage: ReductionStage | None, result: Identifi
         certificate=None
         if stage is None
         else job.Certificate.like(
-            stage.reduction,
-            key=stage.decision.key,
-            size=stage.reduction.model.size,
-            tolerance=stage.reduction.options.tolerance,
+            stage.reduction, key=stage.decision.key, size=stage.reduction.model.size, tolerance=stage.reduction.options.tolerance
         ),
         measured_db=result.measurement.means,
         **digests,
@@ -200,7 +193,7 @@ def parameter_records(inputs: Inputs, result: Identification) -> dict[str, job.P
             }
         out[group.name] = job.Parameter(
             kind=group.kind,
-            unit=unit_of(inputs, terms),
+            unit=unit_of(terms),
             log10=p,
             log10_effective=effective(group, p),
             log10_per_metre=None if length is None else effective(group, p) - np.log10(length),
@@ -310,7 +303,7 @@ def frf_rows(inputs: Inputs, measurement: Measurement, selected: Integers, initi
     return header, rows
 
 
-def unit_of(inputs: Inputs, group: TermGroup) -> str:
+def unit_of(group: TermGroup) -> str:
     """Unit of the identified values by kind and component, empty if unknown; values of bushings are ratios to nominal ones."""
     if group.config.select.bushings is not None:
         return "× nominal"

@@ -76,12 +76,7 @@ def judged(campaign: Campaign, rule: DecisionRule, evidence: Evidence, tight: Co
 
 
 def judged_anew(
-    campaign: Campaign,
-    rule: DecisionRule,
-    stored: JobRecord,
-    evidence: Evidence,
-    tight: ComparedWith,
-    provenance: Mapping[str, Any],
+    campaign: Campaign, rule: DecisionRule, stored: JobRecord, evidence: Evidence, tight: ComparedWith, provenance: Mapping[str, Any]
 ) -> JobRecord:
     """Record of a stored identification with a new judgement; the other files of the job stay as they are.
 

@@ -98,14 +98,14 @@ def numbered(own: Measurement, other: Measurement) -> str:
     return f"{first:g}" if first in (0.0, 1.0) else ""
 
 
-def clocked(own: Measurement, other: Measurement, *, most: float = RATES, least: float = 1e-3) -> float | None:
+def clocked(own: Measurement, other: Measurement, *, least: float = 1e-3) -> float | None:
     """Constant ratio of the frequencies to those of another measurement with as many evenly spaced lines; None if there is none.
 
     Parameters
     ----------
     own, other : Measurement
-    most, least : float
-        The ratio must lie between ``1 / most`` and ``most``, and differ by more than ``least`` from 1.
+    least : float
+        The ratio must lie between ``1 / RATES`` and ``RATES``, and differ by more than this from 1.
     """
     axes = [each.frequency_hz for each in (own, other)]
     counts = [axis.size + sum(each.left_out) for axis, each in zip(axes, (own, other), strict=True)]
@@ -115,7 +115,7 @@ def clocked(own: Measurement, other: Measurement, *, most: float = RATES, least:
     ratio = float(steps[0].mean() / steps[1].mean())
     first = [float(axis[0] - step.mean() * each.left_out[0]) for axis, step, each in zip(axes, steps, (own, other), strict=True)]
     alike = abs(first[0] - ratio * first[1]) < least * float(steps[1].mean()) * counts[1]
-    return ratio if alike and 1.0 / most < ratio < most and abs(ratio - 1.0) > least else None
+    return ratio if alike and 1.0 / RATES < ratio < RATES and abs(ratio - 1.0) > least else None
 
 
 def shifted(own: Measurement, other: Measurement, *, most: float = 2.0) -> str:

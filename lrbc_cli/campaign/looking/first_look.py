@@ -242,8 +242,7 @@ def _looked_at(
     seen = seen.beside(fitted)
     reading = other_reading(inputs, seen.measurement.frequency_hz, seen.measured, seen.states, name)
     if seen.reference:
-        before = float(np.median(apart(seen.measured, seen.model)))
-        most = 0.0 if before < LEAST_DIFFERENCE else CLEARLY * before if reading is None else reading.after
+        most = 0.0 if seen.misfit < LEAST_DIFFERENCE else CLEARLY * seen.misfit if reading is None else reading.after
         if most and (text := overdamped_text(seen, most)):
             return OfJob([Finding(text=text, kind=Kind.DAMPING)])
     if reading is not None:

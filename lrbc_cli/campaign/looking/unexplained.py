@@ -10,14 +10,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.findings import Finding, Kind, kinds_of
-from lrbc_cli.campaign.identification.compared.likeness import (
-    CLEARLY,
-    LEAST_DIFFERENCE,
-    apart,
-    off_level,
-    outlying,
-    same_sensor,
-)
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart, off_level, outlying, same_sensor
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.causes.coordinates import coordinates_texts
 from lrbc_cli.campaign.looking.causes.held import held_text, idle_text, supports_text

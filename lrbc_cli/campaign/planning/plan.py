@@ -19,14 +19,7 @@ from lrbc_cli.campaign.identification.nuisances import nuisances_of
 from lrbc_cli.campaign.identification.unknowns import parameterise, theta_of
 from lrbc_cli.campaign.jobs.finished import calibration_record
 from lrbc_cli.campaign.planning.patches import Structure
-from lrbc_cli.campaign.planning.rehearsal import (
-    Draw,
-    Rehearsal,
-    assumptions,
-    draws_for,
-    rehearse,
-    threshold,
-)
+from lrbc_cli.campaign.planning.rehearsal import Draw, Rehearsal, assumptions, draws_for, rehearse, threshold
 from lrbc_cli.campaign.planning.worth import Prospect, Target, judged
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction

@@ -52,10 +52,7 @@ class CalibrationUse:
 
 
 def factor_groups(
-    reader: ModelReader,
-    operators: dict[str, sp.csc_array],
-    acoustic: NDArray[np.bool_],
-    lossy: Callable[[sp.csc_array], sp.csc_array],
+    reader: ModelReader, operators: dict[str, sp.csc_array], acoustic: NDArray[np.bool_], lossy: Callable[[sp.csc_array], sp.csc_array]
 ) -> dict[str, dict[str, sp.csc_array]]:
     """Matrices of the calibration groups, by group and operator; ``lossy`` adds the loss factor to a stiffness.
 

@@ -282,7 +282,7 @@ class GroupReader(ModelReader):
         unit = self.unit
         turns = np.char.startswith(np.array(table.component), "ROT")
         table = replace(table, stiffness=table.stiffness * unit.force * np.where(turns, unit.length, 1.0 / unit.length))
-        require_free(table, self.dofs, self.held)
+        require_free(table, self.held)
         vectors, places = bushing_vectors(table, self.dofs)
         if not self.misplaced and (aside := aside_text(table, self.dofs)):
             self.warn(f"{file.name}: {aside}")

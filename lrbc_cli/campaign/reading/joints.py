@@ -119,13 +119,12 @@ def bushing_vectors(table: BushingTable, dofs: DofTable) -> tuple[sp.csc_array, 
     return vectors, places
 
 
-def require_free(table: BushingTable, dofs: DofTable, held: Integers) -> None:
+def require_free(table: BushingTable, held: Integers) -> None:
     """Refuse springs at nodes that have no DOFs.
 
     Parameters
     ----------
     table : BushingTable
-    dofs : DofTable
     held : int array
         Nodes with coordinates but without DOFs.
 

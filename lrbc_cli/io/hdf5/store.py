@@ -17,16 +17,7 @@ import numpy as np
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import atomic_path
 from lrbc_cli.io.common import require_file
-from lrbc_cli.io.hdf5.tools import (
-    changed,
-    hdf5_image,
-    load,
-    lookup,
-    open_hdf5,
-    seal_fits,
-    sealed,
-    text_attribute,
-)
+from lrbc_cli.io.hdf5.tools import changed, hdf5_image, load, lookup, open_hdf5, seal_fits, sealed, text_attribute
 
 VERSION = "0.1.0"
 _ROOT = "lrbc-store"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,8 +18,11 @@ from lrbc_cli.io.layout import TextLayout
 from lrbc_cli.io.text.header import Heading, read_headings, stated_axis_unit, stated_unit
 
 # Each digit can match in one way only, so that text which is no number is rejected in linear time.
-_POINT = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eEdD][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)|", re.IGNORECASE)
-_COMMA = re.compile(r"[-+]?(?:\d+(?:,\d+)?|,\d+)(?:[eEdD][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)|", re.IGNORECASE)
+# By the decimal sign; a comma has digits behind it.
+_NUMBER = {
+    ".": re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eEdD][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)|", re.IGNORECASE),
+    ",": re.compile(r"[-+]?(?:\d+(?:,\d+)?|,\d+)(?:[eEdD][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)|", re.IGNORECASE),
+}
 _CANDIDATES = (("\t", "."), (";", "."), (",", "."), (" ", "."), ("\t", ","), (";", ","), (" ", ","))
 # A quoted number with a decimal comma: only with such cells may commas separate the columns, too.
 _QUOTED_COMMA = re.compile(r'"\s*[-+]?\d*,\d+(?:[eEdD][-+]?\d+)?\s*"')
@@ -186,22 +190,26 @@ def _quoted(line: str, delimiter: str) -> list[str]:
 
 def _fits(line: str, delimiter: str, decimal: str, width: int | None) -> bool:
     """Whether a line consists of numbers; empty cells are allowed if the first cell and another one are numbers."""
-    cells = split(line, delimiter)
-    while len(cells) > 2 and not cells[-1] and len(cells) > (width or 0):
-        cells.pop()
-    pattern = _POINT if decimal == "." else _COMMA
+    cells = _filled(line, delimiter, width or 0)
     if len(cells) < 2 or not cells[0] or (width is not None and len(cells) != width) or max(map(len, cells)) > LONGEST_NUMBER:
         return False
-    return all(pattern.fullmatch(cell) for cell in cells)
+    return all(_NUMBER[decimal].fullmatch(cell) for cell in cells)
+
+
+def _filled(line: str, delimiter: str, least: int = 0) -> list[str]:
+    """Cells of a line without empty ones at its end, as long as ``least`` and two are left."""
+    cells = split(line, delimiter)
+    while len(cells) > max(2, least) and not cells[-1]:
+        cells.pop()
+    return cells
 
 
 def _unusable(lines: list[str], skip: int, start: int, delimiter: str, decimal: str, width: int) -> int:
     """Number of lines above the numbers with a frequency and no other numbers: near 0 Hz some programs write words."""
-    pattern = _POINT if decimal == "." else _COMMA
     count = 0
     while start - count > skip:
         cells = split(lines[start - count - 1], delimiter)
-        if len(cells) != width or not cells[0] or not pattern.fullmatch(cells[0]):
+        if len(cells) != width or not cells[0] or not _NUMBER[decimal].fullmatch(cells[0]):
             break
         count += 1
     return count
@@ -249,24 +257,14 @@ def _halved(lines: list[str], candidates: list[tuple[str, str]]) -> tuple[list[s
 
 def _extent(lines: list[str], delimiter: str, decimal: str) -> tuple[int, int]:
     """Number of lines of numbers with the most frequent width, and this width."""
-    widths: dict[int, int] = {}
-    for line in lines:
-        if _fits(line, delimiter, decimal, None):
-            cells = split(line, delimiter)
-            while len(cells) > 2 and not cells[-1]:
-                cells.pop()
-            widths[len(cells)] = widths.get(len(cells), 0) + 1
-    if not widths:
-        return 0, 0
-    width = max(widths, key=lambda w: (widths[w], w))
-    return widths[width], width
+    widths = Counter(len(_filled(line, delimiter)) for line in lines if _fits(line, delimiter, decimal, None))
+    return max(((count, width) for width, count in widths.items()), default=(0, 0))
 
 
 def _misfit(line: str, delimiter: str, decimal: str, width: int) -> str:
     """Description of what is wrong with a line: its number of cells, else its first cell that is no number."""
     cells = split(line, delimiter)
-    pattern = _POINT if decimal == "." else _COMMA
-    wrong = [index for index, cell in enumerate(cells) if len(cell) > LONGEST_NUMBER or not pattern.fullmatch(cell)]
+    wrong = [index for index, cell in enumerate(cells) if len(cell) > LONGEST_NUMBER or not _NUMBER[decimal].fullmatch(cell)]
     if len(cells) != width or not wrong:
         return f"{len(cells)} cells: {line[:80]!r}"
     return f"{cells[wrong[0]][:80]!r} in column {wrong[0] + 1}"

@@ -143,11 +143,7 @@ class PortFrf:
     def among(self, terms: Integers) -> PortFrf:
         """The port FRFs of some of the terms, the others fixed at their reference values; evaluations cost only that many terms."""
         return replace(
-            self,
-            H0p=self.H0p[:, :, terms],
-            Hp0=self.Hp0[:, terms],
-            Hpp=self.Hpp[:, terms[:, None], terms],
-            D_ref=self.D_ref[:, terms],
+            self, H0p=self.H0p[:, :, terms], Hp0=self.Hp0[:, terms], Hpp=self.Hpp[:, terms[:, None], terms], D_ref=self.D_ref[:, terms]
         )
 
     def drive(self, D: Complexes) -> tuple[Complexes, Complexes]:
@@ -282,13 +278,7 @@ def _displacements(H: Complexes, B: Complexes, split: tuple[Integers, Integers],
     return found
 
 
-def port_frf(
-    H: Complexes,
-    s: Complexes,
-    D_ref: Complexes,
-    output_power: Integers,
-    input_of: Integers,
-) -> PortFrf:
+def port_frf(H: Complexes, s: Complexes, D_ref: Complexes, output_power: Integers, input_of: Integers) -> PortFrf:
     """Port FRFs from the transfer matrix of the extended system.
 
     Parameters

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from lrbc_cli.arrays import Bools, Complexes, Integers
 from lrbc_cli.errors import NumericalError
-from lrbc_cli.model.coupling import Coupling, coupling_of
+from lrbc_cli.model.coupling import coupling_of
 from lrbc_cli.reduction.solve import pardiso
 from lrbc_cli.reduction.solve.ordering import nested_dissection
 from lrbc_cli.reduction.solve.symbolic import column_counts
@@ -132,24 +132,14 @@ class DynamicStiffness:
         Sparse solver: ``superlu``, ``pardiso`` or ``auto`` (PARDISO if it is installed).
     ordering : str
         ``metis``, ``bisection`` or ``auto``; SuperLU only.
-    coupling : Coupling or None
-        Result of ``coupling_of``, if already known.
     """
 
     def __init__(
-        self,
-        K: sp.csc_array,
-        C: sp.csc_array,
-        M: sp.csc_array,
-        is_acoustic: Bools,
-        *,
-        backend: str = "auto",
-        ordering: str = "auto",
-        coupling: Coupling | None = None,
+        self, K: sp.csc_array, C: sp.csc_array, M: sp.csc_array, is_acoustic: Bools, *, backend: str = "auto", ordering: str = "auto"
     ) -> None:
         self.backend = pardiso.resolved(backend)
         self.K, self.C, self.M = K, C, M
-        self.coupling = coupling or coupling_of(K, C, M, is_acoustic)
+        self.coupling = coupling_of(K, C, M, is_acoustic)
         self.symmetric = self.coupling.symmetric
         self._acoustic = is_acoustic
         n = K.shape[0]

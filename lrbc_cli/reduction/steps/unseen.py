@@ -85,13 +85,13 @@ def distance(
     return worst
 
 
-def tolerance_factor(count: int, share: float = SHARE, confidence: float = CONFIDENCE) -> float:
+def tolerance_factor(count: int, share: float = SHARE) -> float:
     """One-sided tolerance factor k: mean plus k standard deviations of ``count`` normal samples exceeds ``share`` of the population.
 
-    With the given confidence; from the noncentral t distribution (Owen 1968), as tabulated in ISO 16269-6.
+    With ``CONFIDENCE``; from the noncentral t distribution (Owen 1968), as tabulated in ISO 16269-6.
     """
     root = np.sqrt(count)
-    return float(nctdtrit(count - 1, ndtri(share) * root, confidence) / root)
+    return float(nctdtrit(count - 1, ndtri(share) * root, CONFIDENCE) / root)
 
 
 def unseen_bound(

@@ -82,16 +82,7 @@ def _factors(calibration: CalibrationRecord) -> Markup:
         interval = f"{'open' if factor.lower95 is None else low} … {'open' if factor.upper95 is None else high}"
         if factor.lower95 is None and factor.upper95 is None:
             interval = "undetermined"
-        rows.append(
-            [
-                name,
-                _digits(factor.initial),
-                _digits(factor.value),
-                fmt.signed(share, 2),
-                _digits(factor.std, 2),
-                interval,
-            ]
-        )
+        rows.append([name, _digits(factor.initial), _digits(factor.value), fmt.signed(share, 2), _digits(factor.std, 2), interval])
     head = ["Factor", "Before", "After", "Change [%]", "Standard deviation", "95 % interval"]
     return table("Identified factors", head, rows)
 
@@ -114,12 +105,7 @@ def _rounds(calibration: CalibrationRecord) -> Markup | None:
         return None
     names = list(dict.fromkeys(name for entry in calibration.rounds for name in entry.factors))
     rows: list[list[str | Cell]] = [
-        [
-            str(number),
-            fmt.fixed(entry.misfit_db),
-            fmt.small(entry.error),
-            *(_digits(entry.factors.get(name)) for name in names),
-        ]
+        [str(number), fmt.fixed(entry.misfit_db), fmt.small(entry.error), *(_digits(entry.factors.get(name)) for name in names)]
         for number, entry in enumerate(calibration.rounds, start=1)
     ]
     head = ["Round", "Misfit [dB]", "Error of the reduced model", *names]

@@ -8,17 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lrbc_cli.report.drawing import format as fmt
-from lrbc_cli.report.drawing.chart import (
-    Chart,
-    Curve,
-    Item,
-    LevelLine,
-    Marks,
-    Panel,
-    decade_axis,
-    linear_axis,
-    span_of,
-)
+from lrbc_cli.report.drawing.chart import Chart, Curve, Item, LevelLine, Marks, Panel, decade_axis, linear_axis, span_of
 from lrbc_cli.report.drawing.style import SERIES, STEPS
 from lrbc_cli.report.drawing.svg import drawn, legend
 from lrbc_cli.report.html import Cell, Markup, details, table, tag

@@ -253,16 +253,7 @@ def _worths(title: str, entries: Sequence[Worth | Excitation], before: Worst | N
         change = "" if entry.worst is None else f"{entry.worst.bolt} {entry.worst.d_prime:.1f}"
         if title == "response" and before is not None and change:
             change += f" (now {before.bolt} {before.d_prime:.1f})"
-        rows.append(
-            [
-                entry.name,
-                "planned" if planned else "",
-                word,
-                f"{entry.gain_bits:.2f}",
-                f"{entry.alone_bits:.1f}",
-                change,
-            ]
-        )
+        rows.append([entry.name, "planned" if planned else "", word, f"{entry.gain_bits:.2f}", f"{entry.alone_bits:.1f}", change])
     worst = "hardest bolt then, d'" if title == "response" else "hardest bolt alone, d'"
     return _columns([title, "", "", "bits", "alone", worst], rows, left=3, last=True)
 

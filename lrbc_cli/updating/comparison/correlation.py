@@ -121,7 +121,7 @@ class Peaks:
     line: Integers
 
 
-def spectrum_peaks(frequency_hz: Floats, level_db: Floats, prominence_db: float = PROMINENCE_DB) -> Peaks:
+def spectrum_peaks(frequency_hz: Floats, level_db: Floats) -> Peaks:
     """Peaks of one spectrum in dB; a peak beside a line without a value does not count.
 
     Parameters
@@ -129,15 +129,10 @@ def spectrum_peaks(frequency_hz: Floats, level_db: Floats, prominence_db: float 
     frequency_hz : (F,) float array
     level_db : (F,) float array
         NaN where there is no value.
-    prominence_db : float
-
-    Returns
-    -------
-    Peaks
     """
     known = np.flatnonzero(np.isfinite(level_db))
     level, f = level_db[known], frequency_hz[known]
-    at = peaks_of(level, prominence=prominence_db)
+    at = peaks_of(level, prominence=PROMINENCE_DB)
     # Both neighbouring lines must have values.
     at = at[(known[at + 1] - known[at - 1]) == 2]
     refined = np.array([_vertex(f[i - 1 : i + 2], level[i - 1 : i + 2]) for i in at])
@@ -170,10 +165,10 @@ def mean_spectrum(H: Complexes, valid: Bools) -> Floats:
     return np.where(np.isfinite(level), level, np.nan)
 
 
-def match_peaks(measured_hz: Floats, model_hz: Floats, similarity: Floats | None = None, tolerance: float = TOLERANCE) -> Integers:
+def match_peaks(measured_hz: Floats, model_hz: Floats, similarity: Floats | None = None) -> Integers:
     """For each measured peak the peak of the model that is probably the same resonance, by an optimal assignment.
 
-    It has as many pairs as the limits allow, and among such assignments the least sum of relative distance over tolerance and 1 -
+    It has as many pairs as the limits allow, and among such assignments the least sum of relative distance over ``TOLERANCE`` and 1 -
     similarity.
 
     Parameters
@@ -182,8 +177,6 @@ def match_peaks(measured_hz: Floats, model_hz: Floats, similarity: Floats | None
     model_hz : (m,) float array
     similarity : (k, m) float array or None
         In [0, 1], of the shapes at the peaks; pairs below ``SIMILARITY`` are excluded, NaN counts as 1.
-    tolerance : float
-        Largest distance, as a fraction of the measured frequency.
 
     Returns
     -------
@@ -193,7 +186,7 @@ def match_peaks(measured_hz: Floats, model_hz: Floats, similarity: Floats | None
     found = np.full(measured_hz.size, -1, dtype=np.int64)
     if not measured_hz.size or not model_hz.size:
         return found
-    distance = np.abs(model_hz[None, :] - measured_hz[:, None]) / (tolerance * measured_hz[:, None])
+    distance = np.abs(model_hz[None, :] - measured_hz[:, None]) / (TOLERANCE * measured_hz[:, None])
     alike = np.ones_like(distance) if similarity is None else np.where(np.isnan(similarity), 1.0, similarity)
     allowed = (distance <= 1.0) & (alike >= SIMILARITY)
     # An allowed pair costs at most 1.5; an excluded one more than all allowed pairs together.

@@ -161,11 +161,7 @@ def validity(evidence: Evidence, rule: DecisionRule, reference: ReferenceState |
 
 
 def judge(
-    evidence: Evidence,
-    rule: DecisionRule,
-    role: str = JOB,
-    scatter: TightScatter = NO_SCATTER,
-    reference: ReferenceState | None = None,
+    evidence: Evidence, rule: DecisionRule, role: str = JOB, scatter: TightScatter = NO_SCATTER, reference: ReferenceState | None = None
 ) -> Judgement:
     """Judge the bolts of a job.
 

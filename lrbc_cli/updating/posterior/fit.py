@@ -15,7 +15,7 @@ from lrbc_cli.arrays import Floats
 from lrbc_cli.updating.misfit.cost import ChangeError, Evaluation, Misfit
 from lrbc_cli.updating.misfit.frf import Sensitive
 from lrbc_cli.updating.misfit.nuisances import Nuisance
-from lrbc_cli.updating.search.optimise import HistoryEntry, Objective, Solution
+from lrbc_cli.updating.search.optimise import HistoryEntry, Objective, Solution, numbered
 from lrbc_cli.updating.statistics.noise import Noise, estimate_noise, widened
 from lrbc_cli.updating.unknowns.shapes import Shapes
 
@@ -92,12 +92,7 @@ class Posterior:
             # Without noise nothing is uncertain.
             moved = self.covariance @ (jacobian.T @ by_theta) / (self.noise.variance or 1.0)
         left = np.eye(size) - self.shapes.T @ moved[:m]
-        return replace(
-            self,
-            covariance=self.covariance + moved @ state @ moved.T,
-            about=left @ state @ left.T,
-            own=self.covariance[:m, :m],
-        )
+        return replace(self, covariance=self.covariance + moved @ state @ moved.T, about=left @ state @ left.T, own=self.covariance[:m, :m])
 
     @property
     def std(self) -> Floats:
@@ -187,18 +182,13 @@ def no_worse(objective: Objective, solution: Solution, places: Sequence[Floats],
         The better of both, with all evaluations in its history.
     """
     here, *values = [objective(theta) for theta in (solution.theta, *places)]
-    history = list(solution.history)
-
-    def note(entries: Sequence[HistoryEntry]) -> None:
-        first = len(history)
-        history.extend(replace(entry, evaluation=first + i) for i, entry in enumerate(entries))
-
-    note([HistoryEntry(evaluation=0, cost=value.cost, misfit_db=value.misfit_db, accepted=False) for value in (here, *values)])
+    tried = [HistoryEntry(evaluation=0, cost=value.cost, misfit_db=value.misfit_db, accepted=False) for value in (here, *values)]
+    history = [*solution.history, *numbered(tried, len(solution.history))]
     better = [i for i, value in enumerate(values) if value.total < here.total and value.misfit_db < here.misfit_db]
     evaluations, iterations = solution.evaluations + 1 + len(values), solution.iterations
     if better:
         found = again(places[min(better, key=lambda i: values[i].total)])
-        note(found.history)
+        history += numbered(found.history, len(history))
         evaluations, iterations = evaluations + found.evaluations, iterations + found.iterations
         if found.status != "failed" and found.evaluation.total < here.total:
             solution = replace(found, starts=solution.starts)
@@ -249,8 +239,7 @@ def follow_noise(
         misfit, before = weighed(misfit, solution.evaluation, noise, solution.theta, error, round_ > 1)
         misfit = misfit.with_eta(max(before, errors.least_variance))
         found = again(misfit, solution.theta)
-        first = len(history)
-        history += [replace(entry, evaluation=first + i) for i, entry in enumerate(found.history)]
+        history += numbered(found.history, len(history))
         iterations, evaluations = iterations + found.iterations, evaluations + found.evaluations
         solution = replace(found, iterations=iterations, evaluations=evaluations, history=tuple(history), starts=solution.starts)
         noise = noise_of(misfit, solution.evaluation, selected)

@@ -84,6 +84,10 @@ class MixtureProblem:
     near: Callable[[Floats], MixtureProblem] | None = None
     residuals: Callable[[Floats], Callable[[Floats], Floats]] | None = None
 
+    def loosened(self, i: int, prior: BoltPrior) -> float:
+        """Typical change of bolt ``i`` if it is a loose joint, as far as its bounds allow [decades]."""
+        return max(prior.joint_loose_mean, float(self.bounds[self.bolts[i], 0]))
+
     def by(self, z: Floats) -> MixtureProblem:
         """The fastest form of the problem for unknowns that differ from z in few stiffnesses."""
         return self if self.near is None else self.near(z)

@@ -169,7 +169,7 @@ def _doubted(
 
     def possible(i: int) -> bool:
         z, kinds = state.z.copy(), state.kinds.copy()
-        change = max(prior.joint_loose_mean, float(problem.bounds[problem.bolts[i], 0]))
+        change = problem.loosened(i, prior)
         z[problem.bolts[i]], kinds[i] = change, True
         return any(
             foreseen(form, prior, kinds, z, (i, change)) - tight >= -certain
@@ -191,15 +191,8 @@ def by_group(problem: MixtureProblem, prior: BoltPrior, state: State, *, step: S
     if not asked or problem.weakened is None:
         return ()
     near, without = pinned(problem.by(state.z), state.z), problem.weakened(state.z)
-
-    def settled(one: tuple[int, str, Integers] | None) -> float:
-        form = near
-        if one is not None:
-            i, _, terms = one
-            form = replace(near, data=without(terms, max(prior.joint_loose_mean, float(problem.bounds[problem.bolts[i], 0]))))
-        return settle(form, prior, state.kinds, state.z, step, rounds=1).evidence
-
-    own, *others = side_by_side(settled, [None, *asked])
+    forms = [near, *(replace(near, data=without(terms, problem.loosened(i, prior))) for i, _, terms in asked)]
+    own, *others = side_by_side(lambda form: settle(form, prior, state.kinds, state.z, step, rounds=1).evidence, forms)
     return tuple((i, name, other - own) for (i, name, _), other in zip(asked, others, strict=True))
 
 
@@ -235,8 +228,7 @@ def _other_kind(
         return settle(here, prior, kinds, z, stop)
 
     # The linear problem may lead to the next valley only.
-    far = max(prior.joint_loose_mean, float(problem.bounds[problem.bolts[i], 0]))
-    other = max(map(ended, (change, far) if kinds[i] else (0.0,)), key=lambda end: end.evidence)
+    other = max(map(ended, (change, problem.loosened(i, prior)) if kinds[i] else (0.0,)), key=lambda end: end.evidence)
     gains = [other.evidence - state.evidence]
     if problem.about is not None:
         there = pinned(problem, other.z)

@@ -7,8 +7,8 @@ which trials it accepted. See ``tests/benchmarks/optimisers.py``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.linalg as la
@@ -28,6 +28,11 @@ class HistoryEntry:
     cost: float
     misfit_db: float
     accepted: bool
+
+
+def numbered(entries: Iterable[HistoryEntry], first: int) -> Iterator[HistoryEntry]:
+    """The same entries, numbered from ``first`` on: how those of a further descent continue a history."""
+    return (replace(entry, evaluation=first + i) for i, entry in enumerate(entries))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,8 +144,7 @@ class _Recorder:
         return theta, value
 
     def accept(self, at: int = -1) -> None:
-        entry = self.entries[at]
-        self.entries[at] = HistoryEntry(evaluation=entry.evaluation, cost=entry.cost, misfit_db=entry.misfit_db, accepted=True)
+        self.entries[at] = replace(self.entries[at], accepted=True)
 
     def solution(self, theta: Floats, value: Evaluation, status: str, reason: str, iterations: int) -> Solution:
         best = self._objective
@@ -327,14 +331,7 @@ def bfgs(
 
 
 def _line_search(
-    record: _Recorder,
-    theta: Floats,
-    value: Evaluation,
-    direction: Floats,
-    *,
-    alpha: float,
-    bounds: Floats,
-    max_step: float,
+    record: _Recorder, theta: Floats, value: Evaluation, direction: Floats, *, alpha: float, bounds: Floats, max_step: float
 ) -> tuple[Floats, Evaluation] | None:
     """Armijo-Goldstein line search: the cost lies between the lines with c and 1 - c times the directional derivative; None if it fails."""
     c = 1e-2

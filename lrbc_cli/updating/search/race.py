@@ -12,7 +12,7 @@ from lrbc_cli.arrays import Floats
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit.cost import Evaluation, Misfit
 from lrbc_cli.updating.search.descent import Level, admissible, descend, level_matrix, over_smoothed
-from lrbc_cli.updating.search.optimise import Best, HistoryEntry, Solution, Start, gauss_newton
+from lrbc_cli.updating.search.optimise import Best, HistoryEntry, Solution, Start, gauss_newton, numbered
 from lrbc_cli.updating.search.starts import Mirrors, alone, hops, other_levels
 from lrbc_cli.updating.search.valleys import Lead, leading_apart, worth
 
@@ -53,18 +53,12 @@ class Race:
 
     def note(self, entries: Iterable[HistoryEntry]) -> None:
         """Add evaluations to the history."""
-        first = len(self.history)
-        self.history.extend(replace(entry, evaluation=first + i) for i, entry in enumerate(entries))
+        self.history += numbered(entries, len(self.history))
 
     def tried(self, value: Evaluation, totals: list[float]) -> None:
         """Add one evaluation of a scan to the history, and its total to ``totals``."""
-        self.note(
-            [
-                HistoryEntry(
-                    evaluation=0, cost=value.cost, misfit_db=value.misfit_db, accepted=bool(value.total < min(totals, default=np.inf))
-                )
-            ]
-        )
+        lowest = bool(value.total < min(totals, default=np.inf))
+        self.note([HistoryEntry(evaluation=0, cost=value.cost, misfit_db=value.misfit_db, accepted=lowest)])
         totals.append(value.total if np.isfinite(value.total) else np.inf)
 
     def begin(self, places: Iterable[tuple[str, Floats]], limit: int | None = None) -> None:
@@ -156,14 +150,13 @@ class Race:
                 self._began[text := f"{first}, then {way}"] = first
                 return text
 
-            if joints and wide:
-                moved = other_levels(wide[-1], end, self._bounds, span, joints, mirrors)
-                places = [(beside("over smoothed spectra"), theta) for theta in self._smoothed(wide, [end.theta, *moved])]
-            elif joints:
-                moved = other_levels(self._misfit, end, self._bounds, span, joints, mirrors)
-                places = [(beside("one joint at another level"), theta) for theta in moved]
+            if joints:
+                way, moved = "one joint at another level", other_levels((self._misfit, *wide)[-1], end, self._bounds, span, joints, mirrors)
+                if wide:
+                    way, moved = "over smoothed spectra", self._smoothed(wide, [end.theta, *moved])
             else:
-                places = [(beside("a hop"), theta) for theta in hops(self._misfit, end, self._bounds, span)]
+                way, moved = "a hop", hops(self._misfit, end, self._bounds, span)
+            places = [(beside(way), theta) for theta in moved]
             texts = [beside(f"without the {100 * share:g} % that it explains least") for share in shares]
             self.begin([*places, *zip(texts, side_by_side(without, shares), strict=True)], few)
             self.halve(before, more)
@@ -208,11 +201,7 @@ class Race:
     @property
     def best(self) -> int:
         """Index of the end with the least cost; the first of equal ones, or if no cost is finite."""
-        kept = 0
-        for i, (_, end) in enumerate(self.ends):
-            if end.evaluation.total < self.ends[kept][1].evaluation.total:
-                kept = i
-        return kept
+        return min(range(len(self.ends)), key=lambda at: self.ends[at][1].evaluation.total)
 
     def solution(self) -> Solution:
         """The best end, with all evaluations and the ends of all starts."""

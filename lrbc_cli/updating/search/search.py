@@ -167,11 +167,7 @@ def _changed(own: dict[int, float], other: dict[int, float]) -> Changes:
 
 
 def _climb(
-    table: Search,
-    pairs: Sequence[tuple[int, int]],
-    last: Callable[[Sequence[Combination]], Iterator[Combination]],
-    width: int,
-    gain: float,
+    table: Search, pairs: Sequence[tuple[int, int]], last: Callable[[Sequence[Combination]], Iterator[Combination]], width: int, gain: float
 ) -> list[Combination]:
     """Beam of the nearest states, best first, when neither single changes nor those of ``last`` lower the misfit by more than ``gain``.
 

@@ -257,17 +257,11 @@ def hops(misfit: Misfit, end: Solution, bounds: Floats, span: Floats, *, step: f
 
 
 def other_levels(
-    misfit: Misfit,
-    end: Solution,
-    bounds: Floats,
-    span: Floats,
-    joints: Sequence[int],
-    mirrors: Mirrors = alone,
-    *,
-    levels: Sequence[float] = LEVELS,
-    kept: int = 12,
+    misfit: Misfit, end: Solution, bounds: Floats, span: Floats, joints: Sequence[int], mirrors: Mirrors = alone, *, kept: int = 12
 ) -> list[Floats]:
     """Places beside an optimum with one joint at another level (its groups alike), or exchanged with a stiffer joint; all else as there.
+
+    The levels are zero and ``LEVELS``, without the one nearest to the end.
 
     A table about the prior has all other joints as in the reference job. About an end their scatter is known, so a joint that was mistaken
     for another one, or whose descent stopped halfway, shows. Joints at mirrored places differ only by what is not symmetric: a descent
@@ -283,9 +277,7 @@ def other_levels(
     joints : sequence of int
         Indices in z of the changes of joints.
     mirrors : callable
-        Pairs that are exchanged together with a pair of joints. The softer one of the pair has lost ``levels[0]`` or more.
-    levels : sequence of float
-        Levels that are tried, and zero, without the one nearest to the end [decades].
+        Pairs that are exchanged together with a pair of joints. The softer one of the pair has lost ``LEVELS[0]`` or more.
     kept : int
 
     Returns
@@ -297,7 +289,7 @@ def other_levels(
     z = np.linalg.lstsq(span, end.theta - misfit.prior, rcond=None)[0]
 
     def moved(joint: int) -> list[tuple[float, int, float, Floats]]:
-        others = sorted((0.0, *levels), key=lambda level: abs(level - z[joint]))[1:]
+        others = sorted((0.0, *LEVELS), key=lambda level: abs(level - z[joint]))[1:]
         own, alike = span[:, joint] != 0.0, span[:, joint]
         thetas = [np.clip(np.where(own, misfit.prior + level * alike, end.theta), *bounds.T) for level in others]
         return [(misfit.mean_db(frf(theta)), joint, level, theta) for level, theta in zip(others, thetas, strict=True)]
@@ -311,7 +303,7 @@ def other_levels(
         theta = np.clip(theta, *bounds.T)
         return [(misfit.mean_db(frf(theta)), pair[0], float(pair[1]), theta)]
 
-    loosened = [(one, other) for one, other in product(joints, joints) if z[one] <= levels[0] and z[one] < z[other]]
+    loosened = [(one, other) for one, other in product(joints, joints) if z[one] <= LEVELS[0] and z[one] < z[other]]
     tables = [*side_by_side(moved, joints), *side_by_side(exchanged, loosened)]
     found = [place for places in tables for place in places if np.isfinite(place[0])]
     return [theta for *_, theta in sorted(found, key=lambda one: one[:3])[:kept]]

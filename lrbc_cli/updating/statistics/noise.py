@@ -131,12 +131,7 @@ def spent(jacobian: Floats, penalty: Floats) -> float:
 
 
 def estimate_noise(
-    residual: Floats,
-    jacobian: Floats,
-    penalty: Floats,
-    line: Integers,
-    response: Integers,
-    errors: ErrorModel = ERRORS,
+    residual: Floats, jacobian: Floats, penalty: Floats, line: Integers, response: Integers, errors: ErrorModel = ERRORS
 ) -> Noise:
     """Scatter of the data residuals at an optimum, with correlation factor and coarsening.
 

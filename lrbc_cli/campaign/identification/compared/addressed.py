@@ -69,7 +69,7 @@ def misplaced(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -
     own = [(r, record) for r, record in pairs if record.response_node is not None and not reciprocal(record, r, inputs)]
     alike = sum(record.response_node == r.node for r, record in own)
     if 2 * alike <= len(pairs):
-        return [_mirrored(inputs, job)] if _congruent(inputs, own) else []
+        return [_mirrored(job)] if _congruent(inputs, own) else []
     found = []
     for r, record in own:
         key, where = f"responses.{r.name}", f"{called(job)}: {describe(record)} was measured"
@@ -129,7 +129,7 @@ def _places(dofs: DofTable, nodes: Sequence[int | None]) -> Floats | None:
     return None if any(node is None or not found.size for node, found in zip(nodes, at, strict=True)) else dofs.xyz[[int(f[0]) for f in at]]
 
 
-def _mirrored(inputs: Inputs, job: JobConfig) -> str:
+def _mirrored(job: JobConfig) -> str:
     return (
         f"{called(job)}: all records were measured at other nodes of the model than the campaign file says; these are its places "
         "mirrored or turned. Give hammer, sensors and bolts in the axes of the model (lrbc check -v lists the nodes of the records); "

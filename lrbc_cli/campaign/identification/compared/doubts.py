@@ -16,13 +16,14 @@ from lrbc_cli.campaign.identification.compared.offsets import (
     largest_text,
     offset_findings,
     quantities_of,
+    sizes_text,
 )
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.gains import Gains
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
-from lrbc_cli.errors import DataError, listing
+from lrbc_cli.errors import DataError
 from lrbc_cli.updating.comparison.scale import grouped, misses_unit
 from lrbc_cli.updating.judging.evidence import Doubt
 from lrbc_cli.updating.judging.reference import ReferenceState
@@ -206,17 +207,15 @@ def gain_text(inputs: Inputs, job: str, gains: Gains) -> str:
 def level_text(inputs: Inputs, job: str, gains: Gains) -> str:
     """Warning about gains of the reference job, or of the job of the calibration, relative to the model."""
     errors = inputs.statistics.errors
-    seen = gains.seen(errors)
-    each = zip(inputs.used.tolist(), gains.values.tolist(), gains.stds.tolist(), seen.tolist(), strict=True)
-    named = ", ".join(f"{inputs.responses[at].name} {gain_size(value, std)}" for at, value, std, one in each if one)
+    db, stds = (dict(zip(inputs.used.tolist(), own.tolist(), strict=True)) for own in (gains.values, gains.stds))
+    seen = inputs.used[gains.seen(errors)].tolist()
+    named = ", ".join(f"{inputs.responses[at].name} {gain_size(db[at], stds[at])}" for at in seen)
     told = f"{inputs.campaign.jobs[job].first.name}: "
-    both = zip(inputs.used.tolist(), gains.values.tolist(), gains.stds.tolist(), strict=True)
-    known = {at: (value, NORMAL_95 * std) for at, value, std in both}
-    differing = by_hammer(inputs, {at: own for at, (own, _) in known.items()}, {at: half for at, (_, half) in known.items()})
-    if differing.intersection(inputs.used[seen].tolist()):
+    differing = by_hammer(inputs, db, {at: NORMAL_95 * std for at, std in stds.items()})
+    if differing.intersection(seen):
         return (
             f"{told}FRFs are higher or lower ({named}) than expected from the model, at all lines, but not by one factor of each sensor "
-            f"({listing([f'{inputs.responses[at].name} {known[at][0]:+.1f} dB' for at in sorted(differing)], 6)}): no sensitivity depends "
+            f"({sizes_text(inputs, differing, db)}): no sensitivity depends "
             "on the hammer point. It is allowed for: changes and verdicts do not rest on it, absolute stiffnesses do. Check places and "
             "directions of these sensors and of the hammer points (lrbc check --picture)"
         )
@@ -255,12 +254,7 @@ def refuse_units(inputs: Inputs, measurement: Measurement, model: Complexes, job
 
 
 def calibration_doubts(
-    inputs: Inputs,
-    measurement: Measurement,
-    states: Sequence[Complexes],
-    job: str,
-    misfit: tuple[float, float],
-    gains: Gains | None,
+    inputs: Inputs, measurement: Measurement, states: Sequence[Complexes], job: str, misfit: tuple[float, float], gains: Gains | None
 ) -> list[str]:
     """Warnings of a calibration; ``misfit`` of the responses used before and after, over all lines [dB].
 

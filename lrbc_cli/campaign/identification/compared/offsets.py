@@ -107,30 +107,25 @@ def sensor_of(inputs: Inputs, response: int) -> tuple[object, ...]:
     return (response,) if own.node is None else (own.node, own.direction)
 
 
-def by_hammer(inputs: Inputs, db: Mapping[int, float], half: Mapping[int, float], *, least: float = LEAST_OFFSET) -> set[int]:
+def by_hammer(inputs: Inputs, db: Mapping[int, float], half: Mapping[int, float]) -> set[int]:
     """Responses whose factor differs from that of the same sensor for another hammer point; empty if each hammer has one factor of its own.
 
-    Parameters
-    ----------
-    inputs : Inputs
-    db, half : mappings
-        Factors, and half widths of their intervals, by response [dB].
-    least : float
-        Least difference beyond both intervals [dB].
+    ``db`` and ``half`` are the factors, and half widths of their intervals, by response [dB]; beyond both intervals, factors that differ
+    are ``LEAST_OFFSET`` apart.
     """
 
     def differing(values: Mapping[int, float]) -> set[int]:
         pairs = [(i, k) for i in values for k in same_sensor(inputs, i) if k in values]
-        return {i for pair in pairs if abs(values[pair[0]] - values[pair[1]]) > least + half[pair[0]] + half[pair[1]] for i in pair}
+        return {i for pair in pairs if abs(values[pair[0]] - values[pair[1]]) > LEAST_OFFSET + half[pair[0]] + half[pair[1]] for i in pair}
 
     hammers = {i: inputs.responses[i].input for i in db}
     own = {hammer: float(np.median([db[i] for i in db if hammers[i] == hammer])) for hammer in set(hammers.values())}
     return differing(db) if differing({i: db[i] - own[hammers[i]] for i in db}) else set()
 
 
-def sizes_text(inputs: Inputs, responses: Collection[int], offsets: Mapping[int, Offset], most: int = 6) -> str:
-    """Factors of responses in words, at most ``most`` of them."""
-    return listing([f"{inputs.responses[i].name} {offsets[i].db:+.1f} dB" for i in sorted(responses)], most)
+def sizes_text(inputs: Inputs, responses: Collection[int], db: Mapping[int, float]) -> str:
+    """Factors ``db`` of responses in words, at most six of them."""
+    return listing([f"{inputs.responses[i].name} {db[i]:+.1f} dB" for i in sorted(responses)], 6)
 
 
 def causes_of(inputs: Inputs, common: Common, compared: Sequence[int]) -> bool:
@@ -268,8 +263,8 @@ def _stated_unit(inputs: Inputs, job: str) -> tuple[str, float] | None:
 def offset_findings(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list[Finding]:
     """Findings of factors, signs, delays and conjugates; may be empty."""
     firm = {offset.response for offset in offsets if offset.named and trusted(offset, offsets)}
-    compared, known = [o.response for o in offsets], {o.response: o for o in offsets if not o.power}
-    differing = by_hammer(inputs, {i: o.db for i, o in known.items()}, {i: o.half for i, o in known.items()})
+    compared, known = [o.response for o in offsets], {o.response: o.db for o in offsets if not o.power}
+    differing = by_hammer(inputs, known, {o.response: o.half for o in offsets if not o.power})
     # A factor without which most of the misfit remains is neither unit nor gain.
     shared = [common for common in grouped(offsets, quantities_of(inputs)) if firm.intersection(common.responses)]
     placed = [common for common in shared if not causes_of(inputs, common, compared) and differing.intersection(common.responses)]

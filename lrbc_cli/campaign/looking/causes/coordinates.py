@@ -7,11 +7,10 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.sparse as sp
 
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, apart, apart_there
-from lrbc_cli.campaign.looking.causes.moved import LINES, gradually, solved
+from lrbc_cli.campaign.looking.causes.moved import LINES, gradually, picking, solved
 from lrbc_cli.campaign.looking.causes.rescaled import MOST_WORK
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -94,8 +93,7 @@ def _misfits(seen: Seen, others: Sequence[_Other], largest: float) -> list[Float
     responses = np.array([i for other in others for i in other.responses])
     at = np.array([other.dof for other in others for _ in other.responses])
     model = seen.inputs.model
-    L = sp.csc_array((np.ones(at.size), (np.arange(at.size), at)), (at.size, model.size))
-    moved = replace(model, L=L, output_power=model.output_power[responses], extras={})
+    moved = replace(model, L=picking(at, model.size), output_power=model.output_power[responses], extras={})
     ports = solved(seen, moved, seen.inputs.input_of[responses], b"moved" + at.tobytes() + responses.tobytes())
     computed = ports.evaluate(seen.dynamic)
     found = apart_there(seen.measured[:, responses], computed, largest)
@@ -131,8 +129,7 @@ def _others(inputs: Inputs, dofs: DofTable) -> Iterator[_Other]:
         for a, b in ((0, 1), (0, 2), (1, 2)):
             order = [b if k == a else a if k == b else k for k in range(3)]
             ways.append((f"with {_AXES[a]} and {_AXES[b]} exchanged", place[order]))
-        for a in range(3):
-            ways.append((f"with the sign of {_AXES[a]} reversed", place * np.where(np.arange(3) == a, -1.0, 1.0)))
+        ways += [(f"with the sign of {_AXES[a]} reversed", place * np.where(np.arange(3) == a, -1.0, 1.0)) for a in range(3)]
         for how, other in ways:
             found = nearest(dofs, other.tolist(), str(dofs.component[own]))
             if found is not None and found[0] != own and found[1] <= 0.5 * spacing(dofs, found[0]):

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
-from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, apart, levels, spread
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, apart
 from lrbc_cli.campaign.looking.causes.moved import LINES, gradually, solved
 from lrbc_cli.campaign.looking.causes.rescaled import MOST_LEFT, MOST_WORK
 from lrbc_cli.campaign.looking.states import Seen
@@ -71,7 +71,7 @@ def held_text(seen: Seen, before: float) -> str | None:
     for few, wider in gradually(seen):
         with suppress(LrbcError):
             ports = solved(few, replace(model, **free, extras={}), inputs.input_of, b"held" + rows.tobytes())
-            left = float(np.median(spread(levels(few.measured) - levels(ports.evaluate(few.dynamic)), 0)))
+            left = float(np.median(apart(few.measured, ports.evaluate(few.dynamic))))
         if left > wider * min(MOST_LEFT, CLEARLY * before):
             return None
     nodes = np.unique(dofs.node[rows])

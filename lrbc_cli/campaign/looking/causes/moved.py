@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -96,19 +97,14 @@ def solved(seen: Seen, model: FeModel, input_of: Integers, key: bytes) -> PortFr
         every = np.arange(input_of.size)
         known.update({value: ports.select(np.array([k]), every) for k, value in enumerate(new)})
     own = [known[value] for value in seen.s.tolist()]
+    by_line = ("s", "H00", "H0p", "Hp0", "Hpp", "D_ref")
+    joined: dict[str, Any] = {name: np.concatenate([getattr(each, name) for each in own]) for name in by_line}
+    return replace(own[0], **joined)
 
-    def joined(name: str) -> Complexes:
-        return np.concatenate([getattr(each, name) for each in own])
 
-    return replace(
-        own[0],
-        s=joined("s"),
-        H00=joined("H00"),
-        H0p=joined("H0p"),
-        Hp0=joined("Hp0"),
-        Hpp=joined("Hpp"),
-        D_ref=joined("D_ref"),
-    )
+def picking(dofs: Integers, size: int) -> sp.csc_array:
+    """(k, size) matrix that picks DOFs, one in each row."""
+    return sp.csc_array((np.ones(dofs.size), (np.arange(dofs.size), dofs)), (dofs.size, size))
 
 
 def _nearest_place(seen: Seen, dofs: DofTable, at: int) -> tuple[float, float, int, int]:
@@ -226,7 +222,6 @@ def _reciprocal_ports(seen: Seen, places: Integers, responses: Integers) -> Port
     model, count = seen.inputs.model, responses.size
     K, C, M = (A.T.tocsc() for A in (model.K, model.C, model.M))
     terms = replace(model.terms, left=model.terms.right, right=model.terms.left)
-    entries = np.ones(places.size * count), (np.arange(places.size * count), np.repeat(places, count))
     turned = replace(
         model,
         K=K,
@@ -234,7 +229,7 @@ def _reciprocal_ports(seen: Seen, places: Integers, responses: Integers) -> Port
         M=M,
         terms=terms,
         B=model.L[responses].T.tocsc(),
-        L=sp.csc_array(entries, (places.size * count, model.size)),
+        L=picking(np.repeat(places, count), model.size),
         output_power=np.tile(model.output_power[responses], places.size),
         extras={},
     )
@@ -248,8 +243,7 @@ def sensor_text(seen: Seen, response: int) -> str:
         return ""
     own, model = int(point.col[np.argmax(np.abs(point.data))]), inputs.model
     places = _places(dofs, own, MOST_PLACES)
-    rows = sp.csc_array((np.ones(places.size), (np.arange(places.size), places)), (places.size, model.size))
-    moved = replace(model, L=rows, output_power=np.full(places.size, model.output_power[response]), extras={})
+    moved = replace(model, L=picking(places, model.size), output_power=np.full(places.size, model.output_power[response]), extras={})
     input_of, left, best = np.full(places.size, inputs.input_of[response]), np.full(places.size, np.inf), 0
     for few, wider in gradually(seen):
         with suppress(LrbcError):

@@ -10,15 +10,14 @@ import numpy as np
 import scipy.sparse as sp
 
 from lrbc_cli.arrays import Bools
-from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, levels, spread
-from lrbc_cli.campaign.looking.causes.rescaled import LINES, MOST_WORK, explains, resonances
+from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE
+from lrbc_cli.campaign.looking.causes.rescaled import LINES, MOST_WORK, explains, left_of, ported, resonances
 from lrbc_cli.campaign.looking.causes.tightness import UNLIKE
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.places import extents
 from lrbc_cli.campaign.reading.reach import parts_of
 from lrbc_cli.errors import LrbcError, listing
 from lrbc_cli.model.fem import FeModel
-from lrbc_cli.reduction.problem.full import full_ports
 
 #: What of a part is multiplied, and what is then to be checked.
 _WRONG = {
@@ -105,11 +104,8 @@ def lump_text(seen: Seen, before: float, *, times: float = 20.0, most: int = 8) 
 
 
 def _misfit(seen: Seen, model: FeModel) -> tuple[float, float]:
-    """Level misfit of another model, median over the responses, and the mean level that it leaves [dB]."""
-    settings = seen.inputs.campaign.reduction
-    values = full_ports(model, seen.inputs.input_of, seen.s, settings.band, backend=settings.backend).evaluate(seen.dynamic)
-    difference = levels(seen.measured) - levels(values)
-    return float(np.median(spread(difference, 0))), float(np.nanmedian(difference))
+    """See ``left_of``, for another model."""
+    return left_of(seen, ported(seen, model).evaluate(seen.dynamic))
 
 
 def _parts(seen: Seen, *, least: float = 0.02) -> Iterator[Bools]:

@@ -64,10 +64,7 @@ def _distances(seen: Seen, sets: list[frozenset[str]]) -> Floats:
 
 
 def _numbering(
-    far: Mapping[str, Mapping[frozenset[str], float]],
-    stated: Mapping[str, frozenset[str]],
-    turned: Mapping[str, frozenset[str]],
-    file: str,
+    far: Mapping[str, Mapping[frozenset[str], float]], stated: Mapping[str, frozenset[str]], turned: Mapping[str, frozenset[str]], file: str
 ) -> list[Finding]:
     """Finding if each job fits the bolts counted from the other end better than the stated ones, and all of them clearly."""
     own = {name: (all_far[stated[name]], all_far[turned[name]]) for name, all_far in far.items() if stated[name] != turned[name]}

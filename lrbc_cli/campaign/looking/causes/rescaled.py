@@ -11,13 +11,14 @@ import scipy.sparse as sp
 from scipy.optimize import minimize_scalar
 
 from lrbc_cli.arrays import Complexes, Integers, spaced
-from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, levels, spread
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart, levels, spread
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.fitted import roughly_calibrated
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.places import GRAVITIES, POWERS, mistake_text
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.factors import with_factors
+from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.problem.full import full_ports
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.updating.comparison.scale import LEAST_OFFSET, LEAST_REACH, Offset
@@ -56,6 +57,18 @@ def explains(left: float, off: float, before: float, further: float, *, near: fl
     return abs(off) < MOST_OFF and left < min(wider * MOST_LEFT, wider * CLEARLY * before)
 
 
+def ported(seen: Seen, model: FeModel) -> PortFrf:
+    """Port FRFs of another model by full solves on the lines of ``seen``."""
+    settings = seen.inputs.campaign.reduction
+    return full_ports(model, seen.inputs.input_of, seen.s, settings.band, backend=settings.backend)
+
+
+def left_of(seen: Seen, values: Complexes) -> tuple[float, float]:
+    """Level misfit with other computed FRFs (F, R), median over the responses, and the constant that it leaves out [dB]."""
+    difference = levels(seen.measured) - levels(values)
+    return float(np.median(spread(difference, 0))), float(np.nanmedian(difference))
+
+
 def rescaled_text(seen: Seen, before: float, *, further: float = 1.0) -> str | None:
     """Warning that names the matrix (stiffness or mass) that is wrong by the factor of a unit; None if no factor explains the misfit.
 
@@ -92,9 +105,8 @@ def rescaled_text(seen: Seen, before: float, *, further: float = 1.0) -> str | N
         if key not in seen.source.known:
             seen.source.known[key] = list(_cases(few, factor))
         for matrix, size, values, level in seen.source.known[key]:
-            difference = levels(few.measured) - levels(values)
-            left, off = float(np.median(spread(difference, 0))), float(np.nanmedian(difference)) - level
-            if explains(left, off, before, further):
+            left, off = left_of(few, values)
+            if explains(left, off - level, before, further):
                 found.append((left, matrix, size, factor))
     if not found:
         return None
@@ -134,8 +146,8 @@ def scaled_text(seen: Seen, ratio: float, wrong: str, *, most: int = 12, share: 
         return None
 
     def misfit(case: _Case) -> tuple[float, float]:
-        difference = levels(few.measured) - levels(case[2])
-        return float(np.median(spread(difference, 0))), abs(float(np.nanmedian(difference)) - case[3])
+        left, off = left_of(few, case[2])
+        return left, abs(off - case[3])
 
     def nearest(case: Callable[[Seen, float], _Case], middle: float, reach: float, limit: int) -> tuple[float, float, float]:
         """Factor with the smallest misfit, that misfit, and the level there [dB]; ``middle`` and ``reach`` of the powers of ten tried."""
@@ -328,8 +340,7 @@ def overdamped_text(seen: Seen, most: float) -> str | None:
     """
     if resonances(seen.measured) < MORE * resonances(seen.model):
         return None
-    inputs = seen.inputs
-    plain, settings = inputs.model, inputs.campaign.reduction
+    plain = seen.inputs.model
     # Damping changes little away from resonances, so lines at peaks are added.
     peaks = _peaks(seen.measured)
     few = seen.on(np.union1d(spaced(seen.s.size, LINES), peaks[spaced(peaks.size, LINES)]))
@@ -340,18 +351,17 @@ def overdamped_text(seen: Seen, most: float) -> str | None:
     for factor in factors:
         stiffness = plain.K.real + 1j * factor * plain.K.imag if np.iscomplexobj(plain.K) else plain.K
         with suppress(LrbcError):
-            less = replace(plain, K=stiffness, C=plain.C * factor)
-            ports = full_ports(less, inputs.input_of, few.s, settings.band, backend=settings.backend)
+            ports = ported(few, replace(plain, K=stiffness, C=plain.C * factor))
             # Springs of bolts have the damping of the structure.
             values = ports.evaluate(dynamic.real + 1j * factor * dynamic.imag)
-            found.append((float(np.median(spread(levels(few.measured) - levels(values), 0))), factor))
+            found.append((float(np.median(apart(few.measured, values))), factor))
         # Stop where a further reduction does not help.
         if len(found) > 1 and found[-1][0] >= found[-2][0]:
             break
     if not found or min(found)[0] > min(MOST_LEFT, most):
         return None
     left, factor = min(found)
-    text = mistake_text(inputs.campaign, "damping", 1.0 / factor)
+    text = mistake_text(seen.inputs.campaign, "damping", 1.0 / factor)
     return f"{text}. This reduces the level misfit to {left:.1f} dB (mean level of each response removed)"
 
 
@@ -393,23 +403,22 @@ def _cases(seen: Seen, factor: float) -> Iterator[_Case]:
     """
     plain, dynamic = seen.inputs.model, seen.dynamic
     with suppress(LrbcError):
-        stiff = _ports(seen, factor, _damping(seen, "beta", factor))
+        stiff = _stiffened(seen, factor, _damping(seen, "beta", factor))
         yield "stiffness", 1.0 / factor, stiff.evaluate(dynamic), 0.0
-        light = _ports(seen, factor, _damping(seen, "alpha", 1.0 / factor) * factor) if plain.C.nnz else stiff
+        light = _stiffened(seen, factor, _damping(seen, "alpha", 1.0 / factor) * factor) if plain.C.nnz else stiff
         yield "mass", factor, light.evaluate(factor * dynamic), 20.0 * float(np.log10(factor))
 
 
 def _thickened(seen: Seen, factor: float) -> _Case:
     """As ``_cases``, for a thickness off by t, the square root of ``factor``: K t^3 + D - w^2 M t is t times K t^2 + D / t - w^2 M."""
     t = float(np.sqrt(factor))
-    return "thickness", 1.0 / t, _ports(seen, factor, _damping(seen, "beta", factor)).evaluate(seen.dynamic / t), -20.0 * float(np.log10(t))
+    ports = _stiffened(seen, factor, _damping(seen, "beta", factor))
+    return "thickness", 1.0 / t, ports.evaluate(seen.dynamic / t), -20.0 * float(np.log10(t))
 
 
-def _ports(seen: Seen, factor: float, damping: sp.csc_array) -> PortFrf:
+def _stiffened(seen: Seen, factor: float, damping: sp.csc_array) -> PortFrf:
     """Port FRFs by full solves with another damping matrix and the stiffness matrix multiplied."""
-    inputs, settings = seen.inputs, seen.inputs.campaign.reduction
-    other = replace(inputs.model, K=inputs.model.K * factor, C=damping)
-    return full_ports(other, inputs.input_of, seen.s, settings.band, backend=settings.backend)
+    return ported(seen, replace(seen.inputs.model, K=seen.inputs.model.K * factor, C=damping))
 
 
 def _damping(seen: Seen, of: str, times: float) -> sp.csc_array:

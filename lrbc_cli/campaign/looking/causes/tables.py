@@ -8,7 +8,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Bools, Floats, Integers
 from lrbc_cli.campaign.findings import Finding, Kind
-from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, apart, levels, spread
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, levels, spread
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.places import POWERS
 
@@ -24,7 +24,7 @@ _LEAST_LEVEL, _OFF_LEVEL = 4.0, 2.0
 
 def other_tables(seen: Seen) -> list[Finding]:
     """Finding if a factor of a unit on one or all tables of springs, or another material, explains the tight state; else empty."""
-    before = float(np.median(apart(seen.measured, seen.model)))
+    before = seen.misfit
     if before <= LEAST_DIFFERENCE:
         return []
     # Factors between units are tried, too: springs that are practically free or clamped fit equally well with them.

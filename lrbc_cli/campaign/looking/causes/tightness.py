@@ -42,7 +42,7 @@ def tighter_text(seen: Seen, measurements: Mapping[str, Measurement], *, as_well
         fitted, so it may leave a little more.
     """
     reference, every = seen.job, {name: Seen.of(seen.source, name, whole) for name, whole in measurements.items()}
-    far = {name: float(np.median(apart(own.measured, own.model))) for name, own in every.items()}
+    far = {name: own.misfit for name, own in every.items()}
 
     def share(name: str) -> float:
         values, other = every[name].measured, every[reference].measured
@@ -102,11 +102,11 @@ def not_tight(seen: Seen, held: Complexes, others: Sequence[Complexes] = (), *, 
         Measurements of the jobs to be judged, on the same lines. Most of at least ``least`` of them must be farther from the reference job.
     """
     reference, name = seen.inputs.campaign.update.reference, seen.job
-    stated, found = (float(np.median(apart(values, seen.model))) for values in (held, seen.measured))
+    stated, found = float(np.median(apart(held, seen.model))), seen.misfit
     # Remove the model discrepancy of the reference job, which is that of another tight job, too.
     there = np.isfinite(held) & (held != 0)
     own = seen.reading(seen.measured * np.where(there, seen.model / np.where(there, held, 1.0), np.nan))
-    before = float(np.median(apart(own.measured, own.model)))
+    before = own.misfit
     freed = looser(own, before) if before > LEAST_DIFFERENCE else ""
     nearer = before > LEAST_DIFFERENCE and found < NEARER * stated
     within = sum(float(np.median(apart(values, held))) < before for values in others)

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 from itertools import combinations, product
 
 import numpy as np
-import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, apart, apart_there
-from lrbc_cli.campaign.looking.causes.moved import LINES, MOST_HITS, gradually, solved
+from lrbc_cli.campaign.looking.causes.moved import LINES, MOST_HITS, gradually, picking, solved
 from lrbc_cli.campaign.looking.causes.rescaled import MOST_WORK
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -188,15 +187,9 @@ def _misfits(seen: Seen, points: _Points, moves: list[_Move], largest: float) ->
     changed = np.array([(move.dof != points.dof)[points.responses].any(axis=1) for move in moves])
     rows, at = np.unique(pairs[changed], axis=0, return_inverse=True)
     struck, input_of = np.unique(rows[:, 2], return_inverse=True)
-    model, count = seen.inputs.model, len(rows)
-    of = points.of[rows[:, 0]]
-    other = replace(
-        model,
-        L=sp.csc_array((np.ones(count), (np.arange(count), rows[:, 1])), (count, model.size)),
-        B=sp.csc_array((np.ones(struck.size), (struck, np.arange(struck.size))), (model.size, struck.size)),
-        output_power=model.output_power[of],
-        extras={},
-    )
+    model, of = seen.inputs.model, points.of[rows[:, 0]]
+    L, B = picking(rows[:, 1], model.size), picking(struck, model.size).T.tocsc()
+    other = replace(model, L=L, B=B, output_power=model.output_power[of], extras={})
     computed = solved(seen, other, input_of, b"together" + rows.tobytes()).evaluate(seen.dynamic)
     found = np.full(changed.shape, np.nan)
     found[changed] = apart_there(seen.measured[:, of], computed, largest)[at.ravel()]

@@ -194,14 +194,7 @@ class ChainFault(NamedTuple):
 
 
 def other_chain(
-    frequency_hz: Floats,
-    own: Complexes,
-    tight: Complexes,
-    reference: str,
-    names: list[str],
-    rule: ModalRule = MODAL,
-    *,
-    air: bool = False,
+    frequency_hz: Floats, own: Complexes, tight: Complexes, reference: str, names: list[str], rule: ModalRule = MODAL, *, air: bool = False
 ) -> ChainFault | None:
     """Whether a job was measured with another window, clock or filter than the reference job, as its modes show; None if not.
 
