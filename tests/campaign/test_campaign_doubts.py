@@ -386,10 +386,10 @@ def test_noise_by_coherence(frame: Folder) -> None:
     measurement = read_measurement(inputs, job, "tight")
     object.__setattr__(measurement, "coherence", np.full(measurement.values.shape, 0.9))
     # 8.69 sqrt(0.1 / (2 5 0.9)) is the standard deviation; its mean size is 0.8 of that.
-    assert noise_level(measurement, job, inputs.used) == pytest.approx(0.7979 * 8.686 * np.sqrt(0.1 / 9.0), rel=1e-3)
-    assert noise_level(measurement, job.model_copy(update={"averages": 1}), inputs.used) is None
+    assert noise_level(inputs, measurement, job) == pytest.approx(0.7979 * 8.686 * np.sqrt(0.1 / 9.0), rel=1e-3)
+    assert noise_level(inputs, measurement, job.model_copy(update={"averages": 1})) is None
     object.__setattr__(measurement, "coherence", np.full(measurement.values.shape, np.nan))
-    assert noise_level(measurement, job, inputs.used) is None
+    assert noise_level(inputs, measurement, job) is None
 
 
 def test_rotational_springs_as_the_table_says_are_in_no_other_unit(frame: Folder) -> None:

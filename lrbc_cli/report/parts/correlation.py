@@ -198,4 +198,5 @@ def _peaks(shown: Sequence[tuple[JobRecord, CorrelationRecord]]) -> Markup | Non
         ]
         head = ["Measured", "Initial", "Updated", "Shift before [%]", "after [%]"]
         tables.append(tag("div", table(f"{job.job}: peaks of the mean spectrum [Hz]", head, rows, text_columns=0)))
-    return details(f"Peaks of the mean spectrum, {len(tables)} jobs", tag("div", *tables, class_="grid peaks")) if tables else None
+    count = f"{len(tables)} job{'' if len(tables) == 1 else 's'}"
+    return details(f"Peaks of the mean spectrum, {count}", tag("div", *tables, class_="grid peaks")) if tables else None

@@ -75,7 +75,8 @@ def _inputs(jobs: Sequence[Job]) -> Markup | None:
         [path.removeprefix(common).lstrip("/\\"), Cell(tag("code", digest), class_="hash"), names_of(where)]
         for (path, digest), where in found.items()
     ]
-    return details(f"Inputs ({len(rows)} files)", table("Input files by SHA-256", ["File", "SHA-256", "Jobs"], rows, text_columns=3))
+    count = f"{len(rows)} file{'' if len(rows) == 1 else 's'}"
+    return details(f"Inputs ({count})", table("Input files by SHA-256", ["File", "SHA-256", "Jobs"], rows, text_columns=3))
 
 
 def _documents(title: str, documents: Mapping[str, dict[str, Any]], jobs: int) -> list[Markup]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.special import expit, logsumexp
 
-from lrbc_cli.arrays import Floats, Integers
+from lrbc_cli.arrays import Floats
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.posterior.kinds import KindScore, along_edges
 from lrbc_cli.updating.posterior.mixture import MixtureProblem, State, Stop, best_states, compared, foreseen, pinned, settle

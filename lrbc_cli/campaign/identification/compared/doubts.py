@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.findings import Kind, kinds_of
 from lrbc_cli.campaign.identification.compared.likeness import by_sensors, exchanged, exchanged_text, off_level, outlying
 from lrbc_cli.campaign.identification.compared.offsets import (
@@ -96,15 +96,15 @@ def _levels_off(inputs: Inputs, result: Identification, reference: str) -> str:
     return "; ".join(text for i, text in away.items() if i in beside)
 
 
-def noise_level(measurement: Measurement, job: JobConfig, responses: Integers) -> float | None:
-    """Mean absolute error of the measured levels, from repeats or else from coherence [dB]; None if neither gives it."""
+def noise_level(inputs: Inputs, measurement: Measurement, job: JobConfig) -> float | None:
+    """Mean absolute error of the measured levels of the responses used, from repeats or else from coherence [dB]; None without either."""
     sigma, averages = measurement.sigma_db, job.averages * measurement.files
     if sigma is None or not np.isfinite(sigma).any():
         # The coherence of a single average is 1, whatever the noise.
         if averages < 2:
             return None
-        sigma = coherence_sigma(np.where(measurement.coherence > 0.0, measurement.coherence, np.nan), averages)
-    chosen = sigma[:, responses]
+        sigma = coherence_sigma(np.where(measurement.coherence > 0.0, measurement.coherence, np.nan), averages, inputs.statistics.errors)
+    chosen = sigma[:, inputs.used]
     chosen = chosen[np.isfinite(chosen)]
     # Mean absolute value of a Gaussian error.
     return float(np.sqrt(2.0 / np.pi) * chosen.mean()) if chosen.size else None
@@ -172,7 +172,7 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     found = [*([swapped] if swapped else []), *map(str, units)]
     if gains is not None and kinds_of(units).isdisjoint({Kind.UNITS, Kind.PLACES}):
         found.append((gain_text if gains.shared else level_text)(inputs, result.name, gains))
-    noise = noise_level(result.measurement, job, inputs.used)
+    noise = noise_level(inputs, result.measurement, job)
     # In a relative comparison the model discrepancy cancels, so the misfit need not reach the noise.
     further = [None if result.relative or misfit[1] is None else unreached(misfit[1], noise, reference), worsened(*misfit, noise)]
     untrusted = [Doubt(kind="exchanged", text=swapped)] if swapped else []
@@ -264,6 +264,6 @@ def calibration_doubts(
     found = list(map(str, units))
     if gains is not None and kinds_of(units).isdisjoint({Kind.UNITS, Kind.PLACES}):
         found.append(level_text(inputs, job, gains))
-    noise = noise_level(measurement, inputs.campaign.jobs[job], inputs.used)
+    noise = noise_level(inputs, measurement, inputs.campaign.jobs[job])
     further = [unreached(misfit[1], noise), worsened(*misfit, noise)]
     return found + [text for text in further if text is not None]

@@ -93,7 +93,8 @@ def solved(seen: Seen, model: FeModel, input_of: Integers, key: bytes) -> PortFr
     """Full-order port FRFs of a changed model on the lines of ``seen``; lines that were solved before, under ``key``, are kept."""
     known: dict[complex, PortFrf] = seen.source.known.setdefault(key, {})
     if new := [value for value in seen.s.tolist() if value not in known]:
-        ports = full_ports(model, input_of, np.array(new), seen.inputs.campaign.reduction.band)
+        settings = seen.inputs.campaign.reduction
+        ports = full_ports(model, input_of, np.array(new), settings.band, backend=settings.backend)
         every = np.arange(input_of.size)
         known.update({value: ports.select(np.array([k]), every) for k, value in enumerate(new)})
     own = [known[value] for value in seen.s.tolist()]
