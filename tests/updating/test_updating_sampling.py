@@ -11,7 +11,7 @@ from scipy.special import expit, logsumexp
 from scipy.stats import multivariate_normal, norm
 
 from lrbc_cli.updating.posterior import sampling
-from lrbc_cli.updating.posterior.mixture import MixtureProblem, State, settle
+from lrbc_cli.updating.posterior.mixture import MixtureProblem, Springs, State, settle
 from lrbc_cli.updating.posterior.sampling import about_itself, beyond, by_group, profile, sample_changes
 from lrbc_cli.updating.statistics.priors import BoltPrior
 
@@ -143,7 +143,7 @@ def test_the_loss_of_one_group_alone_is_weighed_by_its_likelihood(lost: float, f
 
     problem = replace(
         Saturating((0.0, 0.0), 1.0).problem(), data=data, bounds=np.tile([-4.0, 2.0], (3, 1)), bolts=joints, mean=0.0 * three,
-        std=np.array([1.0, PRIOR.deviation_std, 1.0]), groups=((0, "second", np.array([5])), (1, "loose", np.array([6]))),
+        std=np.array([1.0, PRIOR.deviation_std, 1.0]), springs=(Springs(0, "second", np.array([5])), Springs(1, "loose", np.array([6]))),
         weakened=lambda _: lambda terms, decades: lambda z: data(z + decades * float(terms[0] == 5) * way),
         about=(lambda z: (data, 0.25 * float(z @ z))) if follows else None,
     )  # fmt: skip

@@ -19,7 +19,7 @@ from lrbc_cli.updating.misfit.cost import ChangeError, Misfit
 from lrbc_cli.updating.misfit.frf import FrfModel
 from lrbc_cli.updating.posterior.confidence import beyond_errors, open_values
 from lrbc_cli.updating.posterior.fit import Posterior
-from lrbc_cli.updating.posterior.mixture import MixtureProblem
+from lrbc_cli.updating.posterior.mixture import MixtureProblem, Springs
 from lrbc_cli.updating.posterior.samples import ChangeSamples
 from lrbc_cli.updating.posterior.sampling import sample_changes
 from lrbc_cli.updating.search.descent import Level
@@ -128,7 +128,7 @@ def changes_of(
     position = {int(column): i for i, column in enumerate(order)}
     pairs = [(position[int(shapes.bolts[a])], position[int(shapes.bolts[b])]) for a, b in neighbours(parameters, bolts, shapes)]
     inverse, rest = np.linalg.pinv(shapes.T), np.zeros(further.shape[1])
-    told = [(position.get(int(shapes.bolts[bolt])), name, terms) for bolt, name, terms in springs_apart(inputs, parameters)]
+    apart = [replace(one, joint=position.get(int(shapes.bolts[one.joint]), -1)) for one in springs_apart(inputs, parameters)]
     problem = MixtureProblem(
         **posed(plain, error),
         variance=variance,
@@ -140,7 +140,7 @@ def changes_of(
         std=np.concatenate([shapes.std, std]),
         shared=plain.errors.shift_error,
         ratio=knowledge.noise.ratio,
-        groups=[(at, name, terms) for at, name, terms in told if at is not None],
+        springs=[one for one in apart if one.joint >= 0],
         weakened=weakened,
         near=near,
     )
@@ -148,26 +148,33 @@ def changes_of(
     return sample_changes(problem, [np.concatenate([z, rest]) for z in starts], inputs.statistics.bolts)
 
 
-def springs_apart(inputs: Inputs, parameters: Parameterisation) -> list[tuple[int, str, Integers]]:
-    """Groups of springs that a joint may lose alone: bolt, name and terms, for bolts with several.
+def springs_apart(inputs: Inputs, parameters: Parameterisation) -> list[Springs]:
+    """Springs that a joint (by its number among the bolts) may lose alone: its groups, in each translations and rotations, and components.
 
-    Translations and rotations of one group count as two: one value holds them together, but a joint can lose one of them.
+    One value holds the components of a group together, but a joint can lose one of them. A spring has the component of the DOF that it
+    acts on most.
     """
-    turning = np.zeros(parameters.terms, dtype=bool)
+    component = np.full(parameters.terms, "", dtype="U16")
     if inputs.dofs is not None:
-        turning = abs(inputs.model.terms.left).T @ ~np.char.startswith(inputs.dofs.component, "ROT") == 0.0
-    found: dict[int, list[tuple[str, Integers]]] = {}
+        component = inputs.dofs.component[np.asarray(abs(inputs.model.terms.left).argmax(axis=0)).ravel()]
+    turning = np.char.startswith(component, "ROT")
+    found: dict[int, list[Springs]] = {}
     for group in parameters.groups:
         if group.kind != "stiffness" or group.bolt is None:
             continue
         owner = group.bolt[group.parameter]
         for bolt in np.unique(owner[owner >= 0]).tolist():
-            terms = group.terms[owner == bolt]
-            parts = {"translation": terms[~turning[terms]], "rotation": terms[turning[terms]]}
-            split = all(part.size for part in parts.values())
-            own = [(f"{group.name} ({name})", part) for name, part in parts.items()] if split else [(group.name, terms)]
-            found.setdefault(bolt, []).extend(own)
-    return [(bolt, name, terms) for bolt, parts in found.items() if len(parts) > 1 for name, terms in parts]
+            terms, told = group.terms[owner == bolt], found.setdefault(bolt, [])
+            kinds = {"translation": terms[~turning[terms]], "rotation": terms[turning[terms]]}
+            if all(part.size for part in kinds.values()):
+                told += [Springs(bolt, f"{group.name} ({name})", part) for name, part in kinds.items()]
+            else:
+                told.append(Springs(bolt, group.name, terms))
+            for part in kinds.values():
+                names = np.unique(component[part]).tolist()
+                told += [Springs(bolt, f"{group.name} ({name})", part[component[part] == name], True) for name in names if len(names) > 1]
+    # The only group of a joint is the joint.
+    return [one for parts in found.values() for one in parts if one.single or sum(not other.single for other in parts) > 1]
 
 
 def beyond_of(model: FrfModel, fit: Fit, changes: ChangeSamples | None, *, steps: tuple[int, int] = (65, 17)) -> Floats | None:

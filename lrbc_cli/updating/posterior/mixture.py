@@ -29,6 +29,19 @@ HELD = 1e10
 Stop = tuple[float, int]
 
 
+@dataclass(frozen=True)
+class Springs:
+    """Springs of a joint that it can lose alone: the joint as a position among the bolts, their name and terms.
+
+    ``single``: one component of several. Of so many, those are told whose loss the data prefer, not those whose loss they allow.
+    """
+
+    joint: int
+    name: str
+    terms: Integers = field(repr=False)
+    single: bool = False
+
+
 @dataclass(frozen=True, kw_only=True)
 class MixtureProblem:
     """Data and priors of m unknowns z, b of which are changes at bolts.
@@ -57,11 +70,11 @@ class MixtureProblem:
     ratio : float
         Errors of the data over what ``variance`` says, see ``noise.validation_ratio``. It widens the changes, but does not reduce the
         weight of the data against the prior, which would make badly explained bolts tight.
-    groups : sequence of (int, str, int array)
-        Each group of springs of a joint with several: the joint as a position in ``bolts``, the group's name, and its terms.
+    springs : sequence of Springs
+        Those that a joint can lose alone.
     weakened : callable or None
         From z to a function of terms and decades, which gives ``data`` with the covariance at z if these terms have changed by so many
-        decades besides; needed where there are ``groups``.
+        decades besides; needed where there are ``springs``.
     near : callable or None
         From z to the same problem, faster at unknowns that differ from z in few stiffnesses; None if there is no faster way.
     residuals : callable or None
@@ -79,7 +92,7 @@ class MixtureProblem:
     about: Callable[[Floats], tuple[Callable[[Floats], tuple[Floats, Floats]], float]] | None = None
     shared: float = 0.0
     ratio: float = 1.0
-    groups: Sequence[tuple[int, str, Integers]] = ()
+    springs: Sequence[Springs] = ()
     weakened: Callable[[Floats], Callable[[Integers, float], Callable[[Floats], tuple[Floats, Floats]]]] | None = None
     near: Callable[[Floats], MixtureProblem] | None = None
     residuals: Callable[[Floats], Callable[[Floats], Floats]] | None = None

@@ -187,13 +187,14 @@ def by_group(problem: MixtureProblem, prior: BoltPrior, state: State, *, step: S
     The prior, that the springs of a joint change nearly alike, hides such a loss. So the group is moved by the mean change of loose
     joints, as in ``_doubted`` with one step of everything else, and the prior of the rest is as without it.
     """
-    asked = [(i, name, terms) for i, name, terms in problem.groups if not state.kinds[i]]
+    asked = [one for one in problem.springs if not state.kinds[one.joint]]
     if not asked or problem.weakened is None:
         return ()
     near, without = pinned(problem.by(state.z), state.z), problem.weakened(state.z)
-    forms = [near, *(replace(near, data=without(terms, problem.loosened(i, prior))) for i, _, terms in asked)]
+    forms = [near, *(replace(near, data=without(one.terms, problem.loosened(one.joint, prior))) for one in asked)]
     own, *others = side_by_side(lambda form: settle(form, prior, state.kinds, state.z, step, rounds=1).evidence, forms)
-    return tuple((i, name, other - own) for (i, name, _), other in zip(asked, others, strict=True))
+    told = [(one, other - own) for one, other in zip(asked, others, strict=True)]
+    return tuple((one.joint, one.name, ratio) for one, ratio in told if ratio > 0.0 or not one.single)
 
 
 def _other_kinds(
