@@ -99,6 +99,7 @@ class _Run:
         self.stage: ReductionStage | None = None
         self.workers = 1
         self.taken: list[float] = []
+        self.told = False
 
     def all(self, accept: bool, workers: int, source: FrfSource | None) -> tuple[Outcome, ReductionStage | None]:
         """Run, judge anew or keep all jobs, those first on which others depend."""
@@ -129,12 +130,26 @@ class _Run:
             second = [name for name in todo if name in campaign.update.baselines]
             for wanted_now in (first, second, [name for name in todo if name not in (*first, *second)]):
                 run = [name for name in wanted_now if self._still_to_run(name)]
+                if wanted_now is not first and run:
+                    self._tell_unexplained()
                 if source is not None:
                     self._run(run, source)
             outcome.kept.sort(key=self.names.index)
         finally:
             write_table(self.output, list(campaign.jobs), outcome.results)
         return outcome, self.stage
+
+    def _tell_unexplained(self) -> None:
+        """Warn, before minutes are spent on further jobs, that none of them will be judged."""
+        name = self.inputs.campaign.update.reference
+        tight = None if name is None else self.outcome.results.get(name)
+        if tight is not None and tight.status == "unexplained" and not self.told:
+            self.told, misfit = True, tight.misfit_db
+            log.warning(
+                "the reference job %s is unexplained (misfit %.2f dB), so no job will be judged: interrupt, and improve the model or its "
+                "calibration first",
+                *(name, max(misfit.final, misfit.held_out_final or 0.0)),
+            )
 
     def _compared_with(self, name: str) -> ComparedWith:
         known, baselines = needs(self.inputs.campaign, name)
