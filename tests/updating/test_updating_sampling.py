@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -128,8 +129,9 @@ def test_a_loss_that_soon_shows_no_more_is_weighed_as_a_whole(soon: float, stren
 
 @pytest.mark.parametrize("lost", [0.0, -0.7, -1.5])
 @pytest.mark.parametrize("follows", [False, True])
-def test_the_loss_of_one_group_alone_is_weighed_by_its_likelihood(lost: float, follows: bool) -> None:
-    """Of linear data: two normal densities, also where the covariance of the data is asked for anew in each state."""
+@pytest.mark.parametrize("certain", [30.0, -1e9])
+def test_the_loss_of_one_group_alone_is_weighed_by_its_likelihood(lost: float, follows: bool, certain: float) -> None:
+    """Of linear data: two normal densities, also where the covariance of the data is asked for anew in each state; by steps or promised."""
     rng = np.random.default_rng(3)
     # Common change and contrast of a joint with two groups, of which the data hardly show the second; and another joint.
     J = rng.normal(size=(ROWS, 3)) @ np.diag([3.0, 1.0, 2.0])
@@ -141,15 +143,22 @@ def test_the_loss_of_one_group_alone_is_weighed_by_its_likelihood(lost: float, f
     def data(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return r0 + J @ z, J
 
+    def moved(terms: np.ndarray, decades: float) -> tuple[Any, Any]:
+        shift = (6 - terms[0]) * decades * way
+        return lambda z: data(z + shift), lambda z: data(z + shift)[0]
+
+    # Of single components only those are told whose loss the data prefer; this one gains.
+    named = (("second", 0, 5, False), ("loose", 1, 6, False), ("gains", 0, 7, True))
     problem = replace(
         Saturating((0.0, 0.0), 1.0).problem(), data=data, bounds=np.tile([-4.0, 2.0], (3, 1)), bolts=joints, mean=0.0 * three,
-        std=np.array([1.0, PRIOR.deviation_std, 1.0]), springs=(Springs(0, "second", np.array([5])), Springs(1, "loose", np.array([6]))),
-        weakened=lambda _: lambda terms, decades: lambda z: data(z + decades * float(terms[0] == 5) * way),
+        std=np.array([1.0, PRIOR.deviation_std, 1.0]),
+        springs=[Springs(joint, name, np.array([term]), single) for name, joint, term, single in named],
+        weakened=lambda _: moved,
         about=(lambda z: (data, 0.25 * float(z @ z))) if follows else None,
     )  # fmt: skip
     kinds = np.array([False, True])
     state = settle(problem, PRIOR, kinds, np.zeros(3), (1e-6, 20))
-    ((joint, name, ratio),) = by_group(problem, PRIOR, state, step=(1e-9, 20))
+    ((joint, name, ratio),) = by_group(problem, PRIOR, state, step=(1e-9, 20), certain=certain)
     std = np.array([PRIOR.joint_tight_std, PRIOR.deviation_std, PRIOR.joint_loose_std])
     mean = J @ np.array([0.0, 0.0, PRIOR.joint_loose_mean]) + r0
     spread = np.eye(ROWS) + J @ np.diag(std**2) @ J.T

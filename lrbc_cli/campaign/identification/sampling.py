@@ -19,15 +19,12 @@ from lrbc_cli.updating.misfit.cost import ChangeError, Misfit
 from lrbc_cli.updating.misfit.frf import FrfModel
 from lrbc_cli.updating.posterior.confidence import beyond_errors, open_values
 from lrbc_cli.updating.posterior.fit import Posterior
-from lrbc_cli.updating.posterior.mixture import MixtureProblem, Springs
+from lrbc_cli.updating.posterior.mixture import Data, MixtureProblem, Springs
 from lrbc_cli.updating.posterior.samples import ChangeSamples
 from lrbc_cli.updating.posterior.sampling import sample_changes
 from lrbc_cli.updating.search.descent import Level
 from lrbc_cli.updating.unknowns.places import pitch_of
 from lrbc_cli.updating.unknowns.shapes import neighbours
-
-#: Residuals and their Jacobian as a function of the unknowns z.
-Data = Callable[[Floats], tuple[Floats, Floats]]
 
 
 def changes_of(
@@ -99,6 +96,9 @@ def changes_of(
 
         return data
 
+    def residuals_by(misfit: Misfit, further: Floats) -> Callable[[Floats], Floats]:
+        return lambda z: misfit.residuals(level.theta(z[:count])) + further @ z[count:]
+
     def posed(misfit: Misfit, error: ChangeError | None) -> dict[str, Any]:
         def about(z: Floats) -> tuple[Data, float]:
             assert error is not None
@@ -107,16 +107,20 @@ def changes_of(
 
         def residuals(z: Floats) -> Callable[[Floats], Floats]:
             there = misfit if error is None else misfit.about(place(z), error)
-            carried = there.carried(further, plain)
-            return lambda z: there.residuals(level.theta(z[:count])) + carried @ z[count:]
+            return residuals_by(there, there.carried(further, plain))
 
         return {"data": data_by(misfit, further), "about": None if error is None else about, "residuals": residuals}
 
-    def weakened(z: Floats) -> Callable[[Integers, float], Data]:
+    def weakened(z: Floats) -> Callable[[Integers, float], tuple[Data, Callable[[Floats], Floats]]]:
         there = plain.near(place(z))
         there = there if error is None else there.about(place(z), error.near(place(z)))
         carried = there.carried(further, plain)
-        return lambda terms, decades: data_by(there.weakened(terms, decades), carried)
+
+        def lost(terms: Integers, decades: float) -> tuple[Data, Callable[[Floats], Floats]]:
+            own = there.weakened(terms, decades)
+            return data_by(own, carried), residuals_by(own, carried)
+
+        return lost
 
     def near(z: Floats) -> MixtureProblem:
         theta = place(z)

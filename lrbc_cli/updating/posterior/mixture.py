@@ -25,6 +25,9 @@ from lrbc_cli.updating.statistics.priors import BoltPrior
 #: Precision that fixes a change, far above what data give [1/decade²].
 HELD = 1e10
 
+#: From unknowns z (m,) to whitened residuals (n,) and their Jacobian (n, m).
+Data = Callable[[Floats], tuple[Floats, Floats]]
+
 #: Stop rule of a descent: relative decrease of the cost at which it ends, and largest number of iterations.
 Stop = tuple[float, int]
 
@@ -49,7 +52,7 @@ class MixtureProblem:
     Attributes
     ----------
     data : callable
-        From z (m,) to whitened residuals (n,) and their Jacobian (n, m).
+        See ``Data``.
     variance : float
         v, of a residual, correlation and coarsening included [dB²].
     bounds : (m, 2) float array
@@ -74,14 +77,14 @@ class MixtureProblem:
         Those that a joint can lose alone.
     weakened : callable or None
         From z to a function of terms and decades, which gives ``data`` with the covariance at z if these terms have changed by so many
-        decades besides; needed where there are ``springs``.
+        decades besides, and the same without the Jacobian; needed where there are ``springs``.
     near : callable or None
         From z to the same problem, faster at unknowns that differ from z in few stiffnesses; None if there is no faster way.
     residuals : callable or None
         ``data`` without the Jacobian, with the covariance at z: from z to a function of unknowns; None if ``data`` is as fast.
     """
 
-    data: Callable[[Floats], tuple[Floats, Floats]]
+    data: Data
     variance: float
     bounds: Floats
     bolts: NDArray[np.int64]
@@ -89,11 +92,11 @@ class MixtureProblem:
     joint: Bools
     mean: Floats
     std: Floats
-    about: Callable[[Floats], tuple[Callable[[Floats], tuple[Floats, Floats]], float]] | None = None
+    about: Callable[[Floats], tuple[Data, float]] | None = None
     shared: float = 0.0
     ratio: float = 1.0
     springs: Sequence[Springs] = ()
-    weakened: Callable[[Floats], Callable[[Integers, float], Callable[[Floats], tuple[Floats, Floats]]]] | None = None
+    weakened: Callable[[Floats], Callable[[Integers, float], tuple[Data, Callable[[Floats], Floats]]]] | None = None
     near: Callable[[Floats], MixtureProblem] | None = None
     residuals: Callable[[Floats], Callable[[Floats], Floats]] | None = None
 
@@ -117,7 +120,7 @@ class State:
     b: Floats = field(repr=False)
 
 
-def _priors(problem: MixtureProblem, prior: BoltPrior, kinds: Bools) -> tuple[Floats, Floats]:
+def priors_of(problem: MixtureProblem, prior: BoltPrior, kinds: Bools) -> tuple[Floats, Floats]:
     """(m,) prior precisions and means of all unknowns, given the kinds."""
     precision, mean = problem.std**-2.0, problem.mean.copy()
     beside = adjacency(problem.neighbours, problem.joint)
@@ -129,7 +132,7 @@ def _posed(
     problem: MixtureProblem, prior: BoltPrior, kinds: Bools, held: tuple[int, float] | None
 ) -> tuple[Callable[[Floats], Evaluation], Floats, Floats]:
     """Cost whose total is -2 log posterior but for constants, given the kinds, with the prior's precisions and means (m,)."""
-    precision, mean = _priors(problem, prior, kinds)
+    precision, mean = priors_of(problem, prior, kinds)
     if held is not None:
         precision[problem.bolts[held[0]]], mean[problem.bolts[held[0]]] = HELD, held[1]
     scale, weight = problem.variance**-0.5, np.sqrt(precision)
@@ -243,7 +246,7 @@ def _alone(problem: MixtureProblem, prior: BoltPrior, z: Floats, kept: int) -> l
     data = near.data if near.about is None else near.about(z)[0]
     _, J = data(z)
     residual = (lambda z: data(z)[0]) if near.residuals is None else near.residuals(z)
-    precision, mean = _priors(problem, prior, none)
+    precision, mean = priors_of(problem, prior, none)
     C = np.linalg.inv(J.T @ J / problem.variance + np.diag(precision))
 
     def nearest(i: int) -> tuple[float, Floats]:

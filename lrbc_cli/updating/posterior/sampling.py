@@ -17,7 +17,18 @@ from scipy.special import expit, logsumexp
 from lrbc_cli.arrays import Floats
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.posterior.kinds import KindScore, along_edges
-from lrbc_cli.updating.posterior.mixture import MixtureProblem, State, Stop, best_states, compared, foreseen, pinned, settle
+from lrbc_cli.updating.posterior.mixture import (
+    MixtureProblem,
+    Springs,
+    State,
+    Stop,
+    best_states,
+    compared,
+    foreseen,
+    pinned,
+    priors_of,
+    settle,
+)
 from lrbc_cli.updating.posterior.samples import ChangeSamples
 from lrbc_cli.updating.statistics.noise import widened
 from lrbc_cli.updating.statistics.priors import BOLT_PRIOR, BoltPrior
@@ -181,19 +192,38 @@ def _doubted(
     return dict(sorted((found | {i: float(changes[i]) for i, loose in far if loose}).items()))
 
 
-def by_group(problem: MixtureProblem, prior: BoltPrior, state: State, *, step: Stop = (1e-2, 1)) -> tuple[tuple[int, str, float], ...]:
+def by_group(
+    problem: MixtureProblem, prior: BoltPrior, state: State, *, certain: float = 30.0, step: Stop = (1e-2, 1)
+) -> tuple[tuple[int, str, float], ...]:
     """For each group of springs of a tight joint the log likelihood ratio of a typical loss of this group alone against none.
 
     The prior, that the springs of a joint change nearly alike, hides such a loss. So the group is moved by the mean change of loose
-    joints, as in ``_doubted`` with one step of everything else, and the prior of the rest is as without it.
+    joints, as in ``_doubted`` with one step of everything else, and the prior of the rest is as without it. A loss that a step by the
+    derivatives at the state excludes by more than ``certain`` needs no others.
     """
     asked = [one for one in problem.springs if not state.kinds[one.joint]]
     if not asked or problem.weakened is None:
         return ()
-    near, without = pinned(problem.by(state.z), state.z), problem.weakened(state.z)
-    forms = [near, *(replace(near, data=without(one.terms, problem.loosened(one.joint, prior))) for one in asked)]
-    own, *others = side_by_side(lambda form: settle(form, prior, state.kinds, state.z, step, rounds=1).evidence, forms)
-    told = [(one, other - own) for one, other in zip(asked, others, strict=True)]
+    z, near, without = state.z, pinned(problem.by(state.z), state.z), problem.weakened(state.z)
+    r, J = near.data(z)
+    precision, mean = priors_of(problem, prior, state.kinds)
+    C = np.linalg.inv(J.T @ J / problem.variance + np.diag(precision))
+
+    def promised(r: Floats) -> float:
+        slope = J.T @ r / problem.variance + precision * (z - mean)
+        return 0.5 * float(slope @ C @ slope - r @ r / problem.variance)
+
+    def settled(form: MixtureProblem) -> float:
+        return settle(form, prior, state.kinds, z, step, rounds=1).evidence
+
+    own, tight = settled(near), promised(r)
+
+    def ratio(one: Springs) -> float:
+        data, residuals = without(one.terms, problem.loosened(one.joint, prior))
+        linear = promised(residuals(z)) - tight
+        return linear if linear < -certain else settled(replace(near, data=data)) - own
+
+    told = zip(asked, side_by_side(ratio, asked), strict=True)
     return tuple((one.joint, one.name, ratio) for one, ratio in told if ratio > 0.0 or not one.single)
 
 
