@@ -96,6 +96,18 @@ class TestLayout:
         np.testing.assert_allclose(kappa[[1, 3, 5]], 10.0 ** theta[[5, 6, 5]], rtol=1e-13)
         np.testing.assert_allclose(kappa[[8, 7]], 10.0 ** theta[[8, 9]], rtol=1e-13)
 
+    def test_terms_that_changed_besides(self, mixed):
+        """Term 1 alone of the joint of terms 1 and 5, twice over; unknowns, damping and all others are as before."""
+        theta, changed = mixed.initial, mixed.weakened(np.array([1, 8]), -0.5).weakened(np.array([1]), -1.0)
+        factor = np.ones(9)
+        factor[[1, 8]] = 10.0**-1.5, 10.0**-0.5
+        np.testing.assert_allclose(changed.scales(theta), factor * mixed.scales(theta), rtol=1e-14)
+        np.testing.assert_allclose(changed.scale_jacobian(theta), factor[:, None] * mixed.scale_jacobian(theta), rtol=1e-14)
+        s = np.array([10j, 500j])
+        np.testing.assert_allclose(changed.dynamic(theta, s), factor * mixed.dynamic(theta, s), rtol=1e-14)
+        np.testing.assert_array_equal(changed.initial, theta)
+        assert mixed.factor is None
+
     def test_no_groups(self):
         empty = Parameterisation(())
         assert empty.size == empty.terms == 0

@@ -130,6 +130,25 @@ class TestCost:
         np.testing.assert_allclose(a.jacobian, b.jacobian, rtol=1e-5, atol=1e-6 * np.abs(b.jacobian).max())
         assert relative(by_ports.model.frf(theta), by_stiffness.model.frf(theta)) < 1e-9
 
+    def test_terms_that_changed_besides_whatever_the_unknowns_are(self):
+        """About a state as about none, with derivatives to the unknowns; what was computed without the change is not taken for it."""
+        model, parameters = pads_model(THIRDS)
+        plain = port_model(pads_ports(model).select(np.arange(S.size), ROWS), parameters)
+        theta, terms = wavy(parameters), np.array([0, 3])
+        before, D = plain.frf(theta), parameters.dynamic(theta, plain.s)
+        D[:, terms] *= 10.0**-1.5
+        expected = plain.values(D)
+        assert relative(before, expected) > 1e-3
+        for form in (plain, plain.near(theta)):
+            changed = form.weakened(terms, -1.5)
+            np.testing.assert_allclose(changed.frf(theta), expected, rtol=1e-9)
+            y, J = changed.sensitivities(theta)
+            np.testing.assert_allclose(y, expected, rtol=1e-9)
+            way = np.cos(np.arange(parameters.size))
+            check_derivative(
+                lambda t, changed=changed: 20 * np.log10(np.abs(changed.frf(t))), J, theta, way / np.linalg.norm(way), first=0.03
+            )
+
     def test_a_state_is_computed_once_unless_it_is_large(self, monkeypatch):
         model, parameters = pads_model(THIRDS)
         ports, calls = pads_ports(model).select(np.arange(S.size), ROWS), []
