@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from lrbc_cli.campaign.reading.model_doubts import loss_factor, undamped_text
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import GB, limit_of, reduction_cost
 from lrbc_cli.config.settings import EveryLine, JobConfig
-from lrbc_cli.errors import LrbcError, NumericalError
+from lrbc_cli.errors import LrbcError, NumericalError, listing
 from lrbc_cli.model.coupling import asymmetry, coupling_of
 from lrbc_cli.model.dofs import COMPONENTS
 from lrbc_cli.reduction.solve import pardiso
@@ -205,7 +205,7 @@ def _rounded(seconds: float) -> str:
 def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, detailed: bool, progress: Callable[[str], None]) -> list[str]:
     if not inputs.campaign.jobs:
         return ["none"]
-    lines: dict[str, list[str]] = {}
+    lines, noted = dict[str, list[str]](), dict[str, list[str]]()
     readable: dict[str, Measurement] = {}
     held: dict[tuple[str, ...], str] = {}
     chosen_lines, sparse = inputs.method.lines, list[str]()
@@ -230,7 +230,9 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         records = sum(bool(np.isfinite(measurement.values[:, i]).any()) for i in range(len(inputs.responses)))
         notes = (*_packed(measurement.notes), *(measurement.records if detailed else ()))
         matched = f"{records} of {len(inputs.responses)} responses matched"
-        lines[name] = [f"{name}: {measurement.lines}, {selected.size} selected, {matched}", *(f"  {note}" for note in notes)]
+        lines[name] = [f"{name}: {measurement.lines}, {selected.size} selected, {matched}"]
+        for note in dict.fromkeys(notes):
+            noted.setdefault(note, []).append(name)
         out.found += [*_of_files(job, measurement), *of_file(inputs, name, measurement)]
         own += pasted(measurement, names, inputs.statistics.validation)
         empty, count = missed(measurement.frequency_hz, measurement.values[:, inputs.used], selected)
@@ -253,7 +255,15 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         out.jobs = []
     for planned in out.jobs:
         lines[planned.name][0] += f"; {planned.verb} ({planned.reason})"
-    return [*(line for own in lines.values() for line in own), *([note] if note else [])]
+    return [*_noted(lines, noted), *([note] if note else [])]
+
+
+def _noted(lines: Mapping[str, list[str]], noted: Mapping[str, list[str]], *, most: int = 8) -> list[str]:
+    """Lines of all jobs, each followed by the notes on it alone; then the notes that several jobs share, once each."""
+    own = {name: [text for text, jobs in noted.items() if jobs == [name]] for name in lines}
+    shared = {text: "all jobs" if len(jobs) == len(lines) else listing(jobs, most) for text, jobs in noted.items() if len(jobs) > 1}
+    told = [line for name, each in lines.items() for line in (*each, *(f"  {text}" for text in own[name]))]
+    return [*told, *(f"{jobs}: {text}" for text, jobs in shared.items())]
 
 
 def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], out: Findings, progress: Callable[[str], None]) -> str:
