@@ -17,7 +17,7 @@ from lrbc_cli.io.frf import TextLayout, detect_frf_format, read_coherence, read_
 from lrbc_cli.io.hdf5.tools import SEAL
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
-REUSE_FOLDER = [HealthCheck.function_scoped_fixture]
+REUSE_FOLDER = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 FREQUENCY = np.array([10.0, 10.1, 33.3])
 H = np.array([1 - 2j, 3 + 4j, 5e-6 - 6e-6j])
 

@@ -22,7 +22,7 @@ from lrbc_cli.io import common
 from lrbc_cli.io.frf import FORMATS, TextLayout, detect_frf_format, read_coherence, read_frf
 from lrbc_cli.io.matrices.read import read_matrix, read_vectors
 
-REUSE_FOLDER = [HealthCheck.function_scoped_fixture]
+REUSE_FOLDER = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 HZ = np.array([10.0, 10.5, 11.0, 11.5, 12.0])
 H = np.array([1 - 2j, 3 + 4j, 5e-6 - 6e-6j, 1j, -2 + 0.5j])
 TWO = np.stack([H, 2 * H], axis=1)

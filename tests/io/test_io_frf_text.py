@@ -17,7 +17,7 @@ from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.frf import TextLayout, read_coherence, read_frf, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
-REUSE_FOLDER = [HealthCheck.function_scoped_fixture]
+REUSE_FOLDER = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 FREQUENCY = np.array([10.0, 10.5, 11.0, 11.5])
 H = np.array([1 - 2j, 0.3 + 0.4j, -5 + 1e-3j, 2e-6 - 1e-6j])
 MAGNITUDE, DECIBEL, DEGREES, RADIANS = np.abs(H), 20 * np.log10(np.abs(H)), np.rad2deg(np.angle(H)), np.angle(H)

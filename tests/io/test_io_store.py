@@ -16,7 +16,7 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.io.hdf5.store import read_store, write_store
 from lrbc_cli.io.hdf5.tools import SEAL, sealed
 
-REUSE_FOLDER = [HealthCheck.function_scoped_fixture]
+REUSE_FOLDER = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 KEYS = st.text(st.characters(exclude_characters="/\0", exclude_categories=["Cs"]), min_size=1, max_size=6).filter(
     lambda key: key not in (".", "..")
 )

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.text.tables import read_dof_list, read_dof_table, read_points, read_positions
 
-REUSE_FOLDER = [HealthCheck.function_scoped_fixture]
+REUSE_FOLDER = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 DOFS = "dof,node,component,x,y,z\n0,11,UX,0.1,0.2,0.3\n1,11,roty,0.1,0.2,0.3\n2,12,PRES,1,2,3\n"
 
 

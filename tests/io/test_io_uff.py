@@ -24,7 +24,7 @@ from lrbc_cli.io.uff.read import Coherence, _attach
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
 DATA = Path(__file__).parents[1] / "data" / "uff"
-REUSE_FOLDER = [HealthCheck.function_scoped_fixture]
+REUSE_FOLDER = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 SI, MM, FEET = (1, 1.0, 1.0), (5, 1e3, 1e3), (2, 3.28083989501312334, 0.224808943099710480)
 
 

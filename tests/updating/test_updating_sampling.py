@@ -147,7 +147,6 @@ def test_the_loss_of_one_group_alone_is_weighed_by_its_likelihood(lost: float, f
         shift = (6 - terms[0]) * decades * way
         return lambda z: data(z + shift), lambda z: data(z + shift)[0]
 
-    # Of single components only those are told whose loss the data prefer; this one gains.
     named = (("second", 0, 5, False), ("loose", 1, 6, False), ("gains", 0, 7, True))
     problem = replace(
         Saturating((0.0, 0.0), 1.0).problem(), data=data, bounds=np.tile([-4.0, 2.0], (3, 1)), bolts=joints, mean=0.0 * three,
@@ -158,12 +157,13 @@ def test_the_loss_of_one_group_alone_is_weighed_by_its_likelihood(lost: float, f
     )  # fmt: skip
     kinds = np.array([False, True])
     state = settle(problem, PRIOR, kinds, np.zeros(3), (1e-6, 20))
-    ((joint, name, ratio),) = by_group(problem, PRIOR, state, step=(1e-9, 20), certain=certain)
+    (found, ratio), (gains, less) = by_group(problem, PRIOR, state, step=(1e-9, 20), certain=certain)
     std = np.array([PRIOR.joint_tight_std, PRIOR.deviation_std, PRIOR.joint_loose_std])
     mean = J @ np.array([0.0, 0.0, PRIOR.joint_loose_mean]) + r0
     spread = np.eye(ROWS) + J @ np.diag(std**2) @ J.T
     exact = [multivariate_normal.logpdf(mean + change * J @ way, np.zeros(ROWS), spread) for change in (PRIOR.joint_loose_mean, 0.0)]
-    assert (joint, name) == (0, "second")
+    assert (found.name, gains.name) == ("second", "gains")
+    assert less < min(ratio, 0.0)
     # The determinant of a covariance that follows the state does not count.
     assert ratio == pytest.approx(exact[0] - exact[1], abs=1e-6)
 

@@ -371,7 +371,7 @@ def _hidden(posterior: Change, rule: DecisionRule) -> tuple[str, ...]:
 
 def _lost_alone(posterior: Change, rule: DecisionRule) -> str | None:
     """Message on a joint that is tight as a whole, while the data say, at even prior odds, that its springs of one group are loose."""
-    by_ratio = sorted(posterior.alone, key=lambda one: -one[1])
+    by_ratio = sorted((*posterior.alone, *posterior.components), key=lambda one: -one[1])
     lost = [f"{group} (log likelihood ratio {ratio:.1f})" for group, ratio in by_ratio if rule.word(_even(ratio)) == LOOSE]
     return f"the data say that springs of it alone are loose: {', or '.join(lost)}" if lost else None
 
