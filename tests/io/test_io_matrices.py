@@ -477,7 +477,7 @@ def small_files(tmp_path_factory):
     return {kind: (folder / kind).read_bytes().partition(SEAL)[0] for kind in KINDS}
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(data=st.data())
 def test_damage_gives_a_data_error_or_a_matrix(tmp_path, small_files, data):
     kind = data.draw(st.sampled_from(KINDS), label="file")
