@@ -202,5 +202,7 @@ def test_rotations_that_a_joint_lost_alone_are_no_all_clear(tmp_path: Path) -> N
         assert found["B9"].verdict == "undecided"
         told = f"the data say that springs of it alone are loose: joints ({lost}) (log likelihood ratio "
         assert str(found["B9"].note).startswith(told)
+        assert found["B9"].lost_groups[0] == f"joints ({lost})"
+        assert "B9 probably loose)" in record.sentence.split("inconclusive (single springs of ")[1]
         # The whole joint has not changed.
         assert abs(found["B9"].change) < 0.2

@@ -198,13 +198,17 @@ class TestSampled:
         assert found.verdict == "undecided"
         most = "rocking (ROTX) (log likelihood ratio 4.0), or rocking (log likelihood ratio 3.5)"
         assert found.note == f"the data say that springs of it alone are loose: {most}"
+        assert found.lost_groups == ("rocking (ROTX)", "rocking")
 
     @pytest.mark.parametrize("ratio", [3.0, 1000.0])
     def test_a_joint_is_not_tight_whose_springs_of_one_group_the_data_call_loose(self, ratio: float) -> None:
         found = one(replace(PLACE, change=Change(mean=0.0, std=0.1, alone=(("axial", -50.0), ("rocking", ratio)))))
         assert found.verdict == "undecided"
         assert found.note == f"the data say that springs of it alone are loose: rocking (log likelihood ratio {ratio:.1f})"
-        assert found.open_groups == ()
+        assert (found.open_groups, found.lost_groups) == ((), ("rocking",))
+        # A loose joint has lost more than that.
+        loose = one(replace(PLACE, change=Change(mean=-2.0, std=0.1, alone=(("axial", -50.0), ("rocking", ratio)))))
+        assert (loose.verdict, loose.lost_groups) == ("loose", ())
 
     @pytest.mark.parametrize(("loose", "verdict"), [(0.004, "tight"), (0.007, "undecided"), (0.04, "undecided")])
     def test_the_prior_alone_makes_no_joint_tight(self, loose: float, verdict: str) -> None:

@@ -16,12 +16,13 @@ NO_CHANNELS = "no validation channel shows whether the model explains the measur
 
 @dataclass(frozen=True, kw_only=True)
 class BoltFinding:
-    """A bolt with its verdict, its probability of being loose if known, and ``BoltVerdict.open_groups``."""
+    """A bolt with its verdict, its probability of being loose if known, and groups of its springs as in ``BoltVerdict``."""
 
     name: str
     verdict: str
     probability: float | None = None
     open_groups: Sequence[str] = ()
+    lost_groups: Sequence[str] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,8 +210,9 @@ def _no_verdict(job: JobFinding) -> str:
 
 
 def _inconclusive(bolts: Sequence[BoltFinding]) -> str:
-    likely = _likely(bolts)
-    return f"{len(bolts)} inconclusive" + (f" ({_names(likely)} probably loose)" if likely else "")
+    likely, partly = _likely(bolts), [bolt.name for bolt in bolts if bolt.lost_groups]
+    told = [f"{what}{_names(names)} probably loose" for what, names in (("", likely), ("single springs of ", partly)) if names]
+    return f"{len(bolts)} inconclusive" + (f" ({'; '.join(told)})" if told else "")
 
 
 def _likely(bolts: Sequence[BoltFinding]) -> list[str]:

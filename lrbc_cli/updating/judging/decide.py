@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
@@ -81,6 +81,8 @@ class BoltVerdict:
         Of the change [decades].
     open_groups : tuple of str
         Groups of springs of a tight bolt whose loss alone the data do not exclude.
+    lost_groups : tuple of str
+        Groups or components of springs that the data call loose alone, the most probable first, of a bolt that would be tight otherwise.
     suspect : bool
         Taken as tight, although in a baseline it is loose or probably loose, or in the reference job it is far looser than the other bolts.
     """
@@ -95,6 +97,7 @@ class BoltVerdict:
     probability_loose: float | None = None
     threshold: float | None = None
     open_groups: tuple[str, ...] = ()
+    lost_groups: tuple[str, ...] = ()
     suspect: bool = False
 
 
@@ -281,7 +284,8 @@ def _verdict(
         note = f"{tight}, but compared with the reference job it comes out {surely}loose" if suspect else found.note or tight
         found = replace(found, verdict=TIGHT, probability_loose=None, note=note, suspect=suspect and explained)
     if not explained:
-        found = replace(found, verdict=UNDECIDED, probability_loose=None, note="the model does not explain the measurement", open_groups=())
+        found = replace(found, verdict=UNDECIDED, probability_loose=None, note="the model does not explain the measurement")
+        found = replace(found, open_groups=(), lost_groups=())
     return found
 
 
@@ -308,7 +312,8 @@ def _by_role(bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: s
         word = rule.word(probability)
         if word == UNDECIDED and note is None:
             note = "the data do not decide: the interval of its change contains the threshold"
-        excuses = (_excused(posterior, own, rule), _by_prior(posterior, limit, between, rule), _lost_alone(posterior, rule))
+        lost = _lost_alone(posterior, rule) if word == TIGHT else {}
+        excuses = (_excused(posterior, own, rule), _by_prior(posterior, limit, between, rule), _lost_note(lost))
         excused = next(filter(None, excuses), None) if word == TIGHT else None
         if word == TIGHT and excused is None and bolt.joint and bolt.difference is not None and bolt.difference <= limit:
             excused = "its posterior probability says tight, but the identified stiffness is below the threshold"
@@ -331,6 +336,7 @@ def _by_role(bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: s
             probability_loose=probability,
             threshold=limit,
             open_groups=hidden,
+            lost_groups=tuple(lost),
         )
     if evidence.missing_reference is not None:
         # A change is wanted, which a contrast between bolts does not replace.
@@ -369,11 +375,16 @@ def _hidden(posterior: Change, rule: DecisionRule) -> tuple[str, ...]:
     return tuple(dict.fromkeys([*posterior.unfelt, *lost]))
 
 
-def _lost_alone(posterior: Change, rule: DecisionRule) -> str | None:
-    """Message on a joint that is tight as a whole, while the data say, at even prior odds, that its springs of one group are loose."""
-    by_ratio = sorted((*posterior.alone, *posterior.components), key=lambda one: -one[1])
-    lost = [f"{group} (log likelihood ratio {ratio:.1f})" for group, ratio in by_ratio if rule.word(_even(ratio)) == LOOSE]
-    return f"the data say that springs of it alone are loose: {', or '.join(lost)}" if lost else None
+def _lost_alone(posterior: Change, rule: DecisionRule) -> dict[str, float]:
+    """Groups and components of springs that the data call loose alone at even prior odds, and log likelihood ratios, largest first."""
+    told = sorted((*posterior.alone, *posterior.components), key=lambda one: -one[1])
+    return {name: ratio for name, ratio in told if rule.word(_even(ratio)) == LOOSE}
+
+
+def _lost_note(lost: Mapping[str, float]) -> str | None:
+    """Message on a joint that is tight as a whole, while the data call some of its springs loose."""
+    named = ", or ".join(f"{name} (log likelihood ratio {ratio:.1f})" for name, ratio in lost.items())
+    return f"the data say that springs of it alone are loose: {named}" if lost else None
 
 
 def _excused(posterior: Change, own: float, rule: DecisionRule) -> str | None:
