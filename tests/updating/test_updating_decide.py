@@ -190,16 +190,6 @@ class TestSampled:
         assert found.note == f"tight as a whole; the data do not exclude that its springs of {which} alone are loose"
         assert found.open_groups == (("rocking", "torsion") if told else ("rocking",))
 
-    def test_of_single_components_only_what_the_data_call_loose_is_told(self) -> None:
-        """A component without effect has a ratio near 0, by chance above it."""
-        own = Change(mean=0.0, std=0.1, alone=(("axial", -50.0), ("rocking", -40.0)), components=(("rocking (ROTX)", 2.9),))
-        assert (one(replace(PLACE, change=own)).verdict, one(replace(PLACE, change=own)).open_groups) == ("tight", ())
-        found = one(replace(PLACE, change=replace(own, alone=(("rocking", 3.5),), components=(("rocking (ROTX)", 4.0),))))
-        assert found.verdict == "undecided"
-        most = "rocking (ROTX) (log likelihood ratio 4.0), or rocking (log likelihood ratio 3.5)"
-        assert found.note == f"the data say that springs of it alone are loose: {most}"
-        assert found.lost_groups == ("rocking (ROTX)", "rocking")
-
     @pytest.mark.parametrize("ratio", [3.0, 1000.0])
     def test_a_joint_is_not_tight_whose_springs_of_one_group_the_data_call_loose(self, ratio: float) -> None:
         found = one(replace(PLACE, change=Change(mean=0.0, std=0.1, alone=(("axial", -50.0), ("rocking", ratio)))))

@@ -147,22 +147,22 @@ def test_the_loss_of_one_group_alone_is_weighed_by_its_likelihood(lost: float, f
         shift = (6 - terms[0]) * decades * way
         return lambda z: data(z + shift), lambda z: data(z + shift)[0]
 
-    named = (("second", 0, 5, False), ("loose", 1, 6, False), ("gains", 0, 7, True))
+    named = (("second", 0, 5), ("loose", 1, 6), ("gains", 0, 7))
     problem = replace(
         Saturating((0.0, 0.0), 1.0).problem(), data=data, bounds=np.tile([-4.0, 2.0], (3, 1)), bolts=joints, mean=0.0 * three,
         std=np.array([1.0, PRIOR.deviation_std, 1.0]),
-        springs=[Springs(joint, name, np.array([term]), single) for name, joint, term, single in named],
+        springs=[Springs(joint, name, np.array([term])) for name, joint, term in named],
         weakened=lambda _: moved,
         about=(lambda z: (data, 0.25 * float(z @ z))) if follows else None,
     )  # fmt: skip
     kinds = np.array([False, True])
     state = settle(problem, PRIOR, kinds, np.zeros(3), (1e-6, 20))
-    (found, ratio), (gains, less) = by_group(problem, PRIOR, state, step=(1e-9, 20), certain=certain)
+    (joint, name, ratio), (_, gains, less) = by_group(problem, PRIOR, state, step=(1e-9, 20), certain=certain)
     std = np.array([PRIOR.joint_tight_std, PRIOR.deviation_std, PRIOR.joint_loose_std])
     mean = J @ np.array([0.0, 0.0, PRIOR.joint_loose_mean]) + r0
     spread = np.eye(ROWS) + J @ np.diag(std**2) @ J.T
     exact = [multivariate_normal.logpdf(mean + change * J @ way, np.zeros(ROWS), spread) for change in (PRIOR.joint_loose_mean, 0.0)]
-    assert (found.name, gains.name) == ("second", "gains")
+    assert (joint, name, gains) == (0, "second", "gains")
     assert less < min(ratio, 0.0)
     # The determinant of a covariance that follows the state does not count.
     assert ratio == pytest.approx(exact[0] - exact[1], abs=1e-6)

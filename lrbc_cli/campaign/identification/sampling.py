@@ -153,15 +153,16 @@ def changes_of(
 
 
 def springs_apart(inputs: Inputs, parameters: Parameterisation) -> list[Springs]:
-    """Springs that a joint (by its number among the bolts) may lose alone: its groups, in each translations and rotations, and components.
+    """Springs that a joint (by its number among the bolts) may lose alone: its groups, and in each translations and rotations.
 
-    One value holds the components of a group together, but a joint can lose one of them. A spring has the component of the DOF that it
-    acts on most.
+    One value holds the components of a group together, but a joint can lose its rotations alone. Single components are not asked for: the
+    loss of one with little effect fits errors of the model by chance.
     """
-    component = np.full(parameters.terms, "", dtype="U16")
+    turning = np.zeros(parameters.terms, dtype=bool)
     if inputs.dofs is not None:
-        component = inputs.dofs.component[np.asarray(abs(inputs.model.terms.left).argmax(axis=0)).ravel()]
-    turning = np.char.startswith(component, "ROT")
+        # A spring acts on translations or on rotations.
+        most = np.asarray(abs(inputs.model.terms.left).argmax(axis=0)).ravel()
+        turning = np.char.startswith(inputs.dofs.component[most], "ROT")
     found: dict[int, list[Springs]] = {}
     for group in parameters.groups:
         if group.kind != "stiffness" or group.bolt is None:
@@ -174,11 +175,8 @@ def springs_apart(inputs: Inputs, parameters: Parameterisation) -> list[Springs]
                 told += [Springs(bolt, f"{group.name} ({name})", part) for name, part in kinds.items()]
             else:
                 told.append(Springs(bolt, group.name, terms))
-            for part in kinds.values():
-                names = np.unique(component[part]).tolist()
-                told += [Springs(bolt, f"{group.name} ({name})", part[component[part] == name], True) for name in names if len(names) > 1]
     # The only group of a joint is the joint.
-    return [one for parts in found.values() for one in parts if one.single or sum(not other.single for other in parts) > 1]
+    return [one for parts in found.values() if len(parts) > 1 for one in parts]
 
 
 def beyond_of(model: FrfModel, fit: Fit, changes: ChangeSamples | None, *, steps: tuple[int, int] = (65, 17)) -> Floats | None:

@@ -239,14 +239,12 @@ def _bolts(inputs: Inputs, result: Identification) -> tuple[bool, tuple[BoltEvid
         if found is None:
             return None
         own = _partial_changes(inputs, result, parts) if result.posterior.shapes.by_bolt else ()
-        at, told = _sampled(result, bolt), result.changes
-        alone, components = (
-            tuple((name, ratio) for i, name, ratio in each if i == at) for each in ((told.groups, told.components) if told else ((), ()))
-        )
+        at, told = _sampled(result, bolt), () if result.changes is None else result.changes.groups
+        alone = tuple((group, ratio) for i, group, ratio in told if i == at)
         # Joints only: the hats of an edge share one change.
         joint = parts[0][0].bolt is not None
         ratio = float(result.changes.ratios[at]) if joint and at is not None and result.changes is not None else None
-        return replace(found, may_be_free=not felt, unfelt=free if felt else (), parts=own, alone=alone, components=components, ratio=ratio)
+        return replace(found, may_be_free=not felt, unfelt=free if felt else (), parts=own, alone=alone, ratio=ratio)
 
     found = at_bolts(groups, names, xyz, change_of)
     if result.changes is not None:

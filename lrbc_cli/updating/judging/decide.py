@@ -82,7 +82,7 @@ class BoltVerdict:
     open_groups : tuple of str
         Groups of springs of a tight bolt whose loss alone the data do not exclude.
     lost_groups : tuple of str
-        Groups or components of springs that the data call loose alone, the most probable first, of a bolt that would be tight otherwise.
+        Groups of springs that the data call loose alone, the most probable first, of a bolt that would be tight otherwise.
     suspect : bool
         Taken as tight, although in a baseline it is loose or probably loose, or in the reference job it is far looser than the other bolts.
     """
@@ -376,8 +376,8 @@ def _hidden(posterior: Change, rule: DecisionRule) -> tuple[str, ...]:
 
 
 def _lost_alone(posterior: Change, rule: DecisionRule) -> dict[str, float]:
-    """Groups and components of springs that the data call loose alone at even prior odds, and log likelihood ratios, largest first."""
-    told = sorted((*posterior.alone, *posterior.components), key=lambda one: -one[1])
+    """Groups of springs that the data call loose alone at even prior odds, and log likelihood ratios, largest first."""
+    told = sorted(posterior.alone, key=lambda one: -one[1])
     return {name: ratio for name, ratio in told if rule.word(_even(ratio)) == LOOSE}
 
 

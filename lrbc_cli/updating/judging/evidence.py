@@ -121,9 +121,6 @@ class Change:
         Groups of a joint with springs in several groups whose change is known to within ``deviation``.
     alone : tuple of (str, float)
         Groups of a joint with several, each with the log likelihood ratio of a typical loss of it alone against none.
-    components : tuple of (str, float)
-        The same of single components that share a value with others, where the data prefer the loss. Many have no effect, so what the data
-        merely allow is not told of them.
     ratio : float or None
         Log likelihood ratio of loose against tight, for a joint; None if its change was not sampled.
     """
@@ -140,7 +137,6 @@ class Change:
     unfelt: tuple[str, ...] = ()
     parts: tuple[PartialChange, ...] = ()
     alone: tuple[tuple[str, float], ...] = ()
-    components: tuple[tuple[str, float], ...] = ()
     ratio: float | None = None
 
     def below(self, limit: float, scatter: float, *, changed: bool = False) -> float:

@@ -34,15 +34,11 @@ Stop = tuple[float, int]
 
 @dataclass(frozen=True)
 class Springs:
-    """Springs of a joint that it can lose alone: the joint as a position among the bolts, their name and terms.
-
-    ``single``: one component of several. Of so many, those are told whose loss the data prefer, not those whose loss they allow.
-    """
+    """Springs of a joint that it can lose alone: the joint as a position among the bolts, their name and terms."""
 
     joint: int
     name: str
     terms: Integers = field(repr=False)
-    single: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

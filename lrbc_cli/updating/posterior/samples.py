@@ -39,8 +39,6 @@ class ChangeSamples:
     groups : sequence of (int, str, float)
         For each group of springs of a tight joint with several (position in ``bolts``, name) the log likelihood ratio of a typical loss of
         this group alone against none, see ``sampling.by_group``.
-    components : sequence of (int, str, float)
-        The same of single components that share a value with others, where the data prefer the loss.
     """
 
     bolts: NDArray[np.int64]
@@ -53,7 +51,6 @@ class ChangeSamples:
     prior: BoltPrior = BOLT_PRIOR
     alternatives: Sequence[tuple[Floats, float]] = ()
     groups: Sequence[tuple[int, str, float]] = ()
-    components: Sequence[tuple[int, str, float]] = ()
 
     @property
     def inclusion(self) -> Floats:

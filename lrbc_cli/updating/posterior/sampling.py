@@ -194,7 +194,7 @@ def _doubted(
 
 def by_group(
     problem: MixtureProblem, prior: BoltPrior, state: State, *, certain: float = 30.0, step: Stop = (1e-2, 1)
-) -> list[tuple[Springs, float]]:
+) -> list[tuple[int, str, float]]:
     """For each group of springs of a tight joint the log likelihood ratio of a typical loss of this group alone against none.
 
     The prior, that the springs of a joint change nearly alike, hides such a loss. So the group is moved by the mean change of loose
@@ -223,7 +223,7 @@ def by_group(
         linear = promised(residuals(z)) - tight
         return linear if linear < -certain else settled(replace(near, data=data)) - own
 
-    return list(zip(asked, side_by_side(ratio, asked), strict=True))
+    return [(one.joint, one.name, found) for one, found in zip(asked, side_by_side(ratio, asked), strict=True)]
 
 
 def _other_kinds(
@@ -404,9 +404,7 @@ def sample_changes(
             parts.append(_sweeps(problem, prior, state, about, own, burn_in, rng))
             alternatives.append((state.z[problem.bolts], own / int(count.sum())))
     loose, means, stds = (np.concatenate(part) for part in zip(*parts, strict=True))
-    told = [(one.joint, one.name, ratio, one.single) for one, ratio in by_group(problem, prior, best)]
-    further: dict[str, Any] = {"neighbours": hats, "alternatives": alternatives, "z": best.z}
-    further |= {"groups": [one[:3] for one in told if not one[3]], "components": [one[:3] for one in told if one[3] and one[2] > 0.0]}
+    further: dict[str, Any] = {"neighbours": hats, "alternatives": alternatives, "groups": by_group(problem, prior, best), "z": best.z}
     return ChangeSamples(bolts=problem.bolts, loose=loose, means=means, stds=stds, kinds=best.kinds, prior=prior, **further)
 
 
