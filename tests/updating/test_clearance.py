@@ -121,10 +121,10 @@ def test_bolts_that_are_tight_as_a_whole_only_are_said() -> None:
 def test_springs_of_a_bolt_that_the_data_call_loose_are_said() -> None:
     some = [BoltFinding(name="B1", verdict="tight"), BoltFinding(name="B2", verdict="undecided", probability=1e-6, lost_groups=("rot",))]
     found = JobFinding(status="converged", bolts=some)
-    assert sentence(found) == "no loose bolt found: 1 tight, 1 inconclusive (single springs of B2 probably loose)"
-    assert not_clear({"tight": REFERENCE, "a": found}) == {"a": ["1 inconclusive (single springs of B2 probably loose)"]}
+    assert sentence(found) == "no loose bolt found: 1 tight, 1 inconclusive (some springs of B2 probably loose)"
+    assert not_clear({"tight": REFERENCE, "a": found}) == {"a": ["1 inconclusive (some springs of B2 probably loose)"]}
     both = replace(found, bolts=(*some, BoltFinding(name="B3", verdict="undecided", probability=0.7)))
-    assert sentence(both) == "no loose bolt found: 1 tight, 2 inconclusive (B3 probably loose; single springs of B2 probably loose)"
+    assert sentence(both) == "no loose bolt found: 1 tight, 2 inconclusive (B3 probably loose; some springs of B2 probably loose)"
 
 
 def test_many_bolts_that_are_tight_one_by_one_are_no_all_clear_together() -> None:

@@ -194,6 +194,19 @@ def test_logarithmic_derivatives(system: System, phase: bool) -> None:
     check_derivative(lambda t: 20.0 * np.log10(np.abs(model.frf(t))), J.real, theta, direction, first=3e-2)
 
 
+def test_terms_that_changed_besides(system: System) -> None:
+    """As with the dynamic values of these terms changed by hand; the model itself stays as it is."""
+    model, terms = build(system), np.array([0, 3])
+    theta, before = point(model), build(system).frf(point(model))
+    D = system.parameters.dynamic(theta[: system.parameters.size], S)
+    D[:, terms] *= 10.0**-0.7
+    effects = model.effects(theta)
+    expected = system.affine.linearise(S, D, effects.factors, [], model.offset(theta)).y
+    gains = 10.0 ** (np.array([effects.gains.get(i, 0.0) for i in range(system.input_of.size)]) / 20.0)
+    np.testing.assert_allclose(model.weakened(terms, -0.7).frf(theta), expected * gains, rtol=1e-10)
+    np.testing.assert_array_equal(model.frf(theta), before)
+
+
 def test_some_of_the_responses(system: System) -> None:
     chosen = np.array([0, 2])
     few = [*(e for e in nuisances(system) if e.kind != "gain"), Gain(name="r2", index=2, std=0.3, reach=5.0)]

@@ -211,7 +211,7 @@ def _no_verdict(job: JobFinding) -> str:
 
 def _inconclusive(bolts: Sequence[BoltFinding]) -> str:
     likely, partly = _likely(bolts), [bolt.name for bolt in bolts if bolt.lost_groups]
-    told = [f"{what}{_names(names)} probably loose" for what, names in (("", likely), ("single springs of ", partly)) if names]
+    told = [f"{what}{_names(names)} probably loose" for what, names in (("", likely), ("some springs of ", partly)) if names]
     return f"{len(bolts)} inconclusive" + (f" ({'; '.join(told)})" if told else "")
 
 

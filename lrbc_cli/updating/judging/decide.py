@@ -284,8 +284,8 @@ def _verdict(
         note = f"{tight}, but compared with the reference job it comes out {surely}loose" if suspect else found.note or tight
         found = replace(found, verdict=TIGHT, probability_loose=None, note=note, suspect=suspect and explained)
     if not explained:
-        found = replace(found, verdict=UNDECIDED, probability_loose=None, note="the model does not explain the measurement")
-        found = replace(found, open_groups=(), lost_groups=())
+        why = "the model does not explain the measurement"
+        found = replace(found, verdict=UNDECIDED, probability_loose=None, note=why, open_groups=(), lost_groups=())
     return found
 
 
