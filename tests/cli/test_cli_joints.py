@@ -18,6 +18,7 @@ from shared import shared
 from lrbc_cli import load
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification import job as job_module
+from lrbc_cli.campaign.identification.sampling import springs_apart
 from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.search.descent import descend
 from lrbc_cli.updating.search.optimise import Solution
@@ -203,3 +204,19 @@ def test_rotations_that_a_joint_lost_alone_are_no_all_clear(tmp_path: Path) -> N
     assert "B9 probably loose)" in turned.sentence.split("inconclusive (some springs of ")[1]
     # The whole joint has not changed.
     assert abs(found["B9"].change) < 0.2
+
+
+def test_each_group_is_asked_for_and_of_mixed_ones_both_kinds(tmp_path: Path) -> None:
+    """A rail's fasteners lost the whole of a group with translations and rotations; each kind alone was excluded, and came out all clear."""
+    folder = grillage(tmp_path / "mixed", ("tight",))
+    head, *rows = (folder.data / "bushings.csv").read_text().splitlines()
+    for name, own in {"mixed": [row for row in rows if ",ROTY," not in row], "rest": [row for row in rows if ",ROTY," in row]}.items():
+        (folder.data / f"{name}.csv").write_text("\n".join([head, *own]) + "\n")
+    folder.write({**folder.tree(), "parameters": {name: {"select": {"bushings": f"data/{name}.csv"}} for name in ("mixed", "rest")}})
+    study = load(folder.config, cache=folder.cache)
+    found = springs_apart(study.inputs, study.parameters())
+    asked = {bolt: {one.name: one.terms.tolist() for one in found if one.joint == bolt} for bolt in range(len(BOLTS))}
+    for parts in asked.values():
+        assert list(parts) == ["mixed", "mixed (translation)", "mixed (rotation)", "rest"]
+        assert parts["mixed"] == [*parts["mixed (translation)"], *parts["mixed (rotation)"]]
+    assert sorted(term for parts in asked.values() for name in ("mixed", "rest") for term in parts[name]) == list(range(3 * len(BOLTS)))

@@ -153,7 +153,7 @@ def changes_of(
 
 
 def springs_apart(inputs: Inputs, parameters: Parameterisation) -> list[Springs]:
-    """Springs that a joint (by its number among the bolts) may lose alone: its groups, and in each translations and rotations.
+    """Springs that a joint (by its number among the bolts) may lose alone: its groups, and of each its translations and its rotations.
 
     One value holds the components of a group together, but a joint can lose its rotations alone. Single components are not asked for: the
     loss of one with little effect fits errors of the model by chance.
@@ -163,20 +163,23 @@ def springs_apart(inputs: Inputs, parameters: Parameterisation) -> list[Springs]
         # A spring acts on translations or on rotations.
         most = np.asarray(abs(inputs.model.terms.left).argmax(axis=0)).ravel()
         turning = np.char.startswith(inputs.dofs.component[most], "ROT")
-    found: dict[int, list[Springs]] = {}
+    owned: dict[int, list[tuple[str, Integers]]] = {}
     for group in parameters.groups:
         if group.kind != "stiffness" or group.bolt is None:
             continue
         owner = group.bolt[group.parameter]
         for bolt in np.unique(owner[owner >= 0]).tolist():
-            terms, told = group.terms[owner == bolt], found.setdefault(bolt, [])
+            owned.setdefault(bolt, []).append((group.name, group.terms[owner == bolt]))
+    found = []
+    for bolt, groups in owned.items():
+        for name, terms in groups:
+            # The only group of a joint is the joint.
+            if len(groups) > 1:
+                found.append(Springs(bolt, name, terms))
             kinds = {"translation": terms[~turning[terms]], "rotation": terms[turning[terms]]}
             if all(part.size for part in kinds.values()):
-                told += [Springs(bolt, f"{group.name} ({name})", part) for name, part in kinds.items()]
-            else:
-                told.append(Springs(bolt, group.name, terms))
-    # The only group of a joint is the joint.
-    return [one for parts in found.values() if len(parts) > 1 for one in parts]
+                found += [Springs(bolt, f"{name} ({kind})", part) for kind, part in kinds.items()]
+    return found
 
 
 def beyond_of(model: FrfModel, fit: Fit, changes: ChangeSamples | None, *, steps: tuple[int, int] = (65, 17)) -> Floats | None:
