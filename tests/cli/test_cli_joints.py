@@ -207,7 +207,7 @@ def test_rotations_that_a_joint_lost_alone_are_no_all_clear(tmp_path: Path) -> N
 
 
 def test_each_group_is_asked_for_and_of_mixed_ones_both_kinds(tmp_path: Path) -> None:
-    """A rail's fasteners lost the whole of a group with translations and rotations; either kind alone was excluded, and all was clear."""
+    """A rail's fasteners lost the whole of a group with translations and rotations, which was not among what was asked for."""
     folder = grillage(tmp_path / "mixed", ("tight",))
     head, *rows = (folder.data / "bushings.csv").read_text().splitlines()
     for name, own in {"mixed": [row for row in rows if ",ROTY," not in row], "rest": [row for row in rows if ",ROTY," in row]}.items():
