@@ -231,6 +231,15 @@ class Parameterisation:
                 mask[at] = True
         return mask
 
+    def by_group(self, theta: Floats) -> dict[str, Floats]:
+        """Values in theta (size,) by group; the damping exponent (1,) under ``GROUP.damping``."""
+        found: dict[str, Floats] = {}
+        for group, values, at in self.placed:
+            found[group.name] = theta[values]
+            if at is not None:
+                found[f"{group.name}.damping"] = theta[at : at + 1]
+        return found
+
     def scales(self, theta: Floats) -> Floats:
         """(nt,) linear value kappa_j of every term."""
         kappa = np.zeros(self.terms)

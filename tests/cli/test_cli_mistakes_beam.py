@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,6 +14,8 @@ import pytest
 import scipy.io
 from campaigns import lrbc
 
+import lrbc_cli
+from lrbc_cli.campaign.looking import first_look, fitted
 from lrbc_cli.campaign.looking.causes import held, moved, rescaled
 from lrbc_cli.campaign.looking.causes.tightness import of_other_unit_text
 
@@ -270,12 +273,11 @@ def test_nothing_is_wrong_with_the_beam(tmp_path: Path, cache: Path) -> None:
     assert [line for line in told.splitlines() if line.strip() and "lines too far apart" not in line] == []
 
 
-def soft(folder: Path) -> Path:
+def soft(folder: Path, levels: tuple[float, ...] = (0.3, 3.0, 0.4, 2.5, 0.5)) -> Path:
     """A model 6 % too soft with springs of about half the stiffness, none like another, and a block to calibrate it."""
     file = beam.make(folder)
     times("K.mtx", 0.94)(folder)
     head, *rows = (folder / "bushings.csv").read_text(encoding="utf-8").splitlines()
-    levels = (0.3, 3.0, 0.4, 2.5, 0.5)
     own = [f"{row.rpartition(',')[0]},{level * beam.SPRING:g}" for row, level in zip(rows, levels, strict=True)]
     (folder / "bushings.csv").write_text("\n".join([head, *own]) + "\n", encoding="utf-8")
     block = "calibration: {job: ref, factors: [stiffness.structure, alpha.structure, beta.structure]}\n"
@@ -295,6 +297,42 @@ def test_a_model_that_is_not_calibrated_is_compared_after_a_rough_calibration(tm
     wrong = lrbc("check", file, "--cache", cache).stdout
     assert "job ref: a4 differs from the model by" in wrong
     assert "it would differ by 0.1 dB (near: [0.78, 0, 0], component: UZ)" in wrong
+
+
+def warned(file: Path, cache: Path) -> str:
+    told = lrbc("check", file, "--cache", cache).stdout.partition("\nwarnings\n")[2]
+    return "".join(line for line in told.splitlines(keepends=True) if "lines too far apart" not in line)
+
+
+def test_a_stored_calibration_is_compared_with_its_springs(tmp_path: Path, cache: Path) -> None:
+    """Its factors hold with the springs that were found beside them, and not with those of the table."""
+    file = soft(tmp_path, (0.06, 5.0, 0.05, 0.08, 4.0))
+    assert lrbc("calibrate", file, "--cache", cache).code == 0
+    assert warned(file, cache).strip() == ""
+    inputs, s = lrbc_cli.load(file, cache=cache).inputs, 2j * np.pi * beam.HZ
+    assert inputs.calibration is not None
+    source = first_look._source(inputs, cache, print)
+    assert source is not None
+    np.testing.assert_allclose(source.parameters(s).initial[:-1], inputs.calibration.boundary["bolts"].log10)
+    exported = fitted.as_exported(source)
+    assert exported is not None
+    assert not exported.parameters(s).initial[:-1].any()
+    shutil.rmtree(inputs.campaign.output)
+    plain = lrbc_cli.load(file, cache=cache).inputs.model.K
+    assert abs(inputs.model.K - plain).max() > 0.03 * abs(plain).max()
+    assert abs(exported.inputs.model.K - plain).max() < 1e-12 * abs(plain).max()
+
+
+def test_a_stored_calibration_hides_no_mistake(tmp_path: Path, cache: Path) -> None:
+    """Its factors make up for a matrix that is three times too stiff."""
+    file = beam.make(tmp_path)
+    times("K.mtx", 3.0)(tmp_path)
+    block = "calibration: {job: ref, factors: [stiffness.structure, mass.structure, alpha.structure, beta.structure]}\n"
+    file.write_text(file.read_text(encoding="utf-8") + block, encoding="utf-8")
+    before = warned(file, cache)
+    assert "stiffness.structure 0.34" in before
+    assert lrbc("calibrate", file, "--cache", cache).code == 0
+    assert "stiffness.structure 0.34" in warned(file, cache)
 
 
 @pytest.mark.slow

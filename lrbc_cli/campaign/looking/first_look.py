@@ -58,7 +58,7 @@ from lrbc_cli.campaign.looking.causes.tightness import (
     taken_as_tight,
     tighter_text,
 )
-from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, roughly_calibrated, strike_text
+from lrbc_cli.campaign.looking.fitted import as_exported, expected_frf, fitted_theta, roughly_calibrated, strike_text
 from lrbc_cli.campaign.looking.states import Looking, Seen, nearest_states, reach_of_one
 from lrbc_cli.campaign.looking.unexplained import beside_fitted, beside_tight, foreign, little_in_common, placed
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -92,6 +92,9 @@ _OF_MODEL = {
     *(Kind.CUT, Kind.FILTERED, Kind.DAMPING, Kind.MATERIAL, Kind.STRETCHED),
     *(Kind.HAMMERS, Kind.HAMMER, Kind.ORIGIN, Kind.IDLE),
 }
+
+#: Kinds of findings that say no more than that the model is far from the measurement, or its springs: a stored calibration mends them.
+_MENDED = {Kind.UNLIKE, Kind.ALONE, Kind.LOWERED, Kind.SPRINGS}
 
 #: Number of nearest states for which exchanged sensors are looked for.
 NEAREST = 4
@@ -153,7 +156,8 @@ def first_look(
         found: dict[str, OfJob] = {}
         tight = measurements.get(reference or "")
         heard = {name: replace(measurements[name], values=_heard(inputs, name, measurements[name], tight)) for name in order}
-        source = _calibrated_from_another(source, heard)
+        exported = as_exported(source)
+        source = source if exported else _calibrated_from_another(source, heard)
         for name in order:
             own = found[reference].told if reference in found else []
             if kinds_of(own) & _OF_MODEL:
@@ -162,6 +166,10 @@ def first_look(
             tight = heard.get(reference or "") if name != reference and not kinds_of(own) - {Kind.LOWERED} else None
             progress(f"comparing {name} with the model, job {len(found) + 1} of {len(order)}")
             cycles = [cycle for each in own if name != reference for cycle in each.cycles]
+            seen = _as_exported(exported, heard, name) if exported and name == reference else None
+            if seen is not None:
+                source, found[name] = seen
+                continue
             found[name] = _looked_at(source, heard, name, tight, cycles)
             if name == reference:
                 source, found[name] = _calibrated(source, heard, name, found[name])
@@ -365,6 +373,16 @@ def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: 
         return calibrated, OfJob([Finding(text=unit, kind=Kind.SPRINGS)])
     lowered = lowered_text(seen, after)
     return calibrated, replace(again, told=[*again.told, Finding(text=lowered, kind=Kind.LOWERED)]) if lowered else again
+
+
+def _as_exported(exported: Looking, measurements: Mapping[str, Measurement], name: str) -> tuple[Looking, OfJob] | None:
+    """Model for the other jobs, and findings of the reference job, as before the calibration that is stored; None if it mends them.
+
+    A calibration hides mistakes by wrong factors: a sensor along another axis, another material, a constraint.
+    """
+    first = _calibrated_from_another(exported, measurements)
+    source, found = _calibrated(first, measurements, name, _looked_at(first, measurements, name))
+    return (source, found) if kinds_of(found.told) - _MENDED else None
 
 
 def _uncalibrated(seen: Seen, measurement: Measurement, told: list[Finding]) -> list[Finding]:

@@ -218,12 +218,7 @@ def _calibrated_by(source: Looking, problem: FactorProblem, theta: Floats) -> Lo
     """The model with the factors and boundary values that theta holds."""
     parameters = problem.parameters
     factors = {name: float(np.exp(value)) for name, value in zip(problem.names, theta[parameters.size :], strict=False)}
-    start: dict[str, Floats] = {}
-    for group, values, at in parameters.placed:
-        start[group.name] = theta[values]
-        if at is not None:
-            start[f"{group.name}.damping"] = theta[at : at + 1]
-    return replace(_multiplied(source, problem.model, factors), start=start, factors=factors)
+    return replace(_multiplied(source, problem.model, factors), start=parameters.by_group(theta), factors=factors)
 
 
 def _multiplied(source: Looking, model: AffineModel, factors: Mapping[str, float]) -> Looking:
@@ -233,3 +228,13 @@ def _multiplied(source: Looking, model: AffineModel, factors: Mapping[str, float
     whole, recipe = with_factors(inputs.model, inputs.recipe, factors)
     stage = replace(source.stage, reduction=replace(source.stage.reduction, model=model.at(factors)))
     return Looking(inputs=replace(inputs, model=whole, recipe=recipe), stage=stage, kind="port")
+
+
+def as_exported(source: Looking) -> Looking | None:
+    """The model without the factors and values of the stored calibration; None if none is used."""
+    use = source.inputs.calibration
+    if use is None or not use.used or source.stage is None:
+        return None
+    inputs = replace(source.inputs, calibration=None)
+    plain = Looking(inputs=inputs, stage=source.stage, kind=source.kind)
+    return _multiplied(plain, affine_model(inputs, source.stage), {name: 1.0 / value for name, value in use.factors.items()})

@@ -10,7 +10,7 @@ import numpy as np
 from lrbc_cli.arrays import Complexes, Floats, Integers, spaced
 from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, apart, levels, spread
 from lrbc_cli.campaign.identification.records import Measurement, unlike
-from lrbc_cli.campaign.identification.unknowns import parameterise
+from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.memory import reduction_cost
 from lrbc_cli.campaign.reduced.stage import FrfSource
@@ -59,14 +59,19 @@ class Looking(FrfSource):
         return self.stage.reduction.model.ports(s)
 
     def parameters(self, s: Complexes) -> Parameterisation:
-        """Parameter groups for the lines s [rad/s], with the start values of a rough calibration if there is one."""
-        return Parameterisation(tuple(self._started(group) for group in parameterise(self.inputs, self, s)[0].groups))
+        """Parameter groups for the lines s [rad/s], with the start values of a rough calibration, else of the stored one if it is used."""
+        found = parameterise(self.inputs, self, s)[0]
+        # The stored factors were identified together with these values, and fit with them only.
+        start = self.start or next((found.by_group(theta) for theta in calibrated_start(self.inputs, found).values()), {})
+        return Parameterisation(tuple(_started(group, start) for group in found.groups))
 
-    def _started(self, group: ParameterGroup) -> ParameterGroup:
-        values, exponent = self.start.get(group.name), self.start.get(f"{group.name}.damping")
-        if group.damping is not None and exponent is not None:
-            group = replace(group, damping=replace(group.damping, initial=exponent.item()))
-        return group if values is None else replace(group, initial=np.clip(values, *group.bounds.T))
+
+def _started(group: ParameterGroup, start: Mapping[str, Floats]) -> ParameterGroup:
+    """The group with start values from ``start``, if it has some."""
+    values, exponent = start.get(group.name), start.get(f"{group.name}.damping")
+    if group.damping is not None and exponent is not None:
+        group = replace(group, damping=replace(group.damping, initial=exponent.item()))
+    return group if values is None else replace(group, initial=np.clip(values, *group.bounds.T))
 
 
 @dataclass(frozen=True, kw_only=True)
