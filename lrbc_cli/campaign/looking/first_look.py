@@ -156,23 +156,18 @@ def first_look(
         found: dict[str, OfJob] = {}
         tight = measurements.get(reference or "")
         heard = {name: replace(measurements[name], values=_heard(inputs, name, measurements[name], tight)) for name in order}
-        exported = as_exported(source)
-        source = source if exported else _calibrated_from_another(source, heard)
+        source = _calibrated_from_another(source, heard)
         for name in order:
             own = found[reference].told if reference in found else []
             if kinds_of(own) & _OF_MODEL:
                 break
-            # A faulty reference job is not used as the tight state.
-            tight = heard.get(reference or "") if name != reference and not kinds_of(own) - {Kind.LOWERED} else None
             progress(f"comparing {name} with the model, job {len(found) + 1} of {len(order)}")
-            cycles = [cycle for each in own if name != reference for cycle in each.cycles]
-            seen = _as_exported(exported, heard, name) if exported and name == reference else None
-            if seen is not None:
-                source, found[name] = seen
-                continue
-            found[name] = _looked_at(source, heard, name, tight, cycles)
             if name == reference:
-                source, found[name] = _calibrated(source, heard, name, found[name])
+                source, found[name] = _of_reference(source, heard, name)
+                continue
+            # A faulty reference job is not used as the tight state.
+            tight = heard.get(reference or "") if not kinds_of(own) - {Kind.LOWERED} else None
+            found[name] = _looked_at(source, heard, name, tight, [cycle for each in own for cycle in each.cycles])
         later = f"; the other jobs are compared once the fault of {reference} is corrected" if len(found) < len(order) else ""
         told = _together(source, heard, found)
         causes = {name: {each.cause for each in told if each.place == f"job {name}" and each.kind in _OF_NUMBERS} for name in found}
@@ -375,14 +370,18 @@ def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: 
     return calibrated, replace(again, told=[*again.told, Finding(text=lowered, kind=Kind.LOWERED)]) if lowered else again
 
 
-def _as_exported(exported: Looking, measurements: Mapping[str, Measurement], name: str) -> tuple[Looking, OfJob] | None:
-    """Model for the other jobs, and findings of the reference job, as before the calibration that is stored; None if it mends them.
+def _of_reference(source: Looking, measurements: Mapping[str, Measurement], name: str) -> tuple[Looking, OfJob]:
+    """Model for the other jobs, and findings of the reference job ``name``.
 
-    A calibration hides mistakes by wrong factors: a sensor along another axis, another material, a constraint.
+    A stored calibration hides mistakes by wrong factors: a sensor along another axis, another material, a constraint. So the model as
+    exported is compared first, and what it tells holds unless the calibration mends it.
     """
-    first = _calibrated_from_another(exported, measurements)
-    source, found = _calibrated(first, measurements, name, _looked_at(first, measurements, name))
-    return (source, found) if kinds_of(found.told) - _MENDED else None
+    if (exported := as_exported(source)) is not None:
+        exported = _calibrated_from_another(exported, measurements)
+        first, found = _calibrated(exported, measurements, name, _looked_at(exported, measurements, name))
+        if kinds_of(found.told) - _MENDED:
+            return first, found
+    return _calibrated(source, measurements, name, _looked_at(source, measurements, name))
 
 
 def _uncalibrated(seen: Seen, measurement: Measurement, told: list[Finding]) -> list[Finding]:
