@@ -217,6 +217,7 @@ def test_each_group_is_asked_for_and_of_mixed_ones_both_kinds(tmp_path: Path) ->
     found = springs_apart(study.inputs, study.parameters())
     asked = {bolt: {one.name: one.terms.tolist() for one in found if one.joint == bolt} for bolt in range(len(BOLTS))}
     for parts in asked.values():
-        assert list(parts) == ["mixed", "mixed (translation)", "mixed (rotation)", "rest"]
+        assert list(parts) == ["", "mixed", "mixed (translation)", "mixed (rotation)", "rest"]
+        assert parts[""] == [*parts["mixed"], *parts["rest"]]
         assert parts["mixed"] == [*parts["mixed (translation)"], *parts["mixed (rotation)"]]
     assert sorted(term for parts in asked.values() for name in ("mixed", "rest") for term in parts[name]) == list(range(3 * len(BOLTS)))

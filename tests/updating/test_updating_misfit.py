@@ -13,7 +13,7 @@ from systems import direct_frf, relative
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.terms import Parameterisation, smoothing_matrix
 from lrbc_cli.updating.misfit.cost import ChangeError, Misfit, mean_misfit, penalty_rows
-from lrbc_cli.updating.misfit.frf import port_model, reduced_model
+from lrbc_cli.updating.misfit.frf import displaced, port_model, reduced_model
 from lrbc_cli.updating.statistics.decibels import decibel
 from lrbc_cli.updating.statistics.error_model import ERRORS
 
@@ -148,6 +148,35 @@ class TestCost:
             check_derivative(
                 lambda t, changed=changed: 20 * np.log10(np.abs(changed.frf(t))), J, theta, way / np.linalg.norm(way), first=0.03
             )
+
+    def test_terms_at_another_level_in_the_state_compared_with(self):
+        """What is compared is the change from there; with factors of the FRFs the derivatives of levels are those of the changed model."""
+        model, parameters = pads_model(THIRDS)
+        plain = port_model(pads_ports(model).select(np.arange(S.size), ROWS), parameters)
+        prior, theta, terms = parameters.initial, wavy(parameters), np.array([0, 3])
+        lower, lost = plain.weakened(terms, -0.5), plain.weakened(terms, -2.0)
+        misfit = Misfit(plain, plain.frf(theta) * 1.1, prior, 0.0).weakened(terms, -1.5, -0.5)
+        y, J = misfit.model.sensitivities(theta)
+        np.testing.assert_allclose(y / plain.frf(prior), lost.frf(theta) / lower.frf(prior), rtol=1e-9)
+        np.testing.assert_allclose(J, lost.sensitivities(theta)[1], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(displaced(plain, terms, -0.5, prior).frf(prior), plain.frf(prior), rtol=1e-12)
+        near = displaced(plain, terms, -0.5, prior).near(theta)
+        np.testing.assert_allclose(near.weakened(terms, -1.5).frf(theta), y, rtol=1e-8)
+
+    def test_cells_are_bands_of_lines_of_one_response(self):
+        model, parameters = pads_model(THIRDS)
+        plain = port_model(pads_ports(model).select(np.arange(S.size), ROWS), parameters)
+        measured = plain.frf(parameters.initial).copy()
+        measured[3, 0] = np.nan
+        misfit = Misfit(plain, measured, parameters.initial, 0.0)
+        cells, (line, response) = misfit.cells, np.nonzero(misfit.valid)
+        assert cells.size == misfit.data_rows(misfit(parameters.initial)) == measured.size - 1
+        f, width = np.abs(S), misfit.errors.shift_knots * np.abs(S).max()
+        for cell in np.unique(cells):
+            own = cells == cell
+            assert np.unique(response[own]).size == 1
+            assert np.ptp(f[line[own]]) <= width * (1.0 + 1e-9)
+        assert np.unique(cells).size > measured.shape[1]
 
     def test_a_state_is_computed_once_unless_it_is_large(self, monkeypatch):
         model, parameters = pads_model(THIRDS)

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from scipy.special import expit, logsumexp
-from scipy.stats import multivariate_normal, norm
+from scipy.stats import norm
 
 from lrbc_cli.updating.posterior import sampling
-from lrbc_cli.updating.posterior.mixture import MixtureProblem, Springs, State, settle
-from lrbc_cli.updating.posterior.sampling import about_itself, beyond, by_group, profile, sample_changes
+from lrbc_cli.updating.posterior.mixture import MixtureProblem, State, settle
+from lrbc_cli.updating.posterior.sampling import about_itself, beyond, profile, sample_changes
 from lrbc_cli.updating.statistics.priors import BoltPrior
 
 PRIOR = BoltPrior()
@@ -125,47 +124,6 @@ def test_a_loss_that_soon_shows_no_more_is_weighed_as_a_whole(soon: float, stren
     found = sample_changes(problem, [np.zeros(1)], PRIOR, sweeps=50)
     # Within a third of a nat; up to two thirds more where the tight kind is no Gaussian either.
     assert -0.35 < found.ratios[0] - ratio < 0.65
-
-
-@pytest.mark.parametrize("lost", [0.0, -0.7, -1.5])
-@pytest.mark.parametrize("follows", [False, True])
-@pytest.mark.parametrize("certain", [30.0, -1e9])
-def test_the_loss_of_one_group_alone_is_weighed_by_its_likelihood(lost: float, follows: bool, certain: float) -> None:
-    """Of linear data: two normal densities, also where the covariance of the data is asked for anew in each state; by steps or promised."""
-    rng = np.random.default_rng(3)
-    # Common change and contrast of a joint with two groups, of which the data hardly show the second; and another joint.
-    J = rng.normal(size=(ROWS, 3)) @ np.diag([3.0, 1.0, 2.0])
-    way = np.array([0.5, -np.sqrt(0.5), 0.0])
-    J[:, 0] += J[:, 1] * np.sqrt(2.0) + 0.6 * rng.normal(size=ROWS)
-    r0 = rng.normal(size=ROWS) - lost * J @ way
-    three, joints = np.ones(3), np.array([0, 2])
-
-    def data(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return r0 + J @ z, J
-
-    def moved(terms: np.ndarray, decades: float) -> tuple[Any, Any]:
-        shift = (6 - terms[0]) * decades * way
-        return lambda z: data(z + shift), lambda z: data(z + shift)[0]
-
-    named = (("second", 0, 5), ("loose", 1, 6), ("gains", 0, 7))
-    problem = replace(
-        Saturating((0.0, 0.0), 1.0).problem(), data=data, bounds=np.tile([-4.0, 2.0], (3, 1)), bolts=joints, mean=0.0 * three,
-        std=np.array([1.0, PRIOR.deviation_std, 1.0]),
-        springs=[Springs(joint, name, np.array([term])) for name, joint, term in named],
-        weakened=lambda _: moved,
-        about=(lambda z: (data, 0.25 * float(z @ z))) if follows else None,
-    )  # fmt: skip
-    kinds = np.array([False, True])
-    state = settle(problem, PRIOR, kinds, np.zeros(3), (1e-6, 20))
-    (joint, name, ratio), (_, gains, less) = by_group(problem, PRIOR, state, step=(1e-9, 20), certain=certain)
-    std = np.array([PRIOR.joint_tight_std, PRIOR.deviation_std, PRIOR.joint_loose_std])
-    mean = J @ np.array([0.0, 0.0, PRIOR.joint_loose_mean]) + r0
-    spread = np.eye(ROWS) + J @ np.diag(std**2) @ J.T
-    exact = [multivariate_normal.logpdf(mean + change * J @ way, np.zeros(ROWS), spread) for change in (PRIOR.joint_loose_mean, 0.0)]
-    assert (joint, name, gains) == (0, "second", "gains")
-    assert less < min(ratio, 0.0)
-    # The determinant of a covariance that follows the state does not count.
-    assert ratio == pytest.approx(exact[0] - exact[1], abs=1e-6)
 
 
 def test_the_determinant_of_the_errors_of_a_change_does_not_excuse_a_loose_joint() -> None:

@@ -19,7 +19,7 @@ from lrbc_cli.updating.misfit.cost import ChangeError, Misfit
 from lrbc_cli.updating.misfit.frf import FrfModel
 from lrbc_cli.updating.posterior.confidence import beyond_errors, open_values
 from lrbc_cli.updating.posterior.fit import Posterior
-from lrbc_cli.updating.posterior.mixture import Data, MixtureProblem, Springs
+from lrbc_cli.updating.posterior.mixture import Data, MixtureProblem, SpringLoss, SpringLosses, Springs
 from lrbc_cli.updating.posterior.samples import ChangeSamples
 from lrbc_cli.updating.posterior.sampling import sample_changes
 from lrbc_cli.updating.search.descent import Level
@@ -111,16 +111,23 @@ def changes_of(
 
         return {"data": data_by(misfit, further), "about": None if error is None else about, "residuals": residuals}
 
-    def weakened(z: Floats) -> Callable[[Integers, float], tuple[Data, Callable[[Floats], Floats]]]:
-        there = plain.near(place(z))
-        there = there if error is None else there.about(place(z), error.near(place(z)))
-        carried = there.carried(further, plain)
+    def losses(z: Floats) -> SpringLosses:
+        theta = place(z)
+        beside, errors = plain.near(theta), None if error is None else error.near(theta)
+        here = beside if errors is None else beside.about(theta, errors)
+        J = data_by(here, here.carried(further, plain))(z)[1]
 
-        def lost(terms: Integers, decades: float) -> tuple[Data, Callable[[Floats], Floats]]:
-            own = there.weakened(terms, decades)
-            return data_by(own, carried), residuals_by(own, carried)
+        def compare(terms: Integers, decades: float, of_level: float) -> list[SpringLoss]:
+            lost = beside.weakened(terms, decades, of_level)
+            ends = [here] if errors is None else [here, lost.about(theta, errors.weakened(terms, decades, of_level, prior))]
+            found = []
+            for end in ends:
+                carried = end.carried(further, plain)
+                r, changed = (residuals_by(one.weighted_as(end), carried)(z) for one in (beside, lost))
+                found.append(SpringLoss(without=r, lost=changed, jacobian=end.carried(J, here)))
+            return found
 
-        return lost
+        return compare
 
     def near(z: Floats) -> MixtureProblem:
         theta = place(z)
@@ -145,7 +152,9 @@ def changes_of(
         shared=plain.errors.shift_error,
         ratio=knowledge.noise.ratio,
         springs=[one for one in apart if one.joint >= 0],
-        weakened=weakened,
+        losses=losses,
+        level_error=plain.errors.level_error if state is None else 0.0,
+        cells=plain.cells,
         near=near,
     )
     starts = [knowledge.z, *(inverse @ (theta - prior) for theta in ends)]
@@ -153,7 +162,7 @@ def changes_of(
 
 
 def springs_apart(inputs: Inputs, parameters: Parameterisation) -> list[Springs]:
-    """Springs that a joint (by its number among the bolts) may lose alone: its groups, and of each its translations and its rotations.
+    """Springs that a joint (by its number among the bolts) may lose: all, its groups, and of each its translations and its rotations.
 
     One value holds the components of a group together, but a joint can lose its rotations alone. Single components are not asked for: the
     loss of one with little effect fits errors of the model by chance.
@@ -172,6 +181,7 @@ def springs_apart(inputs: Inputs, parameters: Parameterisation) -> list[Springs]
             owned.setdefault(bolt, []).append((group.name, group.terms[owner == bolt]))
     found = []
     for bolt, groups in owned.items():
+        found.append(Springs(bolt, "", np.concatenate([terms for _, terms in groups])))
         for name, terms in groups:
             # The only group of a joint is the joint.
             if len(groups) > 1:

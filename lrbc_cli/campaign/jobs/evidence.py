@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -240,11 +241,12 @@ def _bolts(inputs: Inputs, result: Identification) -> tuple[bool, tuple[BoltEvid
             return None
         own = _partial_changes(inputs, result, parts) if result.posterior.shapes.by_bolt else ()
         at, told = _sampled(result, bolt), () if result.changes is None else result.changes.groups
-        alone = tuple((group, ratio) for i, group, ratio in told if i == at)
+        alone = {group: ratio for i, group, ratio in told if i == at}
+        known: dict[str, Any] = {"whole": alone.pop("", None), "alone": tuple(alone.items())}
         # Joints only: the hats of an edge share one change.
         joint = parts[0][0].bolt is not None
         ratio = float(result.changes.ratios[at]) if joint and at is not None and result.changes is not None else None
-        return replace(found, may_be_free=not felt, unfelt=free if felt else (), parts=own, alone=alone, ratio=ratio)
+        return replace(found, may_be_free=not felt, unfelt=free if felt else (), parts=own, **known, ratio=ratio)
 
     found = at_bolts(groups, names, xyz, change_of)
     if result.changes is not None:

@@ -313,7 +313,8 @@ def _by_role(bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: s
         if word == UNDECIDED and note is None:
             note = "the data do not decide: the interval of its change contains the threshold"
         lost = _lost_alone(posterior, rule) if word == TIGHT else {}
-        excuses = (_excused(posterior, own, rule), _by_prior(posterior, limit, between, rule), _lost_note(lost))
+        by_data = (_by_prior(posterior, limit, between, rule), _not_excluded(posterior, rule))
+        excuses = (_excused(posterior, own, rule), *by_data, _lost_note(lost))
         excused = next(filter(None, excuses), None) if word == TIGHT else None
         if word == TIGHT and excused is None and bolt.joint and bolt.difference is not None and bolt.difference <= limit:
             excused = "its posterior probability says tight, but the identified stiffness is below the threshold"
@@ -372,13 +373,18 @@ def _even(ratio: float) -> float:
 def _hidden(posterior: Change, rule: DecisionRule) -> tuple[str, ...]:
     """Groups of a joint's springs of which the data do not exclude, at even prior odds, that they alone are free or loose."""
     lost = (group for group, ratio in posterior.alone if rule.word(_even(ratio)) != TIGHT)
-    return tuple(dict.fromkeys([*posterior.unfelt, *lost]))
+    return _whole_groups([*posterior.unfelt, *lost])
+
+
+def _whole_groups(names: Sequence[str]) -> tuple[str, ...]:
+    """The names without the translations and rotations, ``GROUP (rotation)``, of a group that is among them."""
+    return tuple(name for name in dict.fromkeys(names) if not any(name.startswith(f"{group} (") for group in names))
 
 
 def _lost_alone(posterior: Change, rule: DecisionRule) -> dict[str, float]:
     """Groups of springs that the data call loose alone at even prior odds, and log likelihood ratios, largest first."""
-    told = sorted(posterior.alone, key=lambda one: -one[1])
-    return {name: ratio for name, ratio in told if rule.word(_even(ratio)) == LOOSE}
+    told = {name: ratio for name, ratio in sorted(posterior.alone, key=lambda one: -one[1]) if rule.word(_even(ratio)) == LOOSE}
+    return {name: told[name] for name in _whole_groups(list(told))}
 
 
 def _lost_note(lost: Mapping[str, float]) -> str | None:
@@ -412,6 +418,15 @@ def _by_prior(posterior: Change, limit: float, between: float, rule: DecisionRul
     if rule.word(even) == TIGHT:
         return None
     return f"the data do not exclude that it is loose: at even prior odds the probability is {even:.2g}"
+
+
+def _not_excluded(posterior: Change, rule: DecisionRule) -> str | None:
+    """Message on a joint that is tight only if the model is right to within what its residuals show."""
+    if posterior.whole is not None and rule.word(_even(posterior.whole)) != TIGHT:
+        return "errors of the model, of its stiffness in the reference state too, may hide that it is loose"
+    if posterior.alone and all(rule.word(_even(ratio)) != TIGHT for _, ratio in posterior.alone):
+        return f"the data exclude a loss of none of its springs alone ({', '.join(_whole_groups([name for name, _ in posterior.alone]))})"
+    return None
 
 
 def scatter_of(baselines: Iterable[Sequence[BoltVerdict]]) -> TightScatter:

@@ -121,6 +121,8 @@ class Change:
         Groups of a joint with springs in several groups whose change is known to within ``deviation``.
     alone : tuple of (str, float)
         Groups of a joint with several, each with the log likelihood ratio of a typical loss of it alone against none.
+    whole : float or None
+        The same of all its springs; None if its change was not sampled, or if it is loose.
     ratio : float or None
         Log likelihood ratio of loose against tight, for a joint; None if its change was not sampled.
     """
@@ -137,6 +139,7 @@ class Change:
     unfelt: tuple[str, ...] = ()
     parts: tuple[PartialChange, ...] = ()
     alone: tuple[tuple[str, float], ...] = ()
+    whole: float | None = None
     ratio: float | None = None
 
     def below(self, limit: float, scatter: float, *, changed: bool = False) -> float:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.knots import hats
-from lrbc_cli.updating.misfit.frf import Sensitive
+from lrbc_cli.updating.misfit.frf import Sensitive, displaced
 from lrbc_cli.updating.statistics.decibels import DB, decibel
 from lrbc_cli.updating.statistics.error_model import ERRORS, ErrorModel
 from lrbc_cli.updating.statistics.noise import spent
@@ -125,10 +125,25 @@ class ChangeError:
         with np.errstate(divide="ignore", invalid="ignore"):
             return y, np.asarray(DB * np.log(self.above.frf(theta[: self.size]) / y) / self.step_hz, dtype=complex)
 
+    def _before(self, prior: Floats) -> tuple[Complexes, Complexes]:
+        """``_sloped`` in the state from which changes are predicted, computed once."""
+        key = prior[: self.size].tobytes()
+        if key not in self._kept:
+            self._kept[key] = self._sloped(prior)
+        return self._kept[key]
+
     def near(self, theta: Floats) -> ChangeError:
         """The same error, faster at states that differ from theta in few stiffnesses."""
         own = theta[: self.size]
         return replace(self, here=self.here.near(own), above=self.above.near(own))
+
+    def weakened(self, terms: Integers, decades: float, level: float, prior: Floats) -> ChangeError:
+        """The same error, of states in which some terms changed besides, see ``Misfit.weakened``."""
+        own = prior[: self.size]
+        # The state from which the change is predicted is the one without.
+        self._before(own)
+        here, above = (_weakened(model, terms, decades, level, own) for model in (self.here, self.above))
+        return replace(self, here=here, above=above)
 
     def __call__(self, prior: Floats, theta: Floats) -> tuple[Floats, Complexes, Integers]:
         """Predicted change of the FRFs from prior to theta, and the errors of its shifts of resonances.
@@ -147,10 +162,7 @@ class ChangeError:
         knots = np.arange(f.min() - spacing, f.max() + 2 * spacing, spacing)
         shapes = hats(f, knots)
         shapes = shapes[:, shapes.any(axis=0)]
-        key = prior[: self.size].tobytes()
-        if key not in self._kept:
-            self._kept[key] = self._sloped(prior)
-        before, first = self._kept[key]
+        before, first = self._before(prior)
         now, slope = self._sloped(theta)
         with np.errstate(divide="ignore", invalid="ignore"):
             change = decibel(now) - decibel(before)
@@ -159,6 +171,11 @@ class ChangeError:
         shift = np.sqrt((shapes.T @ (change**2).sum(axis=1)) / np.maximum(shapes.T @ steep.sum(axis=1), np.finfo(float).tiny))
         shifts = np.asarray(slope[:, :, None] * (self.errors.shift_error * shapes * shift)[:, None, :])
         return change, shifts, shapes.argmax(axis=1)
+
+
+def _weakened(model: Sensitive, terms: Integers, decades: float, level: float, prior: Floats) -> Sensitive:
+    other = displaced(model, terms, level, prior[: model.parameters.size]) if level else model
+    return other.weakened(terms, decades)
 
 
 class Misfit:
@@ -265,11 +282,22 @@ class Misfit:
         other.model = self.model.near(theta)
         return other
 
-    def weakened(self, terms: Integers, decades: float) -> Misfit:
-        """The same cost, of a model with some terms changed, see ``Parameterisation.weakened``."""
+    def weakened(self, terms: Integers, decades: float, level: float = 0.0) -> Misfit:
+        """The same cost, of a model with some terms changed, see ``Parameterisation.weakened``.
+
+        With ``level`` [decades] they are so far from what the prior says in the prior state, too, see ``frf.displaced``.
+        """
         other = copy(self)
-        other.model = self.model.weakened(terms, decades)
+        other.model = _weakened(self.model, terms, decades, level, self.prior)
         return other
+
+    @property
+    def cells(self) -> Integers:
+        """(n,) response and band of G (``ErrorModel.shift_knots``) of each data residual, as one number."""
+        f = np.abs(self.model.s)
+        band = np.round((f - f.min()) / (self.errors.shift_knots * f.max())).astype(int)
+        own = (band[:, None] + (band.max() + 1) * np.arange(self.valid.shape[1]))[self.valid]
+        return np.tile(own, 2 if self._data.phase else 1)
 
     def residuals(self, theta: Floats) -> Floats:
         """Data residuals [dB], without derivatives."""

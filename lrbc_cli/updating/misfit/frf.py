@@ -44,6 +44,50 @@ class Sensitive(Protocol):
         """The same model with some terms changed, see ``Parameterisation.weakened``."""
 
 
+@dataclass(frozen=True)
+class Scaled:
+    """A model whose FRFs are multiplied by ``factor`` (F, R), which leaves the derivatives of ln(H) as they are."""
+
+    model: Sensitive
+    factor: Complexes = field(repr=False)
+
+    @property
+    def s(self) -> Complexes:
+        """See ``Sensitive``."""
+        return self.model.s
+
+    @property
+    def parameters(self) -> Parameterisation:
+        """See ``Sensitive``."""
+        return self.model.parameters
+
+    def frf(self, theta: Floats) -> Complexes:
+        """(F, R) FRFs."""
+        return np.asarray(self.model.frf(theta) * self.factor)
+
+    def sensitivities(self, theta: Floats, phase: bool = False) -> tuple[Complexes, Floats | Complexes]:
+        """See ``FrfModel.sensitivities``."""
+        y, J = self.model.sensitivities(theta, phase)
+        return np.asarray(y * self.factor), J
+
+    def near(self, theta: Floats) -> Scaled:
+        """See ``Sensitive``."""
+        return Scaled(self.model.near(theta), self.factor)
+
+    def weakened(self, terms: Integers, decades: float) -> Scaled:
+        """See ``Sensitive``."""
+        return Scaled(self.model.weakened(terms, decades), self.factor)
+
+
+def displaced(model: Sensitive, terms: Integers, decades: float, theta: Floats) -> Sensitive:
+    """The model with some terms at another level, times the factor that leaves its FRFs at theta as they are.
+
+    In a comparison with the measurement in state theta these terms then had that level in both states.
+    """
+    other = model.weakened(terms, decades)
+    return Scaled(other, np.asarray(model.frf(theta) / other.frf(theta)))
+
+
 def one_by_one(frf: Callable[[Floats], Complexes]) -> Callable[[Floats], Complexes]:
     """Extend a function ``theta -> (F, R)`` to several states: (k, size) arrays give (k, F, R)."""
     return lambda theta: frf(theta) if theta.ndim == 1 else np.stack([frf(each) for each in theta])

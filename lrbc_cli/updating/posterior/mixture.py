@@ -34,11 +34,24 @@ Stop = tuple[float, int]
 
 @dataclass(frozen=True)
 class Springs:
-    """Springs of a joint that it can lose alone: the joint as a position among the bolts, their name and terms."""
+    """Springs of a joint that it can lose: the joint as a position among the bolts, their name (empty: all of it) and terms."""
 
     joint: int
     name: str
     terms: Integers = field(repr=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpringLoss:
+    """Residuals without (n,) and with (n,) a loss of some springs in one state, and their Jacobian (n, m), all with one covariance."""
+
+    without: Floats = field(repr=False)
+    lost: Floats = field(repr=False)
+    jacobian: Floats = field(repr=False)
+
+
+#: From springs, their change and the error of their level in the reference state [decades] to residuals with the covariances of either end.
+SpringLosses = Callable[[Integers, float, float], Sequence[SpringLoss]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,10 +83,13 @@ class MixtureProblem:
         Errors of the data over what ``variance`` says, see ``noise.validation_ratio``. It widens the changes, but does not reduce the
         weight of the data against the prior, which would make badly explained bolts tight.
     springs : sequence of Springs
-        Those that a joint can lose alone.
-    weakened : callable or None
-        From z to a function of terms and decades, which gives ``data`` with the covariance at z if these terms have changed by so many
-        decades besides, and the same without the Jacobian; needed where there are ``springs``.
+        Those whose loss is asked for, of joints that are tight.
+    losses : callable or None
+        From z to ``SpringLosses``; needed where there are ``springs``.
+    level_error : float
+        Standard deviation of the level of a joint in the reference state, by errors of the model [decades]; 0 if no comparison rests on it.
+    cells : (n,) int array or None
+        Response and band of lines of each residual; needed where there are ``springs``.
     near : callable or None
         From z to the same problem, faster at unknowns that differ from z in few stiffnesses; None if there is no faster way.
     residuals : callable or None
@@ -92,7 +108,9 @@ class MixtureProblem:
     shared: float = 0.0
     ratio: float = 1.0
     springs: Sequence[Springs] = ()
-    weakened: Callable[[Floats], Callable[[Integers, float], tuple[Data, Callable[[Floats], Floats]]]] | None = None
+    losses: Callable[[Floats], SpringLosses] | None = None
+    level_error: float = 0.0
+    cells: Integers | None = field(default=None, repr=False)
     near: Callable[[Floats], MixtureProblem] | None = None
     residuals: Callable[[Floats], Callable[[Floats], Floats]] | None = None
 

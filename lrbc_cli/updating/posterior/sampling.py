@@ -7,7 +7,7 @@ Therefore the evidence of doubtful joints comes from descents with the other kin
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -16,17 +16,16 @@ from scipy.special import expit, logsumexp
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.reduction.threads import side_by_side
+from lrbc_cli.updating.posterior.excluded import loss_ratios
 from lrbc_cli.updating.posterior.kinds import KindScore, along_edges
 from lrbc_cli.updating.posterior.mixture import (
     MixtureProblem,
-    Springs,
     State,
     Stop,
     best_states,
     compared,
     foreseen,
     pinned,
-    priors_of,
     settle,
 )
 from lrbc_cli.updating.posterior.samples import ChangeSamples
@@ -190,40 +189,6 @@ def _doubted(
 
     far = zip(rest, side_by_side(possible, rest), strict=True)
     return dict(sorted((found | {i: float(changes[i]) for i, loose in far if loose}).items()))
-
-
-def by_group(
-    problem: MixtureProblem, prior: BoltPrior, state: State, *, certain: float = 30.0, step: Stop = (1e-2, 1)
-) -> list[tuple[int, str, float]]:
-    """For each group of springs of a tight joint the log likelihood ratio of a typical loss of this group alone against none.
-
-    The prior, that the springs of a joint change nearly alike, hides such a loss. So the group is moved by the mean change of loose
-    joints, as in ``_doubted`` with one step of everything else, and the prior of the rest is as without it. A loss that a step by the
-    derivatives at the state excludes by more than ``certain`` needs no others.
-    """
-    asked = [one for one in problem.springs if not state.kinds[one.joint]]
-    if not asked or problem.weakened is None:
-        return []
-    z, near, without = state.z, pinned(problem.by(state.z), state.z), problem.weakened(state.z)
-    r, J = near.data(z)
-    precision, mean = priors_of(problem, prior, state.kinds)
-    C = np.linalg.inv(J.T @ J / problem.variance + np.diag(precision))
-
-    def promised(r: Floats) -> float:
-        slope = J.T @ r / problem.variance + precision * (z - mean)
-        return 0.5 * float(slope @ C @ slope - r @ r / problem.variance)
-
-    def settled(form: MixtureProblem) -> float:
-        return settle(form, prior, state.kinds, z, step, rounds=1).evidence
-
-    own, tight = settled(near), promised(r)
-
-    def ratio(one: Springs) -> float:
-        data, residuals = without(one.terms, problem.loosened(one.joint, prior))
-        linear = promised(residuals(z)) - tight
-        return linear if linear < -certain else settled(replace(near, data=data)) - own
-
-    return [(one.joint, one.name, found) for one, found in zip(asked, side_by_side(ratio, asked), strict=True)]
 
 
 def _other_kinds(
@@ -404,7 +369,7 @@ def sample_changes(
             parts.append(_sweeps(problem, prior, state, about, own, burn_in, rng))
             alternatives.append((state.z[problem.bolts], own / int(count.sum())))
     loose, means, stds = (np.concatenate(part) for part in zip(*parts, strict=True))
-    further: dict[str, Any] = {"neighbours": hats, "alternatives": alternatives, "groups": by_group(problem, prior, best), "z": best.z}
+    further: dict[str, Any] = {"neighbours": hats, "alternatives": alternatives, "groups": loss_ratios(problem, prior, best), "z": best.z}
     return ChangeSamples(bolts=problem.bolts, loose=loose, means=means, stds=stds, kinds=best.kinds, prior=prior, **further)
 
 

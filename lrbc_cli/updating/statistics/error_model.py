@@ -61,6 +61,10 @@ class ErrorModel(Checked):
     coarsening : float
         Number of residuals that count as one where joints are identified, because lines and responses share errors that no covariance here
         describes (coarsened posterior: Miller and Dunson, J. Am. Stat. Assoc. 114, 2019). 4 by trial on virtual rigs.
+    level_error : float
+        Standard deviation of the level of a joint's springs in the reference state, by errors of the model that the fit takes up and its
+        residuals do not show [decades]. 0.15 to 0.35 (rms over the joints) on a lap joint, a cover, flanges, a space frame, a rail and a
+        casing.
     runaway, least_runaway_db : float
         A round of weights that raises the mean misfit by this factor and this many dB is not kept: the errors assumed for a large change
         tolerate large residuals. By trial on virtual rigs.
@@ -85,6 +89,7 @@ class ErrorModel(Checked):
     least_pairs: Count = 10
     least_variance: Positive = 1e-6
     coarsening: Positive = 4.0
+    level_error: NotNegative = 0.25
     runaway: Positive = 1.5
     least_runaway_db: NotNegative = 0.1
 

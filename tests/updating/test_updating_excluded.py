@@ -1,0 +1,105 @@
+"""What excludes the loss of a joint's springs: likelihood ratios of linear data, their significance, and the level before the loss."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
+
+from lrbc_cli.updating.normal import NORMAL_95
+from lrbc_cli.updating.posterior.excluded import limited, loss_ratios
+from lrbc_cli.updating.posterior.mixture import MixtureProblem, SpringLoss, Springs, State
+from lrbc_cli.updating.statistics.priors import BOLT_PRIOR as PRIOR
+
+ROWS = 400
+
+
+def linear(
+    seed: int = 0, *, effect: float = 1.0, lost: float = 0.0, where: slice = slice(None)
+) -> tuple[SpringLoss, np.ndarray, np.ndarray]:
+    """Data of two unknowns, and a loss that changes rows by ``effect`` standard deviations; a share ``lost`` of it happened."""
+    rng = np.random.default_rng(seed)
+    J, way = rng.normal(size=(ROWS, 2)), np.zeros(ROWS)
+    way[where] = effect * rng.normal(size=ROWS)[where]
+    r = rng.normal(size=ROWS) - lost * way
+    return SpringLoss(without=r, lost=r + way, jacobian=J), np.array([1.0, 4.0]), way
+
+
+def test_without_a_limit_it_is_the_ratio_of_two_normal_densities() -> None:
+    loss, precision, _ = linear(effect=0.1)
+    z = np.array([0.3, -0.2])
+    found = limited(loss, 1.0, (precision, precision * z), np.zeros(ROWS, dtype=int))
+    spread = np.eye(ROWS) + loss.jacobian @ np.diag(1.0 / precision) @ loss.jacobian.T
+    # In this state the unknowns are z above their prior means.
+    exact = [multivariate_normal.logpdf(r, loss.jacobian @ z, spread) for r in (loss.without, loss.lost)]
+    assert found == pytest.approx(exact[1] - exact[0], rel=1e-9)
+
+
+def test_what_all_parts_exclude_stays_excluded() -> None:
+    """Of independent normal residuals the limit is a quarter of the ratio, which the coarsening of joints takes off anyway."""
+    loss, precision, way = linear(effect=0.5)
+    whole = -0.5 * float(way @ way)
+    found = limited(loss, 1.0, (precision, np.zeros(2)), np.arange(ROWS))
+    assert whole < -30.0
+    assert found == pytest.approx(0.25 * whole, rel=0.35)
+    # With the variance of a coarsened posterior nothing is limited.
+    coarse = limited(loss, 8.0, (precision, np.zeros(2)), np.arange(ROWS))
+    assert coarse == pytest.approx(limited(loss, 8.0, (precision, np.zeros(2)), np.zeros(ROWS, dtype=int)), rel=1e-9)
+
+
+def test_a_few_lines_exclude_nothing() -> None:
+    """An antiresonance that the model has elsewhere: one cell of a hundred says all."""
+    cells = np.arange(ROWS) // 4
+    loss, precision, way = linear(effect=20.0, where=slice(40, 44))
+    assert -0.5 * float(way @ way) < -200.0
+    assert -0.6 < limited(loss, 1.0, (precision, np.zeros(2)), cells) < -0.3
+    # Nor do they show a loss.
+    loss, precision, way = linear(effect=20.0, lost=1.0, where=slice(40, 44))
+    assert 0.3 < limited(loss, 1.0, (precision, np.zeros(2)), cells) < 0.6
+
+
+@given(st.integers(0, 50), st.floats(0.01, 5.0), st.floats(0.0, 1.0), st.integers(1, 40))
+def test_the_limit_changes_the_size_only(seed: int, effect: float, lost: float, width: int) -> None:
+    loss, precision, _ = linear(seed, effect=effect, lost=lost)
+    free = limited(loss, 2.0, (precision, np.zeros(2)), np.zeros(ROWS, dtype=int))
+    found = limited(loss, 2.0, (precision, np.zeros(2)), np.arange(ROWS) // width)
+    assert abs(found) <= abs(free)
+    assert found * free >= 0.0
+
+
+@pytest.mark.parametrize(
+    ("ratios", "told"),
+    [((-40.0, -10.0), -10.0), ((-40.0, 5.0), 0.0), ((6.0, 9.0), 6.0), ((6.0, -1.0), 0.0)],
+    ids=["excluded from both levels", "not from the lower one", "shown from both", "shown from one"],
+)
+@pytest.mark.parametrize("error", [0.25, 0.0])
+def test_a_loss_also_counts_from_a_lower_level(
+    monkeypatch: pytest.MonkeyPatch, ratios: tuple[float, float], told: float, error: float
+) -> None:
+    """Of the joint that is loose nothing is asked; the mean of the covariances counts."""
+    asked: list[tuple[int, float, float]] = []
+
+    def compare(terms: np.ndarray, decades: float, level: float) -> Sequence[Any]:
+        asked.append((int(terms[0]), decades, level))
+        value = ratios[0] if level == 0.0 else ratios[1]
+        # Equal likelihoods in the mean.
+        return [value - 0.5, value + float(np.log(2.0 - np.exp(-0.5)))]
+
+    monkeypatch.setattr("lrbc_cli.updating.posterior.excluded.limited", lambda loss, *_: loss)
+    two = np.zeros(2)
+    problem = MixtureProblem(
+        data=lambda z: (z, np.eye(2)), variance=1.0, bounds=np.tile([-4.0, 2.0], (2, 1)), bolts=np.arange(2), neighbours=(),
+        joint=np.array([True, True]), mean=two, std=two + 1.0, springs=[Springs(0, "", np.array([7])), Springs(1, "axial", np.array([8]))],
+        losses=lambda _: compare, level_error=error, cells=np.arange(2),
+    )  # fmt: skip
+    state = State(kinds=np.array([False, True]), z=two, evidence=0.0, A=np.eye(2), b=two)
+    ((joint, name, ratio),) = loss_ratios(problem, PRIOR, state)
+    assert (joint, name) == (0, "")
+    assert ratio == pytest.approx(told if error else ratios[0])
+    assert {(terms, decades) for terms, decades, _ in asked} == {(7, PRIOR.joint_loose_mean)}
+    assert [level for *_, level in asked] == [0.0, *([-NORMAL_95 * error] if error else [])]
