@@ -13,7 +13,7 @@ from systems import direct_frf, relative
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.terms import Parameterisation, smoothing_matrix
 from lrbc_cli.updating.misfit.cost import ChangeError, Misfit, mean_misfit, penalty_rows
-from lrbc_cli.updating.misfit.frf import displaced, port_model, reduced_model
+from lrbc_cli.updating.misfit.frf import changed, level_factor, port_model, reduced_model
 from lrbc_cli.updating.statistics.decibels import decibel
 from lrbc_cli.updating.statistics.error_model import ERRORS
 
@@ -155,12 +155,13 @@ class TestCost:
         plain = port_model(pads_ports(model).select(np.arange(S.size), ROWS), parameters)
         prior, theta, terms = parameters.initial, wavy(parameters), np.array([0, 3])
         lower, lost = plain.weakened(terms, -0.5), plain.weakened(terms, -2.0)
-        misfit = Misfit(plain, plain.frf(theta) * 1.1, prior, 0.0).weakened(terms, -1.5, -0.5)
+        factor = level_factor(plain.near(prior), terms, -0.5, prior)
+        misfit = Misfit(plain, plain.frf(theta) * 1.1, prior, 0.0).weakened(terms, -2.0, factor)
         y, J = misfit.model.sensitivities(theta)
         np.testing.assert_allclose(y / plain.frf(prior), lost.frf(theta) / lower.frf(prior), rtol=1e-9)
         np.testing.assert_allclose(J, lost.sensitivities(theta)[1], rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(displaced(plain, terms, -0.5, prior).frf(prior), plain.frf(prior), rtol=1e-12)
-        near = displaced(plain, terms, -0.5, prior).near(theta)
+        np.testing.assert_allclose(changed(plain, terms, -0.5, factor).frf(prior), plain.frf(prior), rtol=1e-9)
+        near = changed(plain, terms, -0.5, factor).near(theta)
         np.testing.assert_allclose(near.weakened(terms, -1.5).frf(theta), y, rtol=1e-8)
 
     def test_cells_are_bands_of_lines_of_one_response(self):

@@ -16,7 +16,7 @@ from lrbc_cli.campaign.identification.found import Fit
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.misfit.cost import ChangeError, Misfit
-from lrbc_cli.updating.misfit.frf import FrfModel
+from lrbc_cli.updating.misfit.frf import FrfModel, level_factor
 from lrbc_cli.updating.posterior.confidence import beyond_errors, open_values
 from lrbc_cli.updating.posterior.fit import Posterior
 from lrbc_cli.updating.posterior.mixture import Data, MixtureProblem, SpringLoss, SpringLosses, Springs
@@ -117,14 +117,21 @@ def changes_of(
         here = beside if errors is None else beside.about(theta, errors)
         J = data_by(here, here.carried(further, plain))(z)[1]
 
-        def compare(terms: Integers, decades: float, of_level: float) -> list[SpringLoss]:
-            lost = beside.weakened(terms, decades, of_level)
-            ends = [here] if errors is None else [here, lost.about(theta, errors.weakened(terms, decades, of_level, prior))]
+        # At the reference level of few terms only these are solved for.
+        before, tight = plain.model.near(prior), prior[: parameters.size]
+
+        def compare(terms: Integers, decades: float, level: float) -> list[SpringLoss]:
+            factor = level_factor(before, terms, level, tight) if level else None
+            changed = (terms, decades + level, factor)
+            ends = [(here, here.weakened(*changed))]
+            if errors is not None:
+                there = beside.weakened(*changed).about(theta, errors.weakened(*changed, prior))
+                ends.append((there.with_model(beside.model, there.prior, there.rows, there.eta), there))
             found = []
-            for end in ends:
-                carried = end.carried(further, plain)
-                r, changed = (residuals_by(one.weighted_as(end), carried)(z) for one in (beside, lost))
-                found.append(SpringLoss(without=r, lost=changed, jacobian=end.carried(J, here)))
+            for without, lost in ends:
+                carried = without.carried(further, plain)
+                r, moved = (residuals_by(one, carried)(z) for one in (without, lost))
+                found.append(SpringLoss(without=r, lost=moved, jacobian=J if without is here else without.carried(J, here)))
             return found
 
         return compare

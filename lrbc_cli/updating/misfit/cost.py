@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.knots import hats
-from lrbc_cli.updating.misfit.frf import Sensitive, displaced
+from lrbc_cli.updating.misfit.frf import Sensitive, changed
 from lrbc_cli.updating.statistics.decibels import DB, decibel
 from lrbc_cli.updating.statistics.error_model import ERRORS, ErrorModel
 from lrbc_cli.updating.statistics.noise import spent
@@ -137,13 +137,10 @@ class ChangeError:
         own = theta[: self.size]
         return replace(self, here=self.here.near(own), above=self.above.near(own))
 
-    def weakened(self, terms: Integers, decades: float, level: float, prior: Floats) -> ChangeError:
-        """The same error, of states in which some terms changed besides, see ``Misfit.weakened``."""
-        own = prior[: self.size]
-        # The state from which the change is predicted is the one without.
-        self._before(own)
-        here, above = (_weakened(model, terms, decades, level, own) for model in (self.here, self.above))
-        return replace(self, here=here, above=above)
+    def weakened(self, terms: Integers, decades: float, factor: Complexes | None, prior: Floats) -> ChangeError:
+        """The same error, of states in which some terms changed besides, see ``Misfit.weakened``; ``prior`` is the state without."""
+        self._before(prior)
+        return replace(self, here=changed(self.here, terms, decades, factor), above=changed(self.above, terms, decades, factor))
 
     def __call__(self, prior: Floats, theta: Floats) -> tuple[Floats, Complexes, Integers]:
         """Predicted change of the FRFs from prior to theta, and the errors of its shifts of resonances.
@@ -171,11 +168,6 @@ class ChangeError:
         shift = np.sqrt((shapes.T @ (change**2).sum(axis=1)) / np.maximum(shapes.T @ steep.sum(axis=1), np.finfo(float).tiny))
         shifts = np.asarray(slope[:, :, None] * (self.errors.shift_error * shapes * shift)[:, None, :])
         return change, shifts, shapes.argmax(axis=1)
-
-
-def _weakened(model: Sensitive, terms: Integers, decades: float, level: float, prior: Floats) -> Sensitive:
-    other = displaced(model, terms, level, prior[: model.parameters.size]) if level else model
-    return other.weakened(terms, decades)
 
 
 class Misfit:
@@ -282,13 +274,10 @@ class Misfit:
         other.model = self.model.near(theta)
         return other
 
-    def weakened(self, terms: Integers, decades: float, level: float = 0.0) -> Misfit:
-        """The same cost, of a model with some terms changed, see ``Parameterisation.weakened``.
-
-        With ``level`` [decades] they are so far from what the prior says in the prior state, too, see ``frf.displaced``.
-        """
+    def weakened(self, terms: Integers, decades: float, factor: Complexes | None = None) -> Misfit:
+        """The same cost, of a model with some terms changed and its FRFs times a factor, see ``frf.changed``."""
         other = copy(self)
-        other.model = _weakened(self.model, terms, decades, level, self.prior)
+        other.model = changed(self.model, terms, decades, factor)
         return other
 
     @property

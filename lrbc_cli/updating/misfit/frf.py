@@ -79,13 +79,18 @@ class Scaled:
         return Scaled(self.model.weakened(terms, decades), self.factor)
 
 
-def displaced(model: Sensitive, terms: Integers, decades: float, theta: Floats) -> Sensitive:
-    """The model with some terms at another level, times the factor that leaves its FRFs at theta as they are.
-
-    In a comparison with the measurement in state theta these terms then had that level in both states.
-    """
+def changed(model: Sensitive, terms: Integers, decades: float, factor: Complexes | None = None) -> Sensitive:
+    """The model ``weakened``, times a factor (F, R) of its FRFs if one is given."""
     other = model.weakened(terms, decades)
-    return Scaled(other, np.asarray(model.frf(theta) / other.frf(theta)))
+    return other if factor is None else Scaled(other, factor)
+
+
+def level_factor(model: Sensitive, terms: Integers, decades: float, theta: Floats) -> Complexes:
+    """(F, R) factor that leaves the FRFs at theta as they are although some terms are at another level there, with ``model`` near theta.
+
+    In a comparison with the measurement in that state the terms then had this level before a change, too.
+    """
+    return np.asarray(model.frf(theta) / model.weakened(terms, decades).frf(theta))
 
 
 def one_by_one(frf: Callable[[Floats], Complexes]) -> Callable[[Floats], Complexes]:

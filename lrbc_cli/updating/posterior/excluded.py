@@ -64,15 +64,11 @@ def limited(loss: SpringLoss, variance: float, prior: tuple[Floats, Floats], cel
     -------
     float
     """
-    J, (precision, slope) = loss.jacobian, prior
-    H = J.T @ J / variance + np.diag(precision)
-
-    def ended(r: Floats) -> tuple[Floats, float]:
-        own = J.T @ r / variance + slope
-        step = np.linalg.solve(H, own)
-        return r - J @ step, 0.5 * float(own @ step - r @ r / variance)
-
-    (none, before), (lost, after) = ended(loss.without), ended(loss.lost)
+    J, (precision, slope), r = loss.jacobian, prior, np.column_stack([loss.without, loss.lost])
+    own = J.T @ r / variance + slope[:, None]
+    step = np.linalg.solve(J.T @ J / variance + np.diag(precision), own)
+    before, after = 0.5 * ((own * step).sum(axis=0) - (r**2).sum(axis=0) / variance)
+    none, lost = (r - J @ step).T
     parts = np.bincount(np.unique(cells, return_inverse=True)[1], (none**2 - lost**2) / (2.0 * variance))
     scatter = float(np.sqrt(parts.size) * parts.std(ddof=1)) if parts.size > 1 else 0.0
     most = 0.5 * (float(parts.sum()) / scatter) ** 2 if scatter > 0.0 else np.inf

@@ -38,7 +38,7 @@ class ChangeSamples:
         Changes in each state about which was linearised [decades], and its posterior probability among these, the share of its sweeps.
     groups : sequence of (int, str, float)
         For each group of springs of a tight joint with several (position in ``bolts``, name) the log likelihood ratio of a typical loss of
-        this group alone against none, see ``sampling.by_group``.
+        this group alone against none, see ``excluded.loss_ratios``; an empty name stands for all of its springs.
     """
 
     bolts: NDArray[np.int64]
