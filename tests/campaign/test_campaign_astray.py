@@ -101,6 +101,34 @@ def test_a_spring_at_a_mistyped_node() -> None:
     assert text.startswith("line 4: node 3 lies 2.7 from B3, whose nearest node is 30; the other springs are at most 0 from their bolts. ")
 
 
+@pytest.mark.parametrize(("others", "advice"), [(0, "whose nearest node is 131"), (2, "whose other springs have node 131 in this column")])
+def test_a_mistyped_node_of_a_spring_between_two_nodes(others: int, advice: str) -> None:
+    """The end that is far off is named, not that at the bolt; and the node of the other springs of the bolt, else the nearest."""
+    line = np.column_stack([0.1 * np.arange(80), np.zeros(80), np.zeros(80)])
+    xyz = np.vstack([line, line + np.array([0.0, 0.0, 0.01])])
+    nodes = np.arange(1, 81)
+    dofs = DofTable(node=np.concatenate([nodes, nodes + 100]), component=np.full(160, "UZ"), xyz=xyz)
+    at = [11, 21, 31, 41, 51, 61, 71]
+    bolts = PointTable(tuple(f"B{k}" for k in range(1, 8)), line[[node - 1 for node in at]])
+    pairs = [(f"B{k + 1}", node, node + 100) for k, node in enumerate(at)]
+    pairs[2] = ("B3", 31, 171)
+    pairs += [("B3", 31, 131)] * others
+    table = BushingTable(
+        path=Path("bushings.csv"),
+        lines=tuple(range(2, 2 + len(pairs))),
+        bolt=tuple(pair[0] for pair in pairs),
+        node_a=np.array([pair[1] for pair in pairs]),
+        node_b=tuple(pair[2] for pair in pairs),
+        component=("UZ",) * len(pairs),
+        stiffness=np.ones(len(pairs)),
+        axes=np.broadcast_to(np.eye(3), (len(pairs), 3, 3)),
+    )
+    node_at = {int(node): place for node, place in zip(dofs.node, xyz, strict=True)}
+    places = np.array([0.5 * (node_at[a] + node_at[b]) for _, a, b in pairs])
+    text = stray_springs(table, places, bolts, dofs, 1.0)
+    assert text.startswith(f"line 4: node 171 lies 4 from B3, {advice}; ")
+
+
 def test_springs_beside_their_bolts_are_no_mistyped_nodes() -> None:
     """All at the next node or the one after it, one as far as the others; nor where half of the table is elsewhere."""
     assert springs_of(11, 21, 32, 41, 51, 61, 71) == ""

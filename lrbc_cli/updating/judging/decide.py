@@ -425,7 +425,8 @@ def _not_excluded(posterior: Change, rule: DecisionRule) -> str | None:
     if posterior.whole is not None and rule.word(_even(posterior.whole)) != TIGHT:
         return "errors of the model, of its stiffness in the reference state too, may hide that it is loose"
     if posterior.alone and all(rule.word(_even(ratio)) != TIGHT for _, ratio in posterior.alone):
-        return f"the data exclude a loss of none of its springs alone ({', '.join(_whole_groups([name for name, _ in posterior.alone]))})"
+        named = ", ".join(_whole_groups([name for name, _ in posterior.alone]))
+        return f"each of its groups of springs may be loose alone: {named}"
     return None
 
 

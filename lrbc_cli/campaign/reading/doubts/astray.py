@@ -188,17 +188,26 @@ def stray_springs(
     far = [k for k in order[len(near) :].tolist() if away[k] > max(times * away[near].max(), 0.25 * next_bolt[k])]
     if not far:
         return ""
-    said = []
-    for k in sorted(far)[:_MOST]:
-        spring, free = known[k], np.flatnonzero(~dofs.is_acoustic)
-        nearest = int(dofs.node[free[np.argmin(np.linalg.norm(dofs.xyz[free] - own[k], axis=1))]])
-        said.append(
-            f"line {table.lines[spring]}: node {table.node_a[spring]} lies {away[k] / unit:.4g} from {table.bolt[spring]}, whose nearest "
-            f"node is {nearest}"
-        )
+    said = [_far_end(table, known[k], own[k], dofs, unit) for k in sorted(far)[:_MOST]]
     more = f" and {len(far) - _MOST} more" if len(far) > _MOST else ""
     others = f"the other springs are at most {away[near].max() / unit:.3g} from their bolts"
     return f"{'; '.join(said)}{more}; {others}. Check whether a node is mistyped"
+
+
+def _far_end(table: BushingTable, spring: int, bolt: Floats, dofs: DofTable, unit: float) -> str:
+    """Text on the end of a spring that is farther from its bolt, and the node that the other springs of the bolt or the mesh have there."""
+    ends = [node for node in (int(table.node_a[spring]), table.node_b[spring]) if node is not None]
+    where = [dofs.xyz[np.flatnonzero(dofs.node == node)[0]] for node in ends]
+    away = np.linalg.norm(np.array(where) - bolt, axis=1)
+    end = int(np.argmax(away))
+    column: Sequence[int | None] = table.node_b if end else table.node_a.tolist()
+    same = {column[k] for k, name in enumerate(table.bolt) if name == table.bolt[spring] and k != spring} - {None}
+    text = f"line {table.lines[spring]}: node {ends[end]} lies {away[end] / unit:.4g} from {table.bolt[spring]}, "
+    if len(same) == 1 and same != {ends[end]}:
+        return f"{text}whose other springs have node {same.pop()} in this column"
+    free = np.flatnonzero(~dofs.is_acoustic & ~np.isin(dofs.node, ends))
+    nearest = int(dofs.node[free[np.argmin(np.linalg.norm(dofs.xyz[free] - bolt, axis=1))]])
+    return f"{text}whose nearest node is {nearest}"
 
 
 def _exchange_text(names: Sequence[str], nearest_to: Sequence[int], lost: Sequence[int]) -> str:
