@@ -136,6 +136,23 @@ def test_a_reversed_hammer_is_no_reversed_sensor_of_its_number() -> None:
     assert once(pooled(found, "tight")) == ["job tight: the hammer is reversed", "job one: a1 is reversed"]
 
 
+def test_a_sensor_of_another_quantity_is_told_once() -> None:
+    """With loose bolts its FRFs show as a factor, or one of them as another quantity; a factor of the reference job is none of a job."""
+
+    def units(text: str, *responses: int, detail: str = "") -> Finding:
+        return Finding(kind=Kind.UNITS, text=text, responses=responses, detail=detail)
+
+    found = {
+        "tight": [units("a3 is a velocity", 2, 5, detail="quantity"), units("a4 is ten times off", 3, 6)],
+        "one": [units("a3-h1 is a velocity", 2, detail="quantity"), units("a3-h2 is -60 dB", 5), units("a4-h1 is 100 times off", 3)],
+        "two": [units("a3 and a4 are -60 dB", 2, 3)],
+    }
+    assert once(pooled(found, "tight")) == [
+        *("job tight: a3 is a velocity; the same in one", "job tight: a4 is ten times off"),
+        *("job one: a4-h1 is 100 times off", "job two: a3 and a4 are -60 dB"),
+    ]
+
+
 def test_phases_alone_say_nothing_beside_another_unit() -> None:
     found = {
         "tight": [of(Kind.UNITS, "velocity, not acceleration", 0, 1)],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -81,10 +82,10 @@ def noisy(hz: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return hz, y * (1.0 + 0.14 * (noise[0] + 1j * noise[1]))
 
 
-def without_signal(hz: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def without_signal(hz: np.ndarray, y: np.ndarray, level: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
     """Noise in place of what a3 measures."""
     noise = np.random.default_rng(3).normal(size=(2, hz.size))
-    return hz, np.where(np.arange(y.shape[1]) == 2, 0.1 * np.median(np.abs(y)) * (noise[0] + 1j * noise[1])[:, None], y)
+    return hz, np.where(np.arange(y.shape[1]) == 2, level * np.median(np.abs(y)) * (noise[0] + 1j * noise[1])[:, None], y)
 
 
 def soft_tip(hz: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -114,6 +115,12 @@ MISTAKES = {
         0,
         "job loose: probably noise of a3: ",
         "most of them there; check the channel, and measure it again",
+    ),
+    "a channel that is off in all jobs": (
+        frfs(partial(without_signal, level=1e-3)),
+        0,
+        "job ref: a3: no signal: 5",
+        "Check the sensor, its cable and its supply, and measure again, or remove it from the campaign file",
     ),
     "no force in the upper half of the band in one job": (
         frfs(soft_tip, "loose"),

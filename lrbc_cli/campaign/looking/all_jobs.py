@@ -185,6 +185,7 @@ def pooled(found: Mapping[str, Sequence[Finding]], reference: str | None) -> lis
     own = found.get(reference or "", ())
     reversed_there = [each for each in own if each.kind is Kind.REVERSED]
     units_there = any(each.kind is Kind.UNITS for each in own)
+    quantities = [each for each in own if each.kind is Kind.UNITS and each.detail]
     stated_wrong = {i for each in own if each.kind in {Kind.ALONE, Kind.COORDINATES} for i in each.responses}
     shared, exchanges = list[Finding](), list[Finding]()
     for name, told in found.items():
@@ -199,6 +200,8 @@ def pooled(found: Mapping[str, Sequence[Finding]], reference: str | None) -> lis
                 exchanges.append(of)
             elif each.kind is Kind.REVERSED:
                 of = next((other for other in reversed_there if set(each.responses) <= set(other.responses)), each)
+            elif each.kind is Kind.UNITS:
+                of = next((other for other in quantities if set(each.responses) <= set(other.responses)), each)
             # With wrong units in the reference job (velocity for acceleration), phases off by 90 degrees are the same fault.
             if not (units_there and each.kind in {Kind.SIDEWAYS, Kind.PARTS}):
                 shared.append(replace(of, place=f"job {name}"))

@@ -10,7 +10,16 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.findings import Finding, Kind, kinds_of
-from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart, off_level, outlying, same_sensor
+from lrbc_cli.campaign.identification.compared.likeness import (
+    CLEARLY,
+    LEAST_DIFFERENCE,
+    OTHER_LEVEL_DB,
+    apart,
+    level_changes,
+    off_level,
+    outlying,
+    same_sensor,
+)
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.causes.coordinates import coordinates_texts
 from lrbc_cli.campaign.looking.causes.held import held_text, idle_text, supports_text
@@ -84,6 +93,7 @@ def _blow_text(seen: Seen, away: Mapping[int, float], at: int, what: str) -> str
 
 def _stated(seen: Seen, told: list[Finding]) -> list[Finding]:
     """Findings of the reference job with those of wrong coordinates, which replace other findings of the same sensors."""
+    told = _dead(seen, told)
     if kinds_of(told) <= {Kind.UNLIKE, Kind.ALONE}:
         found, left = coordinates_texts(seen, unlike=Kind.UNLIKE in kinds_of(told))
         elsewhere = {i for responses in found for i in responses}
@@ -101,6 +111,23 @@ def _stated(seen: Seen, told: list[Finding]) -> list[Finding]:
     kept = [i for i in alone if i in better or not seen.source.start or every[i] > UNLIKE]
     told = [each for each in told if each.kind is not Kind.ALONE]
     return told + single_responses(seen.inputs, every, kept, "the model", better=better)
+
+
+def _dead(seen: Seen, told: list[Finding]) -> list[Finding]:
+    """Findings of the reference job in which single responses far below the level of the model are dead channels, not sensors elsewhere."""
+    alone = {i for each in told if each.kind is Kind.ALONE for i in each.responses}
+    below = {i: db for i, db in level_changes(seen.measured, seen.model).items() if db < -OTHER_LEVEL_DB}
+    dead = tuple(sorted(i for i in alone & below.keys() if below.keys() >= set(same_sensor(seen.inputs, i))))
+    if not dead:
+        return told
+    names = ", ".join(seen.inputs.responses[i].name for i in dead)
+    text = (
+        f"{names}: no signal: {-max(below[i] for i in dead):.0f} dB or more below the level of the model, and another shape, unlike the "
+        f"other responses. Check the sensor, its cable and its supply, and measure again, or remove {'it' if len(dead) == 1 else 'them'} "
+        "from the campaign file"
+    )
+    kept = [each for each in told if each.kind is not Kind.ALONE or not set(each.responses) <= set(dead)]
+    return [*kept, Finding(text=text, kind=Kind.LEVEL, responses=dead)]
 
 
 def little_in_common(seen: Seen, measurements: Mapping[str, Measurement]) -> list[Finding]:

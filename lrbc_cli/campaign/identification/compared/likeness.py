@@ -67,6 +67,16 @@ def outlying(misfits: Floats) -> list[int]:
     return alone if 2 * len(alone) < misfits.size else []
 
 
+def level_changes(measured: Complexes, other: Complexes) -> dict[int, float]:
+    """Difference of the median level from other FRFs (F, R) by response, that of most responses removed [dB]; empty for fewer than two."""
+    difference = levels(measured) - levels(other)
+    held = np.flatnonzero(np.isfinite(difference).sum(axis=0) >= LEAST_LINES)
+    if held.size < 2:
+        return {}
+    change = np.nanmedian(difference[:, held], axis=0)
+    return dict(zip(held.tolist(), (change - np.median(change)).tolist(), strict=True))
+
+
 def off_level(
     inputs: Inputs, measured: Complexes, tight: Complexes, reference: str, job: str, reach: Floats | float = 0.0
 ) -> dict[int, str]:
@@ -82,17 +92,13 @@ def off_level(
     reach : (R,) float array or float
         Largest change of the median level by one bolt [dB].
     """
-    held = np.isfinite(levels(measured) - levels(tight)).sum(axis=0) >= LEAST_LINES
-    if held.sum() < 2:
-        return {}
-    change = np.zeros(held.size)
-    change[held] = np.nanmedian(levels(measured[:, held]) - levels(tight[:, held]), axis=0)
-    change[held] -= np.median(change[held])
-    off, told = np.abs(change) > np.maximum(OTHER_LEVEL_DB, reach), dict[int, str]()
-    for i in np.flatnonzero(off).tolist():
-        others = [k for k in same_sensor(inputs, i) if held[k]]
+    changes, limit = level_changes(measured, tight), np.maximum(OTHER_LEVEL_DB, np.broadcast_to(reach, measured.shape[1]))
+    change = {i: db for i, db in changes.items() if abs(db) > limit[i]}
+    told = dict[int, str]()
+    for i in change:
+        others = [k for k in same_sensor(inputs, i) if k in changes]
         # A faulty sensor is faulty for all hammer points; it is reported once.
-        if not all(off[k] for k in others) or any(k < i for k in others):
+        if not all(k in change for k in others) or any(k < i for k in others):
             continue
         names = " and ".join(inputs.responses[k].name for k in (i, *others))
         told[i] = (
