@@ -62,6 +62,8 @@ def test_coefficients_computed_from_frequencies_in_hz() -> None:
     assert told(alpha=ALPHA / turn, beta=BETA) is None
     assert told(alpha=ALPHA, beta=BETA * turn) is None
     assert told(alpha=ALPHA * turn, beta=BETA / turn) is None
+    # Nor is damping that is too small by one factor, where beta hardly counts: that of joints, for example, was left out.
+    assert told(alpha=0.3 * ALPHA, beta=0.1 * BETA) is None
     # The measured peaks may be those of the air.
     assert told(alpha=ALPHA / turn, beta=BETA * turn, air=FieldDamping(alpha=ALPHA, beta=BETA)) is None
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from lrbc_cli.updating.normal import NORMAL_95
-from lrbc_cli.updating.posterior.excluded import limited, loss_ratios
+from lrbc_cli.updating.posterior.excluded import limited, loss_ratios, significant
 from lrbc_cli.updating.posterior.mixture import MixtureProblem, SpringLoss, Springs, State
 from lrbc_cli.updating.statistics.priors import BOLT_PRIOR as PRIOR
 
@@ -61,6 +61,19 @@ def test_a_few_lines_exclude_nothing() -> None:
     # Nor do they show a loss.
     loss, precision, way = linear(effect=20.0, lost=1.0, where=slice(40, 44))
     assert 0.3 < limited(loss, 1.0, (precision, np.zeros(2)), cells) < 0.6
+
+
+def test_a_part_that_is_louder_than_the_others_does_not_silence_them() -> None:
+    """One band at 28 000 and 47 others at 10 to 2000 each, all against a loss: z of the whole sum is 1.4, so that it counted 0.9."""
+    parts = np.append(np.geomspace(10.0, 2000.0, 47), 28_000.0)
+    plain = 0.5 * float(parts.sum() / (np.sqrt(48.0) * parts.std(ddof=1))) ** 2
+    assert plain < 2.0
+    # Capped at the least of them all parts say the same.
+    assert significant(parts) >= 48 * 10.0
+    # Beside parts that say nothing, or the contrary, it counts no more than before.
+    assert significant(np.append(np.zeros(47), 28_000.0)) == pytest.approx(0.5)
+    assert significant(np.append(-np.ones(47), 28_000.0)) < 0.5
+    assert significant(-parts) == 0.0
 
 
 @given(st.integers(0, 50), st.floats(0.01, 5.0), st.floats(0.0, 1.0), st.integers(1, 40))

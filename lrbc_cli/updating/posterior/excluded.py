@@ -46,10 +46,6 @@ def loss_ratios(problem: MixtureProblem, prior: BoltPrior, state: State) -> list
 def limited(loss: SpringLoss, variance: float, prior: tuple[Floats, Floats], cells: Integers) -> float:
     """Log likelihood ratio of a loss against none, limited by its significance.
 
-    Of two models that are both wrong the ratio says which is nearer to the data, and its scatter over parts of the data how sure that is
-    (Vuong, Econometrica 57, 1989): with the sum of n parts d over their standard deviation, z = sum d / (sqrt(n) std d), it counts at most
-    z²/2. A few lines about an antiresonance that the model has elsewhere exclude nothing.
-
     Parameters
     ----------
     loss : SpringLoss
@@ -70,6 +66,24 @@ def limited(loss: SpringLoss, variance: float, prior: tuple[Floats, Floats], cel
     before, after = 0.5 * ((own * step).sum(axis=0) - (r**2).sum(axis=0) / variance)
     none, lost = (r - J @ step).T
     parts = np.bincount(np.unique(cells, return_inverse=True)[1], (none**2 - lost**2) / (2.0 * variance))
-    scatter = float(np.sqrt(parts.size) * parts.std(ddof=1)) if parts.size > 1 else 0.0
-    most = 0.5 * (float(parts.sum()) / scatter) ** 2 if scatter > 0.0 else np.inf
+    most = significant(parts if after >= before else -parts)
     return float(np.clip(after - before, -most, most))
+
+
+def significant(parts: Floats) -> float:
+    """How much of a positive sum of log likelihood ratios (n,) counts; infinite for a single one, whose scatter is not known.
+
+    Of two models that are both wrong the ratio says which is nearer to the data, and its scatter over parts of the data how sure that is
+    (Vuong, Econometrica 57, 1989): with n parts d, z = sum d / (sqrt(n) std d), it counts at most z²/2. A few lines about an antiresonance
+    that the model has elsewhere exclude nothing. But one part that says the same as all others, only far louder, raises the scatter more
+    than the sum; so the parts may be capped at any size, and the size at which most counts is taken.
+    """
+    if parts.size < 2:
+        return np.inf
+    found = 0.0
+    for cap in np.unique(np.abs(parts)):
+        capped = np.clip(parts, -cap, cap)
+        total, scatter = float(capped.sum()), float(np.sqrt(parts.size) * capped.std(ddof=1))
+        if total > 0.0:
+            found = max(found, total if scatter == 0.0 else min(total, 0.5 * (total / scatter) ** 2))
+    return found
