@@ -40,6 +40,12 @@ class UnitSystem:
     mass: float
     time: float
 
+    @property
+    def length_name(self) -> str:
+        """Short name of the unit of length, for messages."""
+        names = (name for name, size in _UNITS["length"].items() if math.isclose(size, self.length, rel_tol=1e-6))
+        return next(names, f"{self.length:.4g} m")
+
 
 #: Systems that messages propose if the numbers of a model, or a misspelt name, fit one of them.
 USUAL_SYSTEMS = ("mm-N-t", "mm-kg-ms", "in-lbf-s", "cm-kg-s")

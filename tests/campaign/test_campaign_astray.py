@@ -216,21 +216,24 @@ def test_points_beside_nodes_from_another_origin_or_counted_backwards() -> None:
     assert text.startswith("4 points of hammer and sensors lie beside the nodes: responses.a0 34.6 mm, ")
 
 
-@pytest.mark.parametrize("regular", [False, True])
-def test_points_beside_nodes_by_one_coordinate_counted_from_elsewhere(regular: bool) -> None:
-    """The lines of an irregular mesh leave one shift only; in a regular one the points may as well lie between its nodes."""
+@pytest.mark.parametrize(("regular", "away", "told"), [(False, 1.55, True), (True, 1.55, False), (False, 0.7, True), (False, 0.2, False)])
+def test_points_beside_nodes_by_one_coordinate_counted_from_elsewhere(regular: bool, away: float, told: bool) -> None:
+    """The lines of an irregular mesh leave one shift only; in a regular one the points may as well lie between its nodes.
+
+    Of 0.2 nothing is said, because all points are nearest to their nodes in any case.
+    """
     rows = np.arange(12.0) if regular else np.cumsum([0.0, 1.0, 1.3, 0.9, 1.7, 1.1, 0.8, 1.4, 1.2, 0.7, 1.6, 1.0])
     xyz = np.array([[x, y, 0.0] for y in rows for x in range(8)])
     dofs = DofTable(node=np.arange(len(xyz)), component=np.full(len(xyz), "PRES"), xyz=xyz)
     found = []
     for number, (column, row) in enumerate([(0, 2), (3, 4), (5, 7), (6, 10), (2, 5)]):
-        place = np.array([column, rows[row] - 1.55, 0.0])
+        place = np.array([column, rows[row] - away, 0.0])
         dof, distance = nearest(dofs, place.tolist(), "PRES") or (0, np.inf)
         key, size = f"responses.m{number}", spacing(dofs, dof)
         found.append(NearPoint(key=key, place=place, component="PRES", node=dof, distance=distance, size=size))
     (text,), moved = beside_nodes(dofs, found, 1.0)
-    assert moved is not regular
-    assert ("with (0, 1.55, 0) added to each of them they lie at nodes" in text) is not regular
+    assert moved is told
+    assert (f"with (0, {away:g}, 0) added to each of them they lie at nodes" in text) is told
 
 
 @pytest.mark.parametrize("step", [-1, 1])

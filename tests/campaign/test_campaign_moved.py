@@ -140,3 +140,18 @@ def test_a_hammer_that_hit_elsewhere_in_a_job_with_loosened_bolts(h1_db: float, 
     if told:
         assert len(texts) == 1
         assert "direction of excitation.h1 in this job" in texts[0]
+
+
+@pytest.mark.parametrize(("a2", "others", "told"), [((12.0, 7.0), 2.0, True), ((12.0, 7.0), 4.0, False), ((7.0, 3.0), 2.0, False)])
+def test_a_sensor_that_was_overloaded_in_a_job_with_loosened_bolts(a2: tuple[float, float], others: float, told: bool) -> None:
+    """Its records are far from the fitted state in the median over the hammer points, three times as far as those of the other sensors."""
+    inputs, states = two_hammers()
+    inputs.campaign, inputs.input_of = campaign("another"), np.repeat([0, 1], 4)
+    sizes = np.full(8, others)
+    sizes[[1, 5]] = a2
+    errs = np.random.default_rng(7).laplace(0.0, 1.0, (200, 8)) * sizes
+    texts = [str(one) for one in beside_fitted(seen(states[0] * 10.0 ** (errs / 20.0), states, inputs=inputs), states[0])]
+    assert [text.partition(" by ")[0] for text in texts] == [
+        f"a2-{at} differs from the state of the bolts that fits best" for at in ("h1", "h2") if told
+    ]
+    assert all("Check whether its sensor was dead, overloaded or moved" in text for text in texts)

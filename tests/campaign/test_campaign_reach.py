@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import scipy.io
+import scipy.sparse as sp
 from campaigns import Folder, box
 
 from lrbc_cli.campaign.reading.inputs import read_as_exported
+from lrbc_cli.campaign.reading.reach import require_reach
 from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import DataError
+from lrbc_cli.model.dofs import DofTable
+from lrbc_cli.model.fem import FeModel
+from lrbc_cli.model.terms import LowRankTerms
 
 STRUCTURE = 8
 
@@ -54,3 +61,21 @@ def test_a_piece_of_the_air_alone_is_one_of_several(tmp_path: Path) -> None:
         read_as_exported(load_campaign(folder.config))
     assert "2 separate pieces" in str(told.value)
     assert "the DOF table is not in the order of the matrices" in str(told.value)
+
+
+def test_directions_that_nothing_couples_are_no_separate_parts() -> None:
+    """A straight beam of two nodes: its motions along UY and UZ are independent, though its mesh is in one piece."""
+    K = sp.csc_array(np.kron([[2.0, -1.0], [-1.0, 2.0]], np.eye(2)))
+    unit = sp.csc_array(np.eye(4))
+    model = FeModel(
+        K=K, C=0.0 * K, M=sp.csc_array(np.eye(4)), B=unit[:, [0]], L=unit[[2, 3]], output_power=np.zeros(2, dtype=np.int64),
+        is_acoustic=np.zeros(4, dtype=bool),
+        terms=LowRankTerms(left=unit[:, [3]], right=unit[:, [3]], power=np.zeros(1, dtype=np.int64), baseline=np.zeros(1)),
+    )  # fmt: skip
+    dofs = DofTable(node=np.array([1, 1, 2, 2]), component=np.array(["UY", "UZ"] * 2), xyz=np.zeros((4, 3)))
+    with pytest.raises(DataError, match="response z to excitation h is zero: it and the hammer act along directions") as told:
+        require_reach(model, [("y", 0), ("z", 0)], ["h"], dofs)
+    assert "correct the component of the response or of the hammer" in str(told.value)
+    apart = replace(dofs, node=np.array([1, 2, 3, 4]))
+    with pytest.raises(DataError, match="response z to excitation h is zero: nothing in the matrices connects them"):
+        require_reach(model, [("y", 0), ("z", 0)], ["h"], apart)

@@ -48,11 +48,11 @@ def test_responses_that_the_model_has_late_too_are_right() -> None:
     assert told(late, modal()) != ""
 
 
-def found(values: np.ndarray, model: np.ndarray, job: str = "tight") -> list[str]:
+def found(values: np.ndarray, model: np.ndarray, job: str = "tight", late: tuple[int, ...] = ()) -> list[str]:
     """Every two responses are of one sensor."""
     responses = tuple(SimpleNamespace(name=f"a{i}", node=i // 2, direction=0) for i in range(values.shape[1]))
     inputs = SimpleNamespace(responses=responses, campaign=SimpleNamespace(update=SimpleNamespace(reference="tight")))
-    return [each.text for each in filter_findings(seen(values, model[None], hz=HZ, inputs=inputs, job=job))]
+    return [each.text for each in filter_findings(seen(values, model[None], hz=HZ, inputs=inputs, job=job), late)]
 
 
 def other_model(values: np.ndarray) -> np.ndarray:
@@ -69,7 +69,8 @@ def test_a_filter_of_all_responses_is_named_with_its_corner() -> None:
     assert found(values, model) == []
     assert found(values[::-1], model) == []
     (text,) = found(values * HIGH, model, "state-1")
-    assert "all responses probably passed a high-pass filter of order 2 with its corner near 90.1 Hz" in text
+    assert text.startswith("levels of all responses fall below 90.1 Hz relative to the model")
+    assert "the signals probably passed a high-pass filter of order 2 with its corner near 90.1 Hz" in text
     (text,) = found(values / HIGH, model)
     assert "the force probably passed a high-pass filter of order 2" in text
 
@@ -82,3 +83,15 @@ def test_a_sensor_that_resonates_on_its_mounting_is_named() -> None:
     (text,) = found(moved, other_model(values))
     assert text.startswith("a2, a3: levels rise towards 306 Hz")
     assert "amplification about 8" in text
+    # In another job it is looked for only where a delay would be told otherwise.
+    assert found(moved, other_model(values), "state-1") == []
+    assert found(moved, other_model(values), "state-1", (2, 3)) == [text]
+    assert found(moved, other_model(values), "state-1", (0, 1)) == []
+
+
+def test_one_filter_of_several_channels_is_told_once() -> None:
+    values = modal()
+    channels = np.where(np.isin(np.arange(values.shape[1]) // 2, [0, 1]), HIGH, 1.0)
+    (text,) = found(values * channels, other_model(values))
+    assert text.startswith("levels of a0, a1, a2, a3 fall below 90.1 to 102 Hz relative to the model")
+    assert text.endswith("Probably the channels of the other sensors have the same filter: check them, too")

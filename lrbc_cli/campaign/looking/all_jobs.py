@@ -75,7 +75,8 @@ def of_all_jobs(inputs: Inputs, found: Mapping[str, OfJob], reference: str) -> d
         left = tuple(
             replace(
                 o,
-                named=o.named and not _agree(o, known.get(o.response)),
+                # Once the shared factor is corrected, check tells whether this job has another one beside it.
+                named=o.named and o.response not in known,
                 reversed=o.reversed and o.response not in reversed_there.responses,
             )
             for o in offsets
@@ -84,11 +85,6 @@ def of_all_jobs(inputs: Inputs, found: Mapping[str, OfJob], reference: str) -> d
         further = [each for each in offset_findings(inputs, left, name) if each.kind is not Kind.PLACES or each.cause in before]
         told[name] = [*shared, *further, *(each for each in told[name] if each.kind not in _OF_OFFSETS)]
     return told
-
-
-def _agree(own: Offset, shared: Offset | None) -> bool:
-    """Whether the factor of a job is the shared one within both intervals; also if powers differ, as one of the two must be wrong."""
-    return shared is not None and (own.power != shared.power or abs(own.db - shared.db) <= max(MOST_REACH, own.half + shared.half))
 
 
 def _factors(jobs: Sequence[Sequence[Offset]], own: Sequence[Offset]) -> tuple[Offset, ...]:

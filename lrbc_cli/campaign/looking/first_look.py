@@ -18,7 +18,6 @@ from lrbc_cli.campaign.identification.compared.chains import soft_tip
 from lrbc_cli.campaign.identification.compared.likeness import (
     CLEARLY,
     LEAST_DIFFERENCE,
-    apart,
     by_sensors,
     exchanged,
     exchanged_text,
@@ -58,7 +57,7 @@ from lrbc_cli.campaign.looking.causes.tightness import (
     taken_as_tight,
     tighter_text,
 )
-from lrbc_cli.campaign.looking.fitted import as_exported, expected_frf, fitted_theta, roughly_calibrated, strike_text
+from lrbc_cli.campaign.looking.fitted import as_exported, fitted_exchanged, fitted_frf, roughly_calibrated, strike_text
 from lrbc_cli.campaign.looking.states import Looking, Seen, nearest_states, reach_of_one
 from lrbc_cli.campaign.looking.unexplained import beside_fitted, beside_tight, foreign, little_in_common, placed
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -226,7 +225,7 @@ def _lacking(inputs: Inputs, source: Looking) -> list[str]:
         if source.stage is not None:
             require_baselines(inputs, source.stage.reduction.model)
     except DataError as error:
-        return [f"{error.problem}: {error.hint}"]
+        return [f"{error.problem}: {'first fix the causes of the other warnings' if inputs.warnings else error.hint}"]
     return []
 
 
@@ -241,7 +240,7 @@ def _looked_at(
     seen = Seen.of(source, name, measurements[name], tight)
     inputs, held = seen.inputs, seen.held
     seen = seen.beside(held)
-    fitted = None if held is None or seen.left <= NEAR else _fit(seen)
+    fitted = None if held is None or seen.left <= NEAR else fitted_frf(seen)
     seen = seen.beside(fitted)
     reading = other_reading(inputs, seen.measurement.frequency_hz, seen.measured, seen.states, name)
     if seen.reference:
@@ -253,7 +252,7 @@ def _looked_at(
     assumed = name in taken_as_tight(inputs)
     if held is not None and assumed and (loose := not_tight(seen, held, _judged(seen, measurements))):
         return OfJob([Finding(text=loose, kind=Kind.FREED)])
-    again = None if fitted is None else partial(_fit_exchanged, seen)
+    again = None if fitted is None else partial(fitted_exchanged, seen)
     if hammers := hammers_text(seen, again) or unmoved_text(seen):
         return OfJob([Finding(text=hammers, kind=Kind.HAMMERS)])
     if fitted is not None and (strike := strike_text(seen, fitted)):
@@ -279,16 +278,25 @@ def _looked_at(
     if not told and (cut := cut_text(seen, measurements[name])):
         return OfJob([Finding(text=cut, kind=Kind.CUT)])
     # A filter delays, too.
-    if kinds_of(told) <= {Kind.LATE, Kind.EARLY} and (passed := filter_findings(seen)):
+    delayed = {i for each in told for i in each.responses}
+    if kinds_of(told) <= {Kind.LATE, Kind.EARLY} and (passed := filter_findings(seen, delayed)):
         return OfJob(passed)
     if not told and seen.reference:
         told = _of_model(seen, measurements)
     told = placed(seen, told)
     if not told and held is not None:
-        told = beside_tight(seen, held, reach)
-        if not told and fitted is not None:
-            told = beside_fitted(seen, fitted) or foreign(seen, held)
+        told = beside_tight(seen, held, reach) or _beside_fit(seen, held, fitted)
     return OfJob(told or uneven, offsets)
+
+
+def _beside_fit(seen: Seen, tight: Complexes, fitted: Complexes | None) -> list[Finding]:
+    """Findings of a job by its distance from the state that fits best. The first fit is coarse: nothing is said without a better one."""
+    if fitted is None or not (beside_fitted(seen, fitted) or foreign(seen, tight)):
+        return []
+    fitted = fitted_frf(seen, careful=True)
+    assert fitted is not None
+    seen = seen.beside(fitted)
+    return beside_fitted(seen, fitted) or foreign(seen, tight)
 
 
 def _gains_by_chance(seen: Seen, told: Sequence[Finding], offsets: Sequence[Offset]) -> bool:
@@ -427,21 +435,3 @@ def _channels(
     cycled = by_sensors(inputs, exchanges)
     found = [Finding(text=exchanged_text(inputs, cycles, seen.job), kind=Kind.EXCHANGED, cycles=cycles) for cycles in cycled]
     return [*offset_findings(inputs, offsets, seen.job), *found], offsets
-
-
-def _fit(seen: Seen) -> Complexes | None:
-    """(F, R) FRFs expected in the state of the bolts that fits best; None without tight state, or if no bolt has values."""
-    with seen.source.threads():
-        theta = fitted_theta(seen)
-    return None if theta is None else expected_frf(seen, theta)
-
-
-def _fit_exchanged(seen: Seen, exchanged: Complexes, *, further: float = 1.1) -> Complexes | None:
-    """As ``_fit``, for exchanged records (F, R); None if these are ``further`` times as far from the tight state as the stated ones.
-
-    This saves a fit of half a second: right records are 1.3 to 5 times nearer than exchanged ones, unless most bolts are loose.
-    """
-    assert seen.tight is not None
-    moved, tight = np.flatnonzero((exchanged != seen.measured).any(axis=0)), seen.tight
-    as_stated, now = (float(np.median(apart(values[:, moved], tight[:, moved]))) for values in (seen.measured, exchanged))
-    return _fit(seen.reading(exchanged)) if now <= further * as_stated else None

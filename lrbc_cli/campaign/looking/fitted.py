@@ -79,6 +79,27 @@ def fitted_theta(seen: Seen, *, lines: int = 100, iterations: int = 6, kept: int
     return theta
 
 
+def fitted_frf(seen: Seen, *, careful: bool = False) -> Complexes | None:
+    """(F, R) FRFs expected in the state of the bolts that fits best; None without tight state, or if no bolt has values.
+
+    A ``careful`` fit takes seconds instead of half a second.
+    """
+    with seen.source.threads():
+        theta = fitted_theta(seen, lines=400, iterations=20, kept=8) if careful else fitted_theta(seen)
+    return None if theta is None else expected_frf(seen, theta)
+
+
+def fitted_exchanged(seen: Seen, exchanged: Complexes, *, further: float = 1.1) -> Complexes | None:
+    """As ``fitted_frf``, for exchanged records (F, R); None if these are ``further`` times as far from the tight state as the stated ones.
+
+    This saves a fit of half a second: right records are 1.3 to 5 times nearer than exchanged ones, unless most bolts are loose.
+    """
+    assert seen.tight is not None
+    moved, tight = np.flatnonzero((exchanged != seen.measured).any(axis=0)), seen.tight
+    as_stated, now = (float(np.median(apart(values[:, moved], tight[:, moved]))) for values in (seen.measured, exchanged))
+    return fitted_frf(seen.reading(exchanged)) if now <= further * as_stated else None
+
+
 def _changes(shapes: Shapes, change: Floats) -> Floats:
     """Change of each bolt [decades] in a change of theta; NaN for bolts without values."""
     unknowns = np.linalg.pinv(shapes.T) @ change

@@ -226,22 +226,18 @@ def beside_tight(seen: Seen, tight: Complexes, reach: tuple[Floats | float, Floa
 
 
 def beside_fitted(seen: Seen, fitted: Complexes) -> list[Finding]:
-    """Hammer point or sensors far from the state of the bolts that fits best (``fitted``, (F, R)), if that explains the others.
-
-    A sensor must be far at every hammer point.
-    """
+    """Hammer point or sensors far from the state of the bolts that fits best (``fitted``, (F, R)), if that explains the others."""
     every, what = apart(seen.measured, fitted), "the state of the bolts that fits best"
     away = by_excitation(every, seen.inputs.input_of)
     worst = max(away, key=away.__getitem__)
     rest = max((db for at, db in away.items() if at != worst), default=np.inf)
     if rest < LEAST_DIFFERENCE < away[worst] and rest < CLEARLY * away[worst]:
         return [Finding(text=_blow_text(seen, away, worst, what), kind=Kind.HAMMER)]
-    if float(np.median(every)) > LEAST_DIFFERENCE:
+    if float(np.median(every)) > UNLIKE:
         return []
-    # Errors of the model show at single hammer points, too.
-    alone = set(outlying(every))
-    whole = [i for i in sorted(alone) if alone.issuperset(same_sensor(seen.inputs, i))]
-    return single_responses(seen.inputs, every, whole, what, seen.job)
+    # Errors of the model show at single hammer points, too, so the median over these counts.
+    own = [[i, *same_sensor(seen.inputs, i)] for i in range(every.size)]
+    return single_responses(seen.inputs, every, outlying(np.array([np.median(every[at]) for at in own])), what, seen.job)
 
 
 def foreign(seen: Seen, tight: Complexes) -> list[Finding]:

@@ -320,7 +320,7 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     model = FeModel(K=lossy(K), C=C, M=M, B=B, L=L, output_power=output_power, is_acoustic=acoustic, terms=terms, extras=extras)
     reader.warn(*no_lines, *left_behind(K, campaign), *doubts(model), *reader.slips(model, responses, groups, bolts))
     check_drift(campaign, bool(acoustic.any()))
-    require_reach(model, [r.name for r in responses], list(campaign.excitation), [r.input for r in responses], reader.misplaced)
+    require_reach(model, [(r.name, r.input) for r in responses], list(campaign.excitation), reader.dofs, reader.misplaced)
     require_frequencies(model, campaign, reader.dofs)
     return Inputs(
         campaign=campaign,

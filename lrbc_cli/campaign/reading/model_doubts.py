@@ -177,7 +177,7 @@ def slips(
     """
     yield from setting_slips(campaign)
     yield from part_of_stiffness(campaign, model, dofs)
-    yield from numbering_doubts(model, dofs)
+    yield from _numbering(campaign, model, dofs)
     yield from _damping(campaign, model)
     yield from _one_place(model, responses, astray)
     yield from _terms_twice(model, groups, dofs, bolts)
@@ -189,14 +189,20 @@ def slips(
 
 
 def misread(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | None) -> bool:
-    """Whether coupling, damping, springs or start values are warned of, so that measurements cannot be compared with the model yet."""
+    """Whether matrices, damping, springs or start values are warned of, so that measurements cannot be compared with the model yet."""
     told = (
+        *_numbering(campaign, model, dofs),
         *_damping(campaign, model),
         *held_springs(campaign, model, groups, dofs),
         *_terms_twice(model, groups, dofs, None),
         *start_slips(campaign).values(),
     )
     return bool(told or opposed_text(model))
+
+
+def _numbering(campaign: Campaign, model: FeModel, dofs: DofTable | None) -> Iterator[str]:
+    """Warnings about the numbering of mass and damping; proportional damping has that of the others."""
+    return numbering_doubts(model, dofs, own_damping=not isinstance(campaign.model.damping, ProportionalDamping))
 
 
 def _damping(campaign: Campaign, model: FeModel) -> Iterator[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
@@ -45,16 +47,19 @@ def _first_rows(matrix: sp.csc_array) -> NDArray[np.int64]:
     return first
 
 
-def require_reach(model: FeModel, responses: list[str], excitations: list[str], input_of: list[int], misplaced: str = "") -> None:
+def require_reach(
+    model: FeModel, responses: Sequence[tuple[str, int]], excitations: Sequence[str], dofs: DofTable | None, misplaced: str = ""
+) -> None:
     """Refuse a response that is not connected with its excitation: its FRF is zero for all parameters.
 
     Parameters
     ----------
     model : FeModel
-    responses, excitations : lists of str
+    responses : sequence of (str, int)
+        Name of each response, and number of its excitation.
+    excitations : sequence of str
         Names.
-    input_of : list of int
-        Excitation of each response.
+    dofs : DofTable or None
     misplaced : str
         Doubt about the DOF table, which is the likely cause; may be empty.
 
@@ -63,9 +68,9 @@ def require_reach(model: FeModel, responses: list[str], excitations: list[str], 
     DataError
     """
     part, deaf = parts_of(model), one_way(model)
-    for i, name in enumerate(responses):
-        heard, hit = model.L[[i]].tocoo().col, model.B[:, [input_of[i]]].tocoo().row
-        zero = f"the FRF of response {name} to excitation {excitations[input_of[i]]} is zero"
+    for i, (name, at) in enumerate(responses):
+        heard, hit = model.L[[i]].tocoo().col, model.B[:, [at]].tocoo().row
+        zero = f"the FRF of response {name} to excitation {excitations[at]} is zero"
         if deaf is not None and np.all(model.is_acoustic[heard] == deaf[0]) and np.all(model.is_acoustic[hit] != deaf[0]):
             raise DataError(
                 f"{zero}: structure and air are coupled one way only",
@@ -81,6 +86,16 @@ def require_reach(model: FeModel, responses: list[str], excitations: list[str], 
                 expected="coupling blocks between displacements and pressures, in the stiffness and in the mass matrix",
                 found="none",
                 hint="define the interface of structure and fluid in the FE model, and export the matrices of the coupled model",
+            )
+        if dofs is not None and set.intersection(*(set(dofs.node[np.isin(part, part[rows])].tolist()) for rows in (heard, hit))):
+            raise DataError(
+                f"{zero}: it and the hammer act along directions that nothing couples, in parts of the mesh that have nodes in common",
+                expected="a model in which every response answers to its hammer",
+                found="a plane or straight structure, whose motions in its plane and out of it are independent",
+                hint=misplaced
+                or "correct the component of the response or of the hammer; or let the model contain what couples them (an eccentric mass, "
+                "an inclined support), or leave the response out at this hammer point. If the structure is none of these, the DOF table is "
+                "not in the order of the matrices",
             )
         grounded = int((np.diff(model.terms.left.indptr) == 1).sum())
         ground = f"{grounded} of {model.terms.size} springs go to ground: where they join two parts, give node_b. " if grounded else ""

@@ -65,7 +65,7 @@ def limited(loss: SpringLoss, variance: float, prior: tuple[Floats, Floats], cel
     step = np.linalg.solve(J.T @ J / variance + np.diag(precision), own)
     before, after = 0.5 * ((own * step).sum(axis=0) - (r**2).sum(axis=0) / variance)
     none, lost = (r - J @ step).T
-    parts = np.bincount(np.unique(cells, return_inverse=True)[1], (none**2 - lost**2) / (2.0 * variance))
+    parts = np.bincount(np.unique(cells, return_inverse=True)[1], (none**2 - lost**2) / (2.0 * variance)).astype(float)
     most = significant(parts if after >= before else -parts)
     return float(np.clip(after - before, -most, most))
 

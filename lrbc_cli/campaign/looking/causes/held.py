@@ -98,7 +98,7 @@ def supports_text(seen: Seen) -> str:
     spans, own = np.ptp(dofs.xyz, axis=0), np.ptp(xyz, axis=0)
     common = [f"{'xyz'[k]} = {xyz[0, k] / unit:.4g}" for k in range(3) if own[k] < 1e-6 * spans.max() < spans[k]]
     alike = f", all at {', '.join(common)}" if common and nodes.size > 2 else ""
-    named = listing(nodes.tolist(), 4)
+    named = listing(nodes.tolist(), 12)
     return (
         f". The model is held to the ground in addition to the bolts (at or next to {nodes.size} node{'s' if nodes.size > 1 else ''}"
         f"{alike}: {named}): check whether the structure on the test bench is held there, too"

@@ -274,11 +274,11 @@ def _places(dofs: DofTable, own: int, most: int) -> Integers:
 
 def _place_text(inputs: Inputs, dofs: DofTable, dof: int, own: int) -> tuple[str, str]:
     """Place of a DOF as the beginning of a clause, and the corresponding keys."""
-    unit = inputs.campaign.unit_system.length
-    xyz = ", ".join(f"{value:.6g}" for value in dofs.xyz[dof] / unit)
+    system = inputs.campaign.unit_system
+    xyz = ", ".join(f"{value:.6g}" for value in dofs.xyz[dof] / system.length)
     component = dofs.component[dof]
     if dofs.node[dof] == dofs.node[own]:
         return f"along {component}", f"component: {component}"
-    away = float(np.linalg.norm(dofs.xyz[dof] - dofs.xyz[own])) / unit
-    at = f"at or near node {dofs.node[dof]}, {away:.4g} {'m' if unit == 1.0 else 'units of length'} away,"
+    away = float(np.linalg.norm(dofs.xyz[dof] - dofs.xyz[own])) / system.length
+    at = f"at or near node {dofs.node[dof]}, {away:.4g} {system.length_name} away,"
     return at, f"near: [{xyz}], component: {component}"

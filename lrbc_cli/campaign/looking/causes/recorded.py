@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
+
 import numpy as np
 
 from lrbc_cli.campaign.findings import Finding, Kind
@@ -9,7 +11,7 @@ from lrbc_cli.campaign.identification.compared.likeness import apart
 from lrbc_cli.campaign.identification.compared.offsets import sensor_of
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.causes.tightness import UNLIKE
-from lrbc_cli.campaign.looking.states import Seen
+from lrbc_cli.campaign.looking.states import Seen, nearest_states
 from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.statistics.chain.filters import Filter, filtered, filters
 from lrbc_cli.updating.statistics.chain.start import starting
@@ -48,31 +50,43 @@ def cut_text(seen: Seen, whole: Measurement, *, least: float = 0.15, share: floa
     )
 
 
-def filter_findings(seen: Seen) -> list[Finding]:
-    """Findings of a filter of all responses or, in the reference job, of single sensors; empty if there is none."""
-    hz, measured, model = seen.measurement.frequency_hz, seen.measured, seen.model
+def filter_findings(seen: Seen, late: Collection[int] = ()) -> list[Finding]:
+    """Findings of a filter of all responses, of single sensors in the reference job, or of those of ``late`` responses in another one."""
+    hz, measured = seen.measurement.frequency_hz, seen.measured
+    # Beside loosened bolts the nearest state.
+    model = seen.model if seen.reference else min(nearest_states(seen), key=lambda state: float(np.median(apart(measured, state))))
     every = tuple(range(measured.shape[1]))
-    if found := filtered(hz, measured, model, filters(hz, inverse=True)):
-        return [Finding(text=_filter_text("all responses", found), kind=Kind.FILTERED, responses=every)]
-    if not seen.reference:
-        return []
+    if found := filtered(hz, measured, seen.model, filters(hz, inverse=True)):
+        return [Finding(text=_filter_text("all responses", [found]), kind=Kind.FILTERED, responses=every)]
     sensors: dict[tuple[object, ...], list[int]] = {}
-    for i in every:
+    for i in every if seen.reference else sorted(late):
         sensors.setdefault(sensor_of(seen.inputs, i), []).append(i)
-    told, tried, away = list[Finding](), filters(hz, inverse=False), apart(measured, model)
+    alike: dict[tuple[object, ...], list[tuple[list[int], Filter]]] = {}
+    tried, away = filters(hz, inverse=False), apart(measured, model)
     for own in sensors.values():
         others = np.delete(away, own)
         # Where the model does not explain the other sensors, one filter more or less is no evidence.
         if not others.size or float(np.median(others)) > UNLIKE:
             continue
         if found := filtered(hz, measured[:, own], model[:, own], tried):
-            names = ", ".join(seen.inputs.responses[i].name for i in own)
-            told.append(Finding(text=_filter_text(names, found), kind=Kind.FILTERED, responses=tuple(own)))
-    return told
+            # Resonances of mountings differ; filters of several channels are one setting.
+            alike.setdefault((found.high, found.order, own[0] if found.q else 0.0), []).append((own, found))
+    return [_of_sensors(seen, each) for each in alike.values()]
 
 
-def _filter_text(names: str, found: Filter) -> str:
-    """Text on responses that passed a filter."""
+def _of_sensors(seen: Seen, each: Sequence[tuple[list[int], Filter]]) -> Finding:
+    """Finding of sensors whose channels have filters of one kind."""
+    concerned = tuple(sorted(i for own, _ in each for i in own))
+    text = _filter_text(", ".join(seen.inputs.responses[i].name for i in concerned), [found for _, found in each])
+    # The model does not show it in each of them.
+    more = "" if len(each) == 1 else ". Probably the channels of the other sensors have the same filter: check them, too"
+    return Finding(text=text + more, kind=Kind.FILTERED, responses=concerned)
+
+
+def _filter_text(names: str, every: Sequence[Filter]) -> str:
+    """Text on responses that passed a filter, or filters of one kind with different corners."""
+    found, corners = every[0], sorted({f"{each.corner_hz:.3g}" for each in every}, key=float)
+    corner = " to ".join(corners[:: max(len(corners) - 1, 1)])
     if found.q:
         return (
             f"{names}: levels rise towards {found.corner_hz:.3g} Hz and fall beyond, and the phases lag by up to 180 degrees there: the "
@@ -81,11 +95,11 @@ def _filter_text(names: str, found: Filter) -> str:
             f"{found.corner_hz / 3.0:.2g} Hz"
         )
     kind, side, end = ("high", "below", "begin") if found.high else ("low", "above", "end")
-    whose = "the force" if found.inverse else names
+    whose = "the force" if found.inverse else "the signals"
     change = "rise" if found.inverse else "fall"
     return (
-        f"levels of {names} {change} {side} {found.corner_hz:.3g} Hz relative to the model, and their phases turn gradually: {whose} "
-        f"probably passed a {kind}-pass filter of order {found.order} with its corner near {found.corner_hz:.3g} Hz. Check AC coupling, "
+        f"levels of {names} {change} {side} {corner} Hz relative to the model, and their phases turn gradually: {whose} "
+        f"probably passed a {kind}-pass filter of order {found.order} with its corner near {corner} Hz. Check AC coupling, "
         f"filters and conditioners of {'its channel' if found.inverse else 'these channels'}. Switch the filter off, or set the same one "
         f"for force and responses, and measure again; or let reduction.band {end} far from it"
     )

@@ -42,7 +42,7 @@ def require_whole(campaign: Campaign, stiffness: MatrixFile, mass: MatrixFile) -
     )
 
 
-def numbering_doubts(model: FeModel, dofs: DofTable | None) -> Iterator[str]:
+def numbering_doubts(model: FeModel, dofs: DofTable | None, *, own_damping: bool = True) -> Iterator[str]:
     """Warnings if mass or damping connect most nodes with nodes beyond the neighbours of their neighbours in the stiffness matrix.
 
     All matrices of one mesh connect nodes of common elements. Neighbours of neighbours are allowed, because an entry of the stiffness may
@@ -54,6 +54,8 @@ def numbering_doubts(model: FeModel, dofs: DofTable | None) -> Iterator[str]:
     model : FeModel
     dofs : DofTable or None
         None: each row is a node.
+    own_damping : bool
+        Whether damping is a matrix of its own, and not computed from the others.
     """
     if model.size < LEAST_DOFS:
         return
@@ -68,7 +70,7 @@ def numbering_doubts(model: FeModel, dofs: DofTable | None) -> Iterator[str]:
     if reached.nnz > MOST_FILLED * reached.shape[0] * reached.shape[1]:
         return
     known = reached.row * np.int64(reached.shape[1]) + reached.col
-    for name, matrix in (("mass", model.M), ("damping", model.C)):
+    for name, matrix in (("mass", model.M), *((("damping", model.C),) if own_damping else ())):
         joined = _graph(matrix, node)[some].tocoo()
         # The flat index of each pair of nodes.
         pairs = joined.row * np.int64(joined.shape[1]) + joined.col

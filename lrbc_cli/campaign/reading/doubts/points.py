@@ -147,6 +147,12 @@ def _away(dofs: DofTable, points: Sequence[NearPoint], shift: Sequence[float], s
     return max(away)
 
 
+def _node_at(dofs: DofTable, point: NearPoint, shift: Sequence[float]) -> int | None:
+    """The node nearest to a point after a shift."""
+    found = nearest(dofs, (point.place + shift).tolist(), point.component)
+    return None if found is None else int(dofs.node[found[0]])
+
+
 def _along_one_axis(dofs: DofTable, points: Sequence[NearPoint], *, several: int = 3) -> tuple[float, ...] | None:
     """The only shift along one axis that puts all points at nodes; None if none does, or several, as in a regular mesh.
 
@@ -155,7 +161,8 @@ def _along_one_axis(dofs: DofTable, points: Sequence[NearPoint], *, several: int
     dofs : DofTable
     points : sequence of NearPoint
     several : int
-        Least number of different coordinates along that axis. Fewer come to nodes by chance, as do shifts within a mesh width.
+        Least number of different coordinates along that axis; fewer come to nodes by chance. A shift after which all of them are still
+        nearest to the same nodes needs no word.
     """
     first, found = points[0], list[tuple[float, ...]]()
     xyz = dofs.xyz[dofs.component == first.component]
@@ -165,7 +172,7 @@ def _along_one_axis(dofs: DofTable, points: Sequence[NearPoint], *, several: int
         beside = np.delete(np.abs(xyz - first.place), axis, axis=1).max(axis=1)
         for shift in np.unique((xyz[beside <= AT_NODE * first.size] - first.place)[:, axis]).tolist():
             added = tuple(np.where(np.arange(3) == axis, shift, 0.0).tolist())
-            if abs(shift) > max(point.size for point in points) and _away(dofs, points, added, np.ones(3)) <= AT_NODE:
+            if _away(dofs, points, added, np.ones(3)) <= AT_NODE and any(point.node != _node_at(dofs, point, added) for point in points):
                 found.append(added)
     return found[0] if len(found) == 1 else None
 

@@ -272,10 +272,8 @@ def _stiffness(unit: UnitSystem, turns: bool) -> float:
 
 def _name(unit: UnitSystem, turns: bool) -> str:
     names = {1.0: "N", 1e3: "kN", 4.4482216152605: "lbf"}
-    lengths = {1.0: "m", 1e-3: "mm", 1e-2: "cm", 0.0254: "in"}
     force = next((name for size, name in names.items() if abs(unit.force / size - 1.0) < 1e-6), f"{unit.force:.4g} N")
-    length = next((name for size, name in lengths.items() if abs(unit.length / size - 1.0) < 1e-6), f"{unit.length:.4g} m")
-    return f"{force} {length}/rad" if turns else f"{force}/{length}"
+    return f"{force} {unit.length_name}/rad" if turns else f"{force}/{unit.length_name}"
 
 
 def _exceeded(model: FeModel, group: TermGroup) -> bool:
