@@ -76,6 +76,19 @@ def test_a_part_that_is_louder_than_the_others_does_not_silence_them() -> None:
     assert significant(-parts) == 0.0
 
 
+@given(st.lists(st.floats(-100.0, 100.0, allow_subnormal=False).map(lambda x: round(x, 3)), min_size=2, max_size=30))
+def test_what_counts_is_the_most_over_all_caps(values: list[float]) -> None:
+    """Compared with the definition, cap by cap."""
+    parts, expected = np.array(values), 0.0
+    for cap in np.unique(np.abs(parts)):
+        capped = np.clip(parts, -cap, cap)
+        total, std = float(capped.sum()), float(capped.std(ddof=1))
+        if total > 1e-9:
+            z = total / (np.sqrt(parts.size) * std) if std > 1e-9 else np.inf
+            expected = max(expected, min(total, 0.5 * z**2))
+    assert significant(parts) == pytest.approx(expected, rel=1e-6, abs=1e-6)
+
+
 @given(st.integers(0, 50), st.floats(0.01, 5.0), st.floats(0.0, 1.0), st.integers(1, 40))
 def test_the_limit_changes_the_size_only(seed: int, effect: float, lost: float, width: int) -> None:
     loss, precision, _ = linear(seed, effect=effect, lost=lost)

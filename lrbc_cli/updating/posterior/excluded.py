@@ -78,12 +78,15 @@ def significant(parts: Floats) -> float:
     that the model has elsewhere exclude nothing. But one part that says the same as all others, only far louder, raises the scatter more
     than the sum; so the parts may be capped at any size, and the size at which most counts is taken.
     """
-    if parts.size < 2:
+    n = parts.size
+    if n < 2:
         return np.inf
-    found = 0.0
-    for cap in np.unique(np.abs(parts)):
-        capped = np.clip(parts, -cap, cap)
-        total, scatter = float(capped.sum()), float(np.sqrt(parts.size) * capped.std(ddof=1))
-        if total > 0.0:
-            found = max(found, total if scatter == 0.0 else min(total, 0.5 * (total / scatter) ** 2))
-    return found
+    ordered = parts[np.argsort(np.abs(parts))]
+    cap, beyond = np.abs(ordered), np.arange(n - 1, -1, -1)
+    # With the parts capped at each of their sizes: those below it as they are, those beyond it by their signs.
+    total = np.cumsum(ordered) + cap * (np.sign(ordered).sum() - np.cumsum(np.sign(ordered)))
+    squares = np.cumsum(ordered**2) + beyond * cap**2
+    variance = (n * squares - total**2) / (n - 1)
+    up = total > 0.0
+    # The smaller one of the sum and z²/2, where equal parts have no scatter but for rounding.
+    return float((0.5 * total[up] ** 2 / np.maximum(variance[up], 0.5 * total[up])).max(initial=0.0))
