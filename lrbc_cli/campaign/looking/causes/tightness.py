@@ -64,14 +64,14 @@ def tighter_text(seen: Seen, measurements: Mapping[str, Measurement], *, as_well
         tight = [name for name, _ in order if name in assumed]
         return (
             f"With {loose[0]} free the level misfit is {left:.1f} dB, instead of {far[reference]:.1f} dB: {loose[0]} was probably loose in "
-            f"{reference}. {_to_set(seen.inputs)} to a tight job{f', such as {tight[0]}' if tight else ''}, or tighten it and measure "
-            f"{reference} again. {_fit_text(order, reference, far[reference])}"
+            f"{reference}. Set {_references(seen.inputs)} to a tight job{f', such as {tight[0]}' if tight else ''}, or tighten it and "
+            f"measure {reference} again. {_fit_text(order, reference, far[reference])}"
         )
     other = f"jobs.{order[0][0]}.frf" if judged else "that of a job to be judged"
     other += " (or that of another of these)" if len(judged) > 1 else ""
     return (
         f"{_fit_text(order, reference, far[reference])}. If files are exchanged, exchange jobs.{reference}.frf and {other}. If a bolt was "
-        f"loose in {reference}, set update.reference to a tight job{looser(seen, far[reference])}"
+        f"loose in {reference}, set {_references(seen.inputs)} to a tight job{looser(seen, far[reference])}"
     )
 
 
@@ -81,11 +81,11 @@ def _fit_text(order: Sequence[tuple[str, float]], reference: str, far: float) ->
     return f"{named} {'fits' if len(order) == 1 else 'fit'} the tight model far better than {reference} ({far:.1f} dB)"
 
 
-def _to_set(inputs: Inputs) -> str:
-    """Beginning of the advice to name another job as the tight one."""
+def _references(inputs: Inputs) -> str:
+    """The keys that name the tight job."""
     campaign = inputs.campaign
     same = campaign.calibration is not None and campaign.calibration.job == campaign.update.reference
-    return f"Set update.reference{' and calibration.job' if same else ''}"
+    return f"update.reference{' and calibration.job' if same else ''}"
 
 
 def not_tight(seen: Seen, held: Complexes, others: Sequence[Complexes] = (), *, least: int = 3) -> str:
@@ -235,8 +235,8 @@ def risen_text(inputs: Inputs, changes: Mapping[str, Floats], *, least: float = 
     if not named:
         return ""
     return (
-        f"most other jobs are fitted best with a stiffer {named}: probably not all bolts were tight here. {_to_set(inputs)} to a job with "
-        "all bolts tight, or tighten them and measure this job again"
+        f"most other jobs are fitted best with a stiffer {named}: probably not all bolts were tight here. Set {_references(inputs)} to a "
+        "job with all bolts tight, or tighten them and measure this job again"
     )
 
 
