@@ -71,22 +71,19 @@ def limited(loss: SpringLoss, variance: float, prior: tuple[Floats, Floats], cel
 
 
 def significant(parts: Floats) -> float:
-    """How much of a positive sum of log likelihood ratios (n,) counts; infinite for a single one, whose scatter is not known.
+    """How much of a positive sum of log likelihood ratios (n,) counts.
 
     Of two models that are both wrong the ratio says which is nearer to the data, and its scatter over parts of the data how sure that is
-    (Vuong, Econometrica 57, 1989): with n parts d, z = sum d / (sqrt(n) std d), it counts at most z²/2. A few lines about an antiresonance
-    that the model has elsewhere exclude nothing. But one part that says the same as all others, only far louder, raises the scatter more
-    than the sum; so the parts may be capped at any size, and the size at which most counts is taken.
+    (Vuong, Econometrica 57, 1989): with n parts d, z = sum d / sqrt(sum d²), it counts at most z²/2, the exponent of the probability of
+    such a sum if either sign were as probable (Efron, J. Am. Stat. Assoc. 64, 1969), and so never more than n/2. A few lines about an
+    antiresonance that the model has elsewhere exclude nothing. But one part that says the same as all others, only far louder, raises the
+    scatter more than the sum; so the parts may be capped at any size, and the size at which most counts is taken.
     """
-    n = parts.size
-    if n < 2:
-        return np.inf
     ordered = parts[np.argsort(np.abs(parts))]
-    cap, beyond = np.abs(ordered), np.arange(n - 1, -1, -1)
+    cap, beyond = np.abs(ordered), np.arange(parts.size - 1, -1, -1)
     # With the parts capped at each of their sizes: those below it as they are, those beyond it by their signs.
     total = np.cumsum(ordered) + cap * (np.sign(ordered).sum() - np.cumsum(np.sign(ordered)))
     squares = np.cumsum(ordered**2) + beyond * cap**2
-    variance = (n * squares - total**2) / (n - 1)
     up = total > 0.0
-    # The smaller one of the sum and z²/2, where equal parts have no scatter but for rounding.
-    return float((0.5 * total[up] ** 2 / np.maximum(variance[up], 0.5 * total[up])).max(initial=0.0))
+    # The smaller one of the sum and z²/2.
+    return float((0.5 * total[up] ** 2 / np.maximum(squares[up], 0.5 * total[up])).max(initial=0.0))
