@@ -237,6 +237,16 @@ class TestSampled:
             assert str(found.note).startswith("the data do not exclude that it is loose: at even prior odds the probability is 0.")
         assert one(replace(PLACE, change=Change(mean=0.0, std=0.1, sampled=sampled))).verdict == "tight"
 
+    @pytest.mark.parametrize(("share", "joint", "verdict"), [(0.97, True, "loose"), (0.9, True, "undecided"), (0.9, False, "loose")])
+    def test_a_joint_is_not_loose_by_residuals_that_are_not_significant(self, share: float, joint: bool, verdict: str) -> None:
+        """They pull its change below the threshold as a tight one, too. A bolt on an edge shares its change with its neighbours."""
+        sampled = SampledChange(count=(3.0, 1.0), loose=(share, share), means=((-0.8,) * 2, (-1.5,) * 2), stds=((0.05,) * 2, (0.1,) * 2))
+        found = one(replace(PLACE, joint=joint, change=Change(mean=-1.4, std=0.2, sampled=sampled), probability_changed=share))
+        assert found.verdict == verdict
+        assert found.probability_loose == pytest.approx(share if verdict == "undecided" else 1.0, abs=0.01)
+        if verdict == "undecided":
+            assert str(found.note).startswith("errors of the model may explain its change")
+
     def test_a_probability_is_none_above_one(self) -> None:
         """Rounded weights may add up to more."""
         for n in range(1, 120):

@@ -109,6 +109,26 @@ def test_data_against_a_small_loss_say_nothing_on_a_large_one(strength: float) -
     assert sample_changes(problem, [start], PRIOR, sweeps=50).inclusion[0] == pytest.approx(exact, abs=0.03)
 
 
+@pytest.mark.parametrize(("rows", "calls"), [(1, 0.5), (3, 0.9), (60, 1.0)])
+def test_a_loss_that_few_bands_show_is_weighed_by_its_significance(rows: int, calls: float) -> None:
+    """All that is missing in 1, 3 or 60 of 60 bands a loss explains, of the same log likelihood ratio together; the others are at rest."""
+    n, change = 60, PRIOR.joint_loose_mean
+    J = np.zeros(n)
+    J[:rows] = np.sqrt(2.0 * 40.0 / rows) / -change
+
+    def data(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return J * (z[0] - change), J[:, None]
+
+    problem, ratio = one_joint(data)
+    assert ratio > 20.0
+    asked = [replace(problem, cells=cells) for cells in (None, np.arange(n))]
+    without, found = (sample_changes(one, [np.zeros(1)], PRIOR, sweeps=50).inclusion[0] for one in asked)
+    assert without > 0.9999
+    # z is the root of the number of bands that say it.
+    assert found == pytest.approx(expit(min(0.5 * rows, ratio) + PRIOR.log_odds), abs=0.03)
+    assert found <= calls
+
+
 @pytest.mark.parametrize("soon", [0.1, 0.3, 1.0])
 @pytest.mark.parametrize(("strength", "shown"), [(4.5, 0.6), (6.0, 0.5), (6.0, 0.6), (8.0, 0.6)])
 def test_a_loss_that_soon_shows_no_more_is_weighed_as_a_whole(soon: float, strength: float, shown: float) -> None:

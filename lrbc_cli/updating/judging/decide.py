@@ -20,6 +20,8 @@ FALLEN = "far looser than the other bolts"
 #: Message on a joint that is undecided because it is far stiffer than the others in the tight state.
 RISEN = "far stiffer than the other bolts in the reference job, as an error of the model makes it: its change may be an error, too"
 
+#: Message on a joint whose change is below the threshold, while the data do not say with confidence that it is of the loose kind.
+INSIGNIFICANT = "errors of the model may explain its change: a loss improves the fit, but not significantly"
 
 #: Role of a job in its campaign: the tight state itself, a further tight state, or an unknown state.
 Role = Literal["reference", "baseline", "job"]
@@ -301,15 +303,11 @@ def _by_role(bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: s
         between = scattered = rule.scatter(scatter, bolt.joint)
         limit = rule.limit(own, between, bolt.joint)
         between *= rule.joint_spread if bolt.joint else 1.0
-        probability, note = posterior.below(limit, between), None
-        part, alone = _most_changed(posterior, own, scattered, rule)
-        if part is not None and alone > probability:
-            # Beside loose bolts an error of the model can look like a loose group; the data do not distinguish them.
-            whole, probability = probability, 0.5 * (probability + alone)
-            if rule.word(alone) != rule.word(whole):
-                # No standard deviation: the prior, that the groups of a joint change alike, draws the loss of one alone towards none.
-                note = f"only its springs of {part.group} changed, by about {part.mean:.2g} decades or more"
-        word = rule.word(probability)
+        probability, note = _of_its_groups(posterior, posterior.below(limit, between), own, scattered, rule)
+        word, kind = rule.word(probability), bolt.probability_changed
+        if word == LOOSE and bolt.joint and kind is not None and rule.word(kind) != LOOSE:
+            # Residuals of a wrong model pull the change of a tight joint below the threshold, too.
+            word, probability, note = UNDECIDED, kind, INSIGNIFICANT
         if word == UNDECIDED and note is None:
             note = "the data do not decide: the interval of its change contains the threshold"
         lost = _lost_alone(posterior, rule) if word == TIGHT else {}
@@ -348,6 +346,19 @@ def _by_role(bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: s
     loose = bolt.felt is not None and bolt.felt - level <= rule.loose_change
     note = "no tight state to compare with: loose by contrast with the other bolts, or inconclusive"
     return replace(found, verdict=LOOSE if loose else UNDECIDED, note=note)
+
+
+def _of_its_groups(posterior: Change, whole: float, own: float, scatter: float, rule: DecisionRule) -> tuple[float, str | None]:
+    """Probability that a joint is loose, from that of the whole and of the group that is most probably loose by itself; and a message."""
+    part, alone = _most_changed(posterior, own, scatter, rule)
+    if part is None or alone <= whole:
+        return whole, None
+    # Beside loose bolts an error of the model can look like a loose group; the data do not distinguish them.
+    found = 0.5 * (whole + alone)
+    if rule.word(alone) == rule.word(whole):
+        return found, None
+    # No standard deviation: the prior, that the groups of a joint change alike, draws the loss of one alone towards none.
+    return found, f"only its springs of {part.group} changed, by about {part.mean:.2g} decades or more"
 
 
 def _most_changed(posterior: Change, own: float, scatter: float, rule: DecisionRule) -> tuple[PartialChange | None, float]:

@@ -65,9 +65,25 @@ def limited(loss: SpringLoss, variance: float, prior: tuple[Floats, Floats], cel
     step = np.linalg.solve(J.T @ J / variance + np.diag(precision), own)
     before, after = 0.5 * ((own * step).sum(axis=0) - (r**2).sum(axis=0) / variance)
     none, lost = (r - J @ step).T
-    parts = np.bincount(np.unique(cells, return_inverse=True)[1], (none**2 - lost**2) / (2.0 * variance)).astype(float)
-    most = significant(parts if after >= before else -parts)
-    return float(np.clip(after - before, -most, most))
+    return _counted(after - before, none**2 - lost**2, variance, cells)
+
+
+def between(problem: MixtureProblem, before: State, after: State, odds: float) -> float:
+    """Log evidence for one state against another that the data add to the prior ``odds`` of their kinds, limited by its significance.
+
+    Both are ends of descents with the covariance of ``problem``.
+    """
+    ratio = after.evidence - before.evidence - odds
+    if problem.cells is None:
+        return ratio
+    return _counted(ratio, problem.data(before.z)[0] ** 2 - problem.data(after.z)[0] ** 2, problem.variance, problem.cells)
+
+
+def _counted(ratio: float, apart: Floats, variance: float, cells: Integers) -> float:
+    """What counts of a log likelihood ratio; ``apart`` (n,): by how much the squares of the residuals differ [dB²]."""
+    parts = np.bincount(np.unique(cells, return_inverse=True)[1], apart / (2.0 * variance)).astype(float)
+    most = significant(parts if ratio >= 0.0 else -parts)
+    return float(np.clip(ratio, -most, most))
 
 
 def significant(parts: Floats) -> float:

@@ -89,7 +89,8 @@ class MixtureProblem:
     level_error : float
         Standard deviation of the level of a joint in the reference state, by errors of the model [decades]; 0 if no comparison rests on it.
     cells : (n,) int array or None
-        Response and band of lines of each residual; needed where there are ``springs``.
+        Response and band of lines of each residual, within which errors of the model are common; needed where there are ``springs``, and
+        without it no comparison of states is limited by its significance.
     near : callable or None
         From z to the same problem, faster at unknowns that differ from z in few stiffnesses; None if there is no faster way.
     residuals : callable or None

@@ -16,7 +16,7 @@ from scipy.special import expit, logsumexp
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.reduction.threads import side_by_side
-from lrbc_cli.updating.posterior.excluded import loss_ratios
+from lrbc_cli.updating.posterior.excluded import between, loss_ratios
 from lrbc_cli.updating.posterior.kinds import KindScore, along_edges
 from lrbc_cli.updating.posterior.mixture import (
     MixtureProblem,
@@ -211,7 +211,8 @@ def _other_kind(
     ``joint`` is its position and its first change if it becomes loose. Both kinds have the same covariance: with one that follows the
     state, small changes of all others move the determinant by more than a kind does, and errors of a predicted change count against it even
     where the FRFs agree with the prediction. Whether these errors are as large is not known, so the kinds are compared with the covariance
-    at either end (``here`` has that of ``state``), and loose gains by the mean of both likelihood ratios.
+    at either end (``here`` has that of ``state``), and loose gains by the mean of both likelihood ratios. Each counts no more than its
+    significance allows: where the model is wrong by decibels, the loss of a tight joint may absorb some of that.
     """
     i, change = joint
     kinds = state.kinds.copy()
@@ -224,11 +225,13 @@ def _other_kind(
 
     # The linear problem may lead to the next valley only.
     other = max(map(ended, (change, problem.loosened(i, prior)) if kinds[i] else (0.0,)), key=lambda end: end.evidence)
-    gains = [other.evidence - state.evidence]
+    sign = 1.0 if kinds[i] else -1.0
+    odds = sign * prior.log_odds
+    gains = [odds + between(here, state, other, odds)]
     if problem.about is not None:
         there = pinned(problem, other.z)
-        gains.append(settle(there, prior, kinds, other.z, stop).evidence - settle(there, prior, state.kinds, state.z, stop).evidence)
-    sign = 1.0 if kinds[i] else -1.0
+        before, after = (settle(there, prior, one.kinds, one.z, stop) for one in (state, other))
+        gains.append(odds + between(there, before, after, odds))
     return other, sign * float(logsumexp(sign * np.array(gains)) - np.log(len(gains)))
 
 
