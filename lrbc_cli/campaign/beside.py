@@ -52,11 +52,12 @@ def taken_twice(campaign: Campaign, first: str, second: str) -> list[str]:
     """
     if {first, second} & set(namesakes(campaign)):
         return []
-    wrong, right = (first, second) if _bears_name(campaign, second) and not _bears_name(campaign, first) else (second, first)
-    return [
-        f"job {wrong}: the same measurement as {right}. Check whether another file was meant; a repeat must be measured again. "
-        f"Write its own file under jobs.{wrong}.frf"
-    ]
+    named = [_bears_name(campaign, name) for name in (first, second)]
+    wrong, right = (first, second) if named == [False, True] else (second, first)
+    own = f"Write its own file under jobs.{wrong}.frf"
+    if named[0] == named[1]:
+        own = f"If titles or dates in the files show which one it is, write its own file under jobs.{wrong}.frf, or that of {right} there"
+    return [f"job {wrong}: the same measurement as {right}. Check whether another file was meant; a repeat must be measured again. {own}"]
 
 
 def _bears_name(campaign: Campaign, job: str) -> bool:

@@ -270,9 +270,12 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     """Add findings from comparing measurements with each other and with the model; returns why they were not compared, if so."""
     usable = {name: found for name, found in readable.items() if not normalised(found.values)}
     look = _looks(inputs, folder, usable, progress)
-    of_tight = kinds_of(each for each in look.found if each.place == f"job {inputs.campaign.update.reference}")
-    # Peaks of an inverse FRF are the zeros of the FRF.
-    out.found += [*([] if Kind.READ in of_tight else unclear(inputs, readable)), *without_phases(inputs, readable)]
+    tight = f"job {inputs.campaign.update.reference}"
+    of_tight = kinds_of(each for each in look.found if each.place == tight)
+    # Peaks of an inverse FRF are the zeros of the FRF, and phases read as imaginary parts jump.
+    misread = {each.place for each in look.found if each.kind is Kind.READ}
+    noisy = [] if tight in misread else [each for each in unclear(inputs, readable) if each.place not in misread]
+    out.found += [*noisy, *without_phases(inputs, readable)]
     compared = {name: found for name, found in usable.items() if name not in look.doubted}
     # Beside a reference job that is not tight, the others differ by its loose bolts.
     other_quantity = {each.place.removeprefix("job ") for each in look.found if each.kind is Kind.UNITS and each.detail}

@@ -24,7 +24,8 @@ def told(alpha: float = ALPHA, beta: float = BETA, loss: float = 0.0, air: Field
     H = s**2 / (s**2 + (ALPHA + BETA * MODES**2) * s + MODES**2) @ shapes
     damping = ProportionalDamping(structure=FieldDamping(alpha=alpha, beta=beta, loss_factor=loss), acoustic=air or FieldDamping())
     model = SimpleNamespace(is_acoustic=np.array([False, air is not None]))
-    campaign = SimpleNamespace(model=SimpleNamespace(damping=damping))
+    tied = {name: SimpleNamespace(damping=SimpleNamespace(beta=beta + more)) for name, more in (("axial", 0.0), ("rocking", 1.0))}
+    campaign = SimpleNamespace(model=SimpleNamespace(damping=damping), parameters=tied)
     inputs: Any = SimpleNamespace(campaign=campaign, model=model, statistics=SimpleNamespace(modal=MODAL))
     return misdamped_text(inputs, measurement(HZ, H))
 
@@ -46,6 +47,8 @@ def test_damping_as_measured_and_within_a_decade() -> None:
 def test_a_coefficient_a_thousand_times_too_large(wrong: dict[str, float], fix: str) -> None:
     text = str(told(**wrong))
     assert f"Write {fix}" in text
+    # Springs with the same coefficient.
+    assert text.endswith(", also in the damping of parameters.axial") == ("beta" in wrong and wrong["beta"] > 0.0)
     assert "is probably wrong by a power of ten" in text
 
 

@@ -155,3 +155,15 @@ def test_a_sensor_that_was_overloaded_in_a_job_with_loosened_bolts(a2: tuple[flo
         f"a2-{at} differs from the state of the bolts that fits best" for at in ("h1", "h2") if told
     ]
     assert all("Check whether its sensor was dead, overloaded or moved" in text for text in texts)
+
+
+def test_a_record_that_was_overloaded_alone() -> None:
+    """A sensor that is right at the other hammer point was neither dead nor moved, and its record there is no finding."""
+    inputs, states = two_hammers()
+    inputs.campaign, inputs.input_of = campaign("another"), np.repeat([0, 1], 4)
+    sizes = np.full(8, 1.5)
+    sizes[[1, 5]] = 15.0, 2.0
+    errs = np.random.default_rng(7).laplace(0.0, 1.0, (200, 8)) * sizes
+    (text,) = (str(one) for one in beside_fitted(seen(states[0] * 10.0 ** (errs / 20.0), states, inputs=inputs), states[0]))
+    assert text.startswith("a2-h1 differs from the state of the bolts that fits best")
+    assert "Check whether its sensor was overloaded, or a cable loose, during these blows (it is right at other hammer points)" in text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
@@ -14,6 +15,8 @@ from looking import seen
 
 from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.looking.causes import parts, rescaled
+from lrbc_cli.campaign.looking.causes.added import added_text
+from lrbc_cli.campaign.looking.causes.held import held_text
 from lrbc_cli.campaign.looking.causes.parts import lump_text, part_text
 from lrbc_cli.campaign.looking.first_look import _gains_by_chance
 from lrbc_cli.campaign.looking.states import Seen
@@ -78,7 +81,8 @@ def told(given: FeModel, true: FeModel, cause: Callable[[Seen, float], str] = pa
         component=np.full(2 * COUNT, "UX"),
         xyz=np.stack([np.tile(np.linspace(0.0, 0.8, COUNT), 2), np.repeat([0.0, 0.1], COUNT), np.zeros(2 * COUNT)], axis=1),
     )
-    campaign = SimpleNamespace(reduction=SimpleNamespace(band=(10.0, 400.0), backend="superlu"))
+    metres = SimpleNamespace(length=1.0, length_name="m")
+    campaign = SimpleNamespace(reduction=SimpleNamespace(band=(10.0, 400.0), backend="superlu"), unit_system=metres)
     if air:
         # Said to be a pressure, for want of a smaller model of both.
         given = replace(given, is_acoustic=np.arange(2 * COUNT) == 2 * COUNT - 1)
@@ -309,3 +313,43 @@ def test_a_mass_that_the_structure_does_not_have() -> None:
     # It is on the test bench, too; or there is none.
     assert told(heavy, heavy, lump_text) == ""
     assert told(assembly(), assembly(2.9), lump_text) == ""
+
+
+def loaded(*nodes: int, mass: float = 8.0) -> FeModel:
+    """With a mass at each of some nodes, and light damping."""
+    plain = assembly()
+    return replace(
+        plain,
+        C=sp.csc_array(0.1 * plain.C),
+        M=sp.csc_array(plain.M + sp.diags_array(np.where(np.isin(np.arange(2 * COUNT), nodes), mass, 0.0))),
+    )
+
+
+def test_a_mass_that_the_model_lacks() -> None:
+    """At one of the nodes that are tried, or beside it."""
+    text = told(loaded(), loaded(10), added_text)
+    found = re.match(r"with about ([\d.]+) kg more near node (\d+) at \(0.2051, 0, 0\) m the level misfit falls", text)
+    assert found is not None
+    assert float(found[1]) == pytest.approx(8.0, rel=0.15)
+    assert int(found[2]) == 10
+    # A model that holds it, masses at three places, or another material are something else.
+    assert told(loaded(10), loaded(10), added_text) == ""
+    assert told(loaded(), loaded(3, 37, COUNT + 15, mass=12.0), added_text) == ""
+    assert told(assembly(), assembly(2.9), added_text) == ""
+
+
+def grounded(*nodes: int) -> FeModel:
+    """With a stiff spring to the ground at each of some nodes."""
+    plain = assembly()
+    return replace(plain, K=sp.csc_array(plain.K + sp.diags_array(np.where(np.isin(np.arange(2 * COUNT), nodes), 1e9, 0.0))))
+
+
+def test_a_foot_in_the_air() -> None:
+    feet = (2, 37, COUNT + 2, COUNT + 12, COUNT + 37)
+    text = told(grounded(*feet), grounded(2, 37, COUNT + 2, COUNT + 37), lambda job, before: held_text(job, before) or "")
+    assert f"Without the support of node {COUNT + 12} alone (UX) the level misfit falls" in text
+    assert "as by a foot in the air. Support it on the test bench and measure again" in text
+    assert told(grounded(*feet), grounded(*feet), lambda job, before: held_text(job, before) or "") == ""
+    # None of them was on the test bench.
+    every = told(grounded(*feet), assembly(), lambda job, before: held_text(job, before) or "")
+    assert "probably by a boundary condition that was left in: without it" in every

@@ -55,6 +55,18 @@ def test_a_slope_is_no_weighting() -> None:
     assert told is None or "A-weighting" not in told.text
 
 
+def test_magnitudes_and_angles_under_titles_of_real_and_imaginary_parts() -> None:
+    """The numbers alone say it, however far the state of the bolts is from the model; they are no decibels, which vary by more."""
+    measured = frfs(1)
+    wrong = 1e-3 * np.abs(measured) + 1j * np.rad2deg(np.angle(measured))
+    for other in (frfs(2)[None], frfs(2)[None, ::-1]):
+        told = other_reading(inputs("acceleration"), HZ, wrong, other, "loose")
+        assert told is not None
+        assert "set jobs.loose.format: {representation: magnitude-phase}" in told.text
+    # A real part that changes its sign, as of any FRF over a resonance.
+    assert other_reading(inputs("acceleration"), HZ, measured, frfs(2)[None, ::-1], "loose") is None
+
+
 @pytest.mark.parametrize("hz", [31.5, 100.0, 200.0])
 def test_levels_are_those_of_the_table(hz: float) -> None:
     """Beside 400 Hz."""

@@ -205,6 +205,16 @@ def test_pulse_functions_are_what_their_data_type_says(
     np.testing.assert_allclose(told.values, STANDARD_GRAVITY * (columns[0] + 1j * columns[1]), rtol=1e-9)
 
 
+def test_the_campaign_says_what_titles_say_wrongly(tmp_path: Path) -> None:
+    """Magnitudes and phases in a template for real and imaginary parts."""
+    hz = np.arange(10.0, 50.0)
+    H = np.exp(0.1j * hz) * hz
+    rows = [f"{f:g},{abs(v):.12g},{np.rad2deg(np.angle(v)):.12g}" for f, v in zip(hz, H, strict=True)]
+    path = write(tmp_path, ["frequency_hz,a1_real,a1_imag", *rows])
+    (told,) = read_frf(path, TextLayout(representation="magnitude-phase")).records
+    np.testing.assert_allclose(told.values, H, rtol=1e-9)
+
+
 @pytest.mark.parametrize(("kind", "part"), [("Magnitude", "magnitude"), ("Amplitude", "magnitude"), ("Phase", "phase"), ("dB", "db")])
 def test_a_pulse_function_of_one_part_is_no_frf(tmp_path: Path, kind: str, part: str) -> None:
     """Its frequencies were taken as real parts."""

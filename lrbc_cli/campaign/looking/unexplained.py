@@ -21,12 +21,13 @@ from lrbc_cli.campaign.identification.compared.likeness import (
     same_sensor,
 )
 from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.looking.causes.added import added_text
 from lrbc_cli.campaign.looking.causes.coordinates import coordinates_texts
 from lrbc_cli.campaign.looking.causes.held import held_text, idle_text, supports_text
 from lrbc_cli.campaign.looking.causes.moved import hammer_text, sensor_text
 from lrbc_cli.campaign.looking.causes.parts import lump_text, part_text
 from lrbc_cli.campaign.looking.causes.rescaled import rescaled_text, softness_text
-from lrbc_cli.campaign.looking.causes.tightness import UNLIKE, looser, tighter_text
+from lrbc_cli.campaign.looking.causes.tightness import UNLIKE, looser, tighter_text, unit_text
 from lrbc_cli.campaign.looking.causes.together import together_text
 from lrbc_cli.campaign.looking.states import Seen, by_excitation
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -58,6 +59,8 @@ def placed(seen: Seen, told: list[Finding]) -> list[Finding]:
             return [Finding(text=struck, kind=Kind.HAMMER)]
         if seen.reference and (text := held_text(seen, float(every[0]))):
             return [Finding(text=text, kind=Kind.HELD)]
+        if seen.reference and Kind.UNLIKE in kinds and (text := added_text(seen, float(every[0]))):
+            return [Finding(text=text, kind=Kind.MATERIAL)]
         # Where springs are at wrong nodes, supports are no cause of their own.
         if seen.reference and Kind.UNLIKE in kinds and not seen.inputs.springs_doubt:
             told = [replace(each, text=each.text + supports_text(seen)) if each.kind is Kind.UNLIKE else each for each in told]
@@ -144,6 +147,8 @@ def little_in_common(seen: Seen, measurements: Mapping[str, Measurement]) -> lis
             return [Finding(text=text, kind=Kind.RESCALED)]
         if idle := idle_text(seen):
             return [Finding(text=idle, kind=Kind.IDLE)]
+        if unit := unit_text(seen, typical):
+            return [Finding(text=unit, kind=Kind.SPRINGS)]
         if part := lump_text(seen, typical) or part_text(seen, typical):
             return [Finding(text=part, kind=Kind.MATERIAL)]
     if float(np.median(own)) > (LEAST_DIFFERENCE if seen.source.fitted_to not in (None, seen.job) else UNLIKE):
@@ -166,9 +171,12 @@ def little_in_common(seen: Seen, measurements: Mapping[str, Measurement]) -> lis
 
 
 def _uneven_text(seen: Seen, *, uneven: float = 1.5) -> str:
-    """Clause that names the excitation whose FRFs differ most, if by ``uneven`` times as much as any other's; else empty."""
+    """Clause that names the excitation whose FRFs differ most, if by ``uneven`` times as much as any other's; else empty.
+
+    If others are far off, too, its place is not the cause.
+    """
     worst, *others = sorted(seen.by_excitation.items(), key=lambda item: -item[1])
-    if not others or worst[1] < uneven * others[0][1]:
+    if not others or worst[1] < uneven * others[0][1] or others[0][1] > UNLIKE:
         return ""
     name = seen.inputs.excitations[worst[0]]
     return f", mostly those of {name} ({worst[1]:.1f} dB, others up to {others[0][1]:.1f} dB: check excitation.{name} first)"
@@ -204,8 +212,10 @@ def single_responses(
             sensor, it, record = "their sensors were", "them", "their records"
             causes = "places and components of these responses (lrbc check --picture), and that the channels are not those of other sensors"
         if job is not None:
-            causes = f"whether {sensor} dead, overloaded or moved, or another one was connected. Measure {it} again, or remove {record} "
-            causes += f"from the file of {job}"
+            causes = f"whether {sensor} dead, overloaded or moved, or another one was connected"
+            if any(set(same_sensor(inputs, i)) - set(alone) for i in group):
+                causes = f"whether {sensor} overloaded, or a cable loose, during these blows (it is right at other hammer points)"
+            causes += f". Measure {it} again, or remove {record} from the file of {job}"
         text = f"{names} {differ} from {of} by {sizes} dB {typical}. Check {causes}{better.get(group[0], '')}"
         found.append(Finding(text=text, kind=Kind.ALONE, responses=tuple(group)))
     return found
@@ -237,7 +247,9 @@ def beside_fitted(seen: Seen, fitted: Complexes) -> list[Finding]:
         return []
     # Errors of the model show at single hammer points, too, so the median over these counts.
     own = [[i, *same_sensor(seen.inputs, i)] for i in range(every.size)]
-    return single_responses(seen.inputs, every, outlying(np.array([np.median(every[at]) for at in own])), what, seen.job)
+    # A record alone may be overloaded; those of its sensor at other hammer points are right.
+    far = [i for i in outlying(np.array([np.median(every[at]) for at in own])) if every[i] > LEAST_DIFFERENCE]
+    return single_responses(seen.inputs, every, far, what, seen.job)
 
 
 def foreign(seen: Seen, tight: Complexes) -> list[Finding]:

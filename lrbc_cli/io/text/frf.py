@@ -405,12 +405,13 @@ def _pairs(table: TextTable, columns: list[_Column], layout: TextLayout, path: P
                 found=name or "no names",
             )
     complete: list[_Pair] = []
+    # Titles may be wrong; what the layout says holds.
+    wanted = sorted(_PAIRS, key=lambda kind: kind != layout.representation)
     for (name, _), group in parts.items():
-        wanted = [layout.representation] if layout.representation else list(_PAIRS)
-        kind = next((kind for kind in wanted if set(_PAIRS[kind]) <= group.keys()), None)
-        if kind is not None:
-            first, second = _PAIRS[kind]
-            complete.append(_Pair(name=name, first=group[first], second=group[second], kind=kind))
+        titled = next((kind for kind in wanted if set(_PAIRS[kind]) <= group.keys()), None)
+        if titled is not None:
+            first, second = _PAIRS[titled]
+            complete.append(_Pair(name=name, first=group[first], second=group[second], kind=layout.representation or titled))
     if complete:
         used = {pair.name for pair in complete}
         left = [column for column in columns if column.name not in used or column.part is None]

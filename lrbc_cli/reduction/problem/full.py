@@ -62,6 +62,22 @@ def full_ports(
     NumericalError
         If the full model is (nearly) singular at a line.
     """
+    H, D_ref = full_frfs(model, s, band_hz, backend=backend, progress=progress)
+    return port_frf(H, s, D_ref, model.output_power, input_of)
+
+
+def full_frfs(
+    model: FeModel,
+    s: Complexes,
+    band_hz: tuple[float, float],
+    *,
+    backend: str = "auto",
+    progress: Callable[[int, int], None] = lambda *_: None,
+) -> tuple[Complexes, Complexes]:
+    """(F, n_out + nt, n_in + nt) FRFs between all loads, responses and terms, and the (F, nt) dynamic values of the terms in them.
+
+    Responses are displacements or pressures. For the parameters and errors see ``full_ports``.
+    """
     high = band_omega(model.K, model.M, band_hz)
     reference = reference_values(model.terms, local_scale(model.K, model.M, model.terms, high), high)
     with ThreadpoolController().select(internal_api="openblas").limit(limits=1):
@@ -80,4 +96,4 @@ def full_ports(
                 )
             H[line] = outputs @ X
             progress(line + 1, s.size)
-    return port_frf(H, s, reference_dynamic(reference, s), model.output_power, input_of)
+    return H, reference_dynamic(reference, s)

@@ -20,7 +20,7 @@ FALLEN = "far looser than the other bolts"
 #: Message on a joint that is undecided because it is far stiffer than the others in the tight state.
 RISEN = "far stiffer than the other bolts in the reference job, as an error of the model makes it: its change may be an error, too"
 
-#: Message on a joint whose change is below the threshold, while the data do not say with confidence that it is of the loose kind.
+#: Message on a joint that is probably not of the loose kind: residuals of a wrong model pull the change of a tight one below the limit.
 INSIGNIFICANT = "errors of the model may explain its change: a loss improves the fit, but not significantly"
 
 #: Role of a job in its campaign: the tight state itself, a further tight state, or an unknown state.
@@ -306,7 +306,6 @@ def _by_role(bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: s
         probability, note = _of_its_groups(posterior, posterior.below(limit, between), own, scattered, rule)
         word, kind = rule.word(probability), bolt.probability_changed
         if word == LOOSE and bolt.joint and kind is not None and rule.word(kind) != LOOSE:
-            # Residuals of a wrong model pull the change of a tight joint below the threshold, too.
             word, probability, note = UNDECIDED, kind, INSIGNIFICANT
         if word == UNDECIDED and note is None:
             note = "the data do not decide: the interval of its change contains the threshold"

@@ -360,7 +360,9 @@ def other_reading(inputs: Inputs, frequency_hz: Floats, measured: Complexes, sta
         ways += [(flat, _WEIGHTED, False)] if least(flat, False)[0] < least(measured, False, sloped=True)[0] else []
     found = [(*least(values, inverse), text, inverse) for values, text, inverse in ways]
     after, power, text, inverse = min(found)
-    if after >= min(CLEARLY * before, MOST_LEFT):
+    if _polar(measured):
+        (after, power, text, inverse) = next(each for each in found if "magnitude-phase" in each[2])
+    elif after >= min(CLEARLY * before, MOST_LEFT):
         return None
     if inverse:
         word = _INVERSE.get(moved(motion, power) or "", "force over response")
@@ -386,6 +388,13 @@ def _unweighted(frequency_hz: Floats, measured: Complexes) -> Complexes:
     return np.asarray(measured / np.where(weight > 0.0, weight, np.nan)[:, None])
 
 
+def _polar(measured: Complexes, *, least: int = 20) -> bool:
+    """Whether real parts are never negative and imaginary parts are angles in degrees: a resonance turns FRFs by half a turn."""
+    valid = measured_values(measured)
+    first, second = measured.real[valid], measured.imag[valid]
+    return bool(first.size >= least and first.min() >= 0.0 and 90.0 < np.abs(second).max() <= 360.0 and np.ptp(second) > 180.0)
+
+
 def _read_otherwise(measured: Complexes, job: str) -> Iterator[tuple[Complexes, str, bool]]:
     """Other interpretations of the numbers: (F, R) FRFs, remedy, and whether they are reciprocals."""
     valid = measured_values(measured)
@@ -397,15 +406,20 @@ def _read_otherwise(measured: Complexes, job: str) -> Iterator[tuple[Complexes, 
     yield only(1.0 / known), "", True
     real = bool(np.abs(known.imag).max() <= REAL * np.abs(known).max())
     decibels = known.real if real else np.abs(known)
-    if np.abs(decibels).max() < 1000.0:
+    # Resonances move the levels of FRFs by decibels.
+    uneven = np.median(np.ptp(decibels, axis=0)) > LEAST_DIFFERENCE
+    if np.abs(decibels).max() < 1000.0 and uneven:
         fix = f"levels in decibels probably read as magnitudes: set jobs.{job}.format: {{representation: db-phase}}"
         if real:
             fix = "levels in decibels probably read as real parts: export real and imaginary parts, or levels with a column of phases"
         yield only(10.0 ** (decibels / 20.0)), fix, False
     if not real:
-        fix = f"magnitudes and phases probably read as real and imaginary parts: set jobs.{job}.format: {{representation: magnitude-phase}}"
+        fix = (
+            "magnitudes and phases probably read as real and imaginary parts: correct the titles of the columns, or set "
+            f"jobs.{job}.format: {{representation: magnitude-phase}}"
+        )
         yield only(known.real), fix, False
-        if np.abs(known.real).max() < 1000.0:
+        if np.abs(known.real).max() < 1000.0 and uneven:
             fix = f"decibels and phases probably read as real and imaginary parts: set jobs.{job}.format: {{representation: db-phase}}"
             yield only(10.0 ** (known.real / 20.0)), fix, False
     fix = "probably squared magnitudes (power spectra): export the FRFs, response over force, with their phases"

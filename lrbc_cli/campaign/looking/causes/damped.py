@@ -51,9 +51,16 @@ def misdamped_text(inputs: Inputs, own: Measurement, *, decades: float = 1.5, se
         return (
             f"model.damping.{field}: {key}: {stated:g} is probably wrong by a power of ten: at {modes.frequency_hz[at]:.4g} Hz the damping "
             f"ratio is {100.0 * ratio[field][at]:.4g} %, that of the measured resonances {100.0 * measured.min():.2g} to "
-            f"{100.0 * measured.max():.2g} %. Write {key}: {stated * 10.0**-power:.6g}"
+            f"{100.0 * measured.max():.2g} %. Write {key}: {stated * 10.0**-power:.6g}{_also(inputs, key, stated)}"
         )
     return _of_hertz(damping.structure, omega, measured) if len(parts) == 1 and there["structure"] else None
+
+
+def _also(inputs: Inputs, key: str, stated: float) -> str:
+    """Clause on springs that are stated with the same damping; empty if there are none."""
+    tied = {name: one.damping for name, one in inputs.campaign.parameters.items() if key == "beta"}
+    also = [name for name, one in tied.items() if one is not None and not isinstance(one, str) and one.beta == stated]
+    return f", also in the damping of parameters.{' and parameters.'.join(also)}" if also else ""
 
 
 def _of_hertz(own: FieldDamping, omega: Floats, measured: Floats, *, least: float = 0.35, left: float = 0.5) -> str | None:

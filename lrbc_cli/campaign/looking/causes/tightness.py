@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DI
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.model.terms import ParameterGroup
+from lrbc_cli.updating.search.starts import LEVELS
+from lrbc_cli.updating.unknowns.shapes import joints_of
 
 #: Level misfit of the tight state (median over the responses used) above which more than small errors of the model are wrong [dB].
 UNLIKE = 6.0
@@ -58,20 +61,25 @@ def tighter_text(seen: Seen, measurements: Mapping[str, Measurement], *, as_well
         near |= {name: own for name, own in far.items() if name not in {reference, *assumed} and own < min(UNLIKE, NEARER * far[reference])}
     order = sorted(near.items(), key=lambda each: (each[0] in assumed, each[1]))
     judged = [name for name in near if name not in assumed]
-    loose, left = _freed(seen)
+    loose, how, left = _freed(seen)
     bolts = () if seen.inputs.bolts is None else seen.inputs.bolts.name
     if len(loose) == 1 and loose[0] in bolts and left <= min([NEARER * far[reference], *(as_well * near[name] for name in judged)]):
         tight = [name for name, _ in order if name in assumed]
         return (
-            f"With {loose[0]} free the level misfit is {left:.1f} dB, instead of {far[reference]:.1f} dB: {loose[0]} was probably loose in "
-            f"{reference}. Set {_references(seen.inputs)} to a tight job{f', such as {tight[0]}' if tight else ''}, or tighten it and "
+            f"With {loose[0]} {how} the level misfit is {left:.1f} dB, instead of {far[reference]:.1f} dB: {loose[0]} was probably loose "
+            f"in {reference}. Set {_references(seen.inputs)} to a tight job{f', such as {tight[0]}' if tight else ''}, or tighten it and "
             f"measure {reference} again. {_fit_text(order, reference, far[reference])}"
         )
-    other = f"jobs.{order[0][0]}.frf" if judged else "that of a job to be judged"
-    other += " (or that of another of these)" if len(judged) > 1 else ""
+    fit = _fit_text(order, reference, far[reference])
+    if not judged:
+        return (
+            f"{fit}. Probably a bolt was loose in {reference}, or jobs.{reference}.frf is the file of another state: set "
+            f"{_references(seen.inputs)} to a tight job, or correct the file{looser(seen, far[reference])}"
+        )
+    other = f"jobs.{order[0][0]}.frf{' (or that of another of these)' if len(judged) > 1 else ''}"
     return (
-        f"{_fit_text(order, reference, far[reference])}. If files are exchanged, exchange jobs.{reference}.frf and {other}. If a bolt was "
-        f"loose in {reference}, set {_references(seen.inputs)} to a tight job{looser(seen, far[reference])}"
+        f"{fit}. If files are exchanged, exchange jobs.{reference}.frf and {other}. If a bolt was loose in {reference}, set "
+        f"{_references(seen.inputs)} to a tight job{looser(seen, far[reference])}"
     )
 
 
@@ -132,24 +140,82 @@ def looser(seen: Seen, typical: float) -> str:
 
     ``typical`` is the level misfit of the tight state [dB].
     """
-    names, left = _freed(seen)
+    names, how, left = _freed(seen)
     if not names or left > CLEARLY * typical:
         return ""
-    return f". With {', '.join(names)} free the level misfit is {left:.1f} dB: check whether all bolts were tight"
+    return f". With {', '.join(names)} {how} the level misfit is {left:.1f} dB: check whether all bolts were tight"
 
 
-def _freed(seen: Seen) -> tuple[list[str], float]:
-    """Bolts, or values of an edge in words, with which free the model fits best, and the level misfit there [dB]; no names if none."""
+def _freed(seen: Seen) -> tuple[list[str], str, float]:
+    """Bolts, or values of an edge in words, with which loosened the model fits best, how far they are loosened, and the misfit [dB].
+
+    There are no names if the tight state fits best.
+    """
     inputs, loosened = seen.inputs, seen.loosened
     distances = np.median(apart(seen.measured, seen.states[: len(loosened)]), axis=1)
     best = int(np.argmin(distances))
+    names, how, left = list[str](), "free", float(distances[best])
     for group, where, _ in seen.parameters.placed:
         if loosened[best].size and where.start <= loosened[best][0] < where.stop:
             at = loosened[best] - where.start
             owners = [] if group.bolt is None or inputs.bolts is None else [inputs.bolts.name[b] for b in group.bolt[at] if b >= 0]
             values = f"values {at[0] + 1} to {at[-1] + 1} of parameters.{group.name}"
-            return list(dict.fromkeys(owners)) or [values], float(distances[best])
-    return [], float(distances[best])
+            names = list(dict.fromkeys(owners)) or [values]
+    return min([(names, how, left), *_partly_loose(seen)], key=lambda each: each[2])
+
+
+def _partly_loose(seen: Seen) -> Iterator[tuple[list[str], str, float]]:
+    """As ``_freed``, for each joint at each of the levels that a search tries."""
+    parameters, bolts = seen.parameters, seen.inputs.bolts
+    if bolts is None:
+        return
+    joints = zip(bolts.name, joints_of(parameters, len(bolts.name)), strict=True)
+    owned = [(name, np.concatenate(list(own.values()))) for name, own in joints if own]
+    states = np.tile(parameters.initial, (len(owned), len(LEVELS), 1))
+    for own, (_, at) in zip(states, owned, strict=True):
+        own[:, at] = np.maximum(own[:, at] + np.array(LEVELS)[:, None], parameters.bounds[at, 0])
+    if not owned:
+        return
+    key = b"partly loose" + seen.s.tobytes()
+    if key not in seen.source.known:
+        frf = seen.source.model(seen.s, parameters).nearby(parameters.initial)
+        seen.source.known[key] = frf(states.reshape(-1, parameters.initial.size))
+    distances = np.median(apart(seen.measured, seen.source.known[key]), axis=1).reshape(len(owned), -1)
+    for (name, _), own in zip(owned, distances, strict=True):
+        best = int(np.argmin(own))
+        yield [name], f"at {10.0 ** LEVELS[best]:.1g} of its stiffness", float(own[best])
+
+
+def unit_text(seen: Seen, before: float, *, powers: tuple[int, ...] = (-6, -3, 3, 6)) -> str:
+    """Warning that names a table of springs with which in another unit the model explains the tight state; else empty.
+
+    ``before`` is the level misfit of the tight state [dB].
+    """
+    parameters, found = seen.parameters, list[tuple[float, int, ParameterGroup]]()
+    frf = seen.source.model(seen.s, parameters).frf
+    for group, where, _ in parameters.placed:
+        if group.kind == "stiffness" and seen.inputs.campaign.parameters[group.name].select.bushings is not None:
+            for power in powers:
+                theta = parameters.initial.copy()
+                theta[where] += power
+                found.append((float(np.median(apart(seen.measured, frf(theta)))), power, group))
+    if not found:
+        return ""
+    left, power, group = min(found, key=lambda each: each[0])
+    if left > NEARER * before:
+        return ""
+    falls = f"{before:.1f} to {left:.1f} dB (mean level of each response removed)"
+    return f"with all springs of {group.name} times {10.0**power:.0e} the level misfit falls from {falls}. {_unit_fix(seen, group, power)}"
+
+
+def _unit_fix(seen: Seen, group: ParameterGroup, power: int) -> str:
+    """What to check and to write if the springs of a table are wrong by a power of ten."""
+    table = seen.inputs.campaign.parameters[group.name].select.bushings
+    assert table is not None
+    return (
+        "Check their unit: stiffnesses are in N/m and N m/rad, or in the units of `units` (1 N/mm = 1e3 N/m, 1 N mm/rad = 1e-3 N m/rad). "
+        f"If it is another one, multiply the column stiffness of {table.name} by {10.0**power:.0e}"
+    )
 
 
 def of_other_unit_text(before: Seen, after: Seen, *, least: float = 1.5, alike: float = 0.5, close: float = 0.1, share: float = 0.5) -> str:
@@ -176,11 +242,7 @@ def of_other_unit_text(before: Seen, after: Seen, *, least: float = 1.5, alike: 
         # A bound short of the unit of millimetres hides how far the springs would go.
         power = int(np.copysign(max(round(abs(by)), 3), by)) if beyond else round(by)
         size = f"by {10.0**by:.2g}, to their bounds" if beyond else f"by about {10.0**power:.0e}"
-        return (
-            f"a rough calibration from this job multiplies all springs of {group.name} {size}. Check their unit: "
-            "stiffnesses are in N/m and N m/rad, or in the units of `units` (1 N/mm = 1e3 N/m, 1 N mm/rad = 1e-3 N m/rad). If it is "
-            f"another one, multiply the column stiffness of {table.name} by {10.0**power:.0e}"
-        )
+        return f"a rough calibration from this job multiplies all springs of {group.name} {size}. {_unit_fix(before, group, power)}"
     return ""
 
 
@@ -211,7 +273,7 @@ def lowered_text(before: Seen, after: Seen, *, least: float = 1.0) -> str:
     )
 
 
-def risen_text(inputs: Inputs, changes: Mapping[str, Floats], *, least: float = 0.5, jobs: int = 4) -> str:
+def risen_text(inputs: Inputs, changes: Mapping[str, Floats], *, least: float = 0.8, jobs: int = 4) -> str:
     """Warning that names bolts that are stiffer in most other jobs than in the reference job; empty if there are none.
 
     A bolt that was loose in the reference job is fitted by a calibration as well as any other, but all other jobs show it stiffer.
@@ -222,7 +284,7 @@ def risen_text(inputs: Inputs, changes: Mapping[str, Floats], *, least: float = 
     changes : mapping
         Fitted changes of the bolts against the reference job [decades], by job.
     least : float
-        Least median of the changes [decades], without jobs in which the bolt has lost as much. On right campaigns it was 0.34 at most.
+        Least median of the changes [decades], without jobs in which the bolt has lost as much. On right campaigns it was 0.6 at most.
     jobs : int
         Least number of jobs that count.
     """

@@ -1,0 +1,102 @@
+"""Tests whether the structure carries a mass that the model lacks, such as a motor that was left out of the export."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from lrbc_cli.arrays import Integers
+from lrbc_cli.campaign.identification.compared.likeness import apart
+from lrbc_cli.campaign.looking.causes.moved import LINES, gradually, picking
+from lrbc_cli.campaign.looking.causes.rescaled import MOST_WORK
+from lrbc_cli.campaign.looking.causes.tightness import NEARER, UNLIKE
+from lrbc_cli.campaign.looking.states import Seen
+from lrbc_cli.campaign.structure import thinned
+from lrbc_cli.errors import LrbcError
+from lrbc_cli.model.dofs import COMPONENTS
+from lrbc_cli.reduction.problem.full import full_frfs
+from lrbc_cli.reduction.reduced.ports import PortFrf, port_frf
+
+
+def added_text(seen: Seen, before: float, *, most: int = 60, shares: tuple[float, ...] = (0.03, 0.1, 0.2, 0.4)) -> str:
+    """Warning that names the node where with a further mass the model explains the tight state; empty if there is none.
+
+    Parameters
+    ----------
+    seen : Seen
+    before : float
+        Level misfit of the model, constants removed, median over the responses [dB].
+    most : int
+        Largest number of nodes that are tried, spread over the structure.
+    shares : tuple of float
+        Shares of the mass of the model that are tried at each.
+    """
+    inputs, dofs, model = seen.inputs, seen.inputs.dofs, seen.inputs.model
+    # Each node has three loads of its own.
+    if dofs is None or before <= UNLIKE or seen.work(LINES) * (1.0 + 3.0 * most / (1.0 + model.terms.size)) > MOST_WORK:
+        return ""
+    moving = np.isin(dofs.component, COMPONENTS[:3]) & ~model.is_acoustic
+    nodes, first = np.unique(dofs.node[moving], return_index=True)
+    if not nodes.size:
+        return ""
+    kept = nodes[thinned(dofs.xyz[moving][first], most)[1]]
+    places = [np.flatnonzero(moving & (dofs.node == node)) for node in kept]
+    whole = max(float(model.M[at][:, at].sum().real) for at in _along(seen))
+    left, node, mass = np.inf, 0, 0.0
+    for few, wider in gradually(seen):
+        with suppress(LrbcError):
+            misfits = _misfits(few, places)
+            node = int(min(range(len(places)), key=lambda k: min(misfits(k, part * whole) for part in shares)))
+            # Resonances allow less than the factor of two to three between those.
+            tried = whole * np.geomspace(shares[0], shares[-1], 25)
+            mass = float(min(tried, key=lambda each: misfits(node, each)))
+            left = misfits(node, mass)
+        if left > wider * min(UNLIKE, NEARER * before):
+            return ""
+    system = inputs.campaign.unit_system
+    xyz = ", ".join(f"{value:.4g}" for value in dofs.xyz[places[node][0]] / system.length)
+    return (
+        f"with about {mass:.2g} kg more near node {kept[node]} at ({xyz}) {system.length_name} the level misfit falls from {before:.1f} to "
+        f"{left:.1f} dB (mean level of each response removed): probably a part that was on the test bench is missing in the model, such as "
+        "a motor or a fixture. Compare the mass sum with the weight of the structure; add the part in the FE model and export it again, or "
+        "measure without it"
+    )
+
+
+def _along(seen: Seen) -> list[Integers]:
+    """DOFs of each translation that the model has."""
+    dofs = seen.inputs.dofs
+    assert dofs is not None
+    every = (np.flatnonzero(dofs.component == component) for component in COMPONENTS[:3])
+    return [at for at in every if at.size]
+
+
+def _misfits(seen: Seen, places: Sequence[Integers]) -> Callable[[int, float], float]:
+    """Level misfit with a mass in all translations of a place, by the number of the place and the mass [dB]; one full solve a line."""
+    inputs, settings = seen.inputs, seen.inputs.campaign.reduction
+    model, at = inputs.model, picking(np.concatenate(places), inputs.model.size)
+    beside = replace(model, B=sp.hstack([model.B, at.T], format="csc"), L=sp.vstack([model.L, at], format="csc"), extras={})
+    H, D_ref = full_frfs(beside, seen.s, settings.band, backend=settings.backend)
+    loads, outputs, count = model.B.shape[1], model.L.shape[0], at.shape[0]
+    begin = np.cumsum([0, *(place.size for place in places)])
+
+    def ports(k: int) -> PortFrf:
+        own = np.arange(begin[k], begin[k + 1])
+        rows = np.concatenate([np.arange(outputs), outputs + own, np.arange(outputs + count, H.shape[1])])
+        columns = np.concatenate([np.arange(loads), loads + own, np.arange(loads + count, H.shape[2])])
+        # The mass is a term that is not there in the solves.
+        there = np.hstack([np.zeros((seen.s.size, own.size)), D_ref])
+        return port_frf(H[:, rows][:, :, columns], seen.s, there, model.output_power, inputs.input_of)
+
+    known = [ports(k) for k in range(len(places))]
+
+    def misfit(k: int, mass: float) -> float:
+        size = places[k].size
+        dynamic = np.hstack([np.repeat(mass * seen.s[:, None] ** 2, size, axis=1), seen.dynamic])
+        return float(np.median(apart(seen.measured, known[k].evaluate(dynamic))))
+
+    return misfit
