@@ -105,5 +105,5 @@ def once(findings: Iterable[Finding]) -> list[str]:
     told = []
     for first, *others in several.values():
         places = dict.fromkeys(other.place.removeprefix("job ") for other in others if other.place != first.place)
-        told.append(f"{first}; the same in {', '.join(places)}" if any(places) else str(first))
+        told.append(f"{first}; also found in {', '.join(places)}" if any(places) else str(first))
     return told

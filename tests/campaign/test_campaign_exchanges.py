@@ -126,7 +126,7 @@ def test_a_sensor_that_is_reversed_is_told_once() -> None:
         "two": [of(Kind.REVERSED, "two are reversed", 5, 7)],
     }
     told = once(pooled(found, "tight"))
-    assert told == ["job tight: a3 is reversed; the same in one", "job two: two are reversed"]
+    assert told == ["job tight: a3 is reversed; also found in one", "job two: two are reversed"]
     assert len(once(pooled(found, None))) == 3
 
 
@@ -148,7 +148,7 @@ def test_a_sensor_of_another_quantity_is_told_once() -> None:
         "two": [units("a3 and a4 are -60 dB", 2, 3)],
     }
     assert once(pooled(found, "tight")) == [
-        *("job tight: a3 is a velocity; the same in one", "job tight: a4 is ten times off"),
+        *("job tight: a3 is a velocity; also found in one", "job tight: a4 is ten times off"),
         *("job one: a4-h1 is 100 times off", "job two: a3 and a4 are -60 dB"),
     ]
 
@@ -168,8 +168,8 @@ def test_one_cause_at_several_places_is_one_line() -> None:
     clock = Finding(kind=Kind.CHAIN, detail="clock", place="job 1", text="2 % higher")
     files = [Finding(place=name, text="ends early") for name in ("a.uff", "b.uff", "a.uff")]
     assert once([*windows, clock, *files, Finding(text="no place")]) == [
-        "job 1: decays by 1/s; the same in 2, 3",
+        "job 1: decays by 1/s; also found in 2, 3",
         "job 1: 2 % higher",
-        "a.uff: ends early; the same in b.uff",
+        "a.uff: ends early; also found in b.uff",
         "no place",
     ]

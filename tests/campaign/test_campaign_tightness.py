@@ -181,7 +181,7 @@ def risen(*changes: tuple[float, ...], calibration: str = "tight") -> str:
 
 def test_a_bolt_that_is_stiffer_in_most_other_jobs_was_loose_in_the_reference_job() -> None:
     jobs = [(0.1, 0.9, np.nan), (-2.0, 1.0, np.nan), (0.2, 0.8, np.nan), (0.0, -1.3, np.nan), (0.0, 0.9, np.nan)]
-    assert "with a stiffer B2 (by 0.9 decades)" in risen(*jobs)
+    assert "with a stiffer B2 (by 0.9 decades, a factor of 7.9)" in risen(*jobs)
     assert "Set update.reference and calibration.job to a job with all bolts tight" in risen(*jobs)
     assert "Set update.reference to a job" in risen(*jobs, calibration="tight-2")
 
@@ -197,6 +197,6 @@ def test_a_bolt_far_looser_in_a_baseline_was_not_tight_there() -> None:
     inputs = campaign("tight-2")
     inputs.bolts = SimpleNamespace(name=["B1", "B2", "B3"])
     text = tightness.fallen_text(inputs, "tight-2", np.array([-0.7, -1.9, np.nan]))
-    assert "is fitted best with a looser B2 (by 1.9 decades)" in text
+    assert "is fitted best with a looser B2 (by 1.9 decades, a factor of 79)" in text
     assert text.endswith("Remove it from update.baselines, or measure it again")
     assert tightness.fallen_text(inputs, "tight-2", np.array([-0.7, 1.9, np.nan])) == ""

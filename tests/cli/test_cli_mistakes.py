@@ -1627,7 +1627,7 @@ MISTAKES = [
         config(("band: [30.0, 500.0]", "band: [188.5, 3141.6]")),
         0,
         "if the band is in rad/s, write it in Hz: reduction.band: [30, 500]",
-        "the same in loose-2.csv, loose-all.csv",
+        "also found in loose-2.csv, loose-all.csv",
     ),
     Mistake(
         "band beyond what was measured",

@@ -139,7 +139,7 @@ MISTAKES = {
         frfs(lambda hz, y: (hz, y * [1, 1, 10, 1, 1])),
         0,
         "a3: measured over computed +20.00 dB",
-        "probable cause: a sensitivity or a range ten times off. Write jobs.ref.scale: {a3: 0.1}; the same in loose",
+        "probable cause: a sensitivity or a range ten times off. Write jobs.ref.scale: {a3: 0.1}; also found in loose",
     ),
     "hammer against its direction": (
         frfs(lambda hz, y: (hz, -y)),
@@ -176,7 +176,7 @@ MISTAKES = {
         frfs(lambda hz, y: (hz, 4.4482216 * y)),
         0,
         "all responses (a1, a2, a3, a4, a5): measured over computed +12.9",
-        "probable cause: FRFs per lbf. Write jobs.ref.format.unit: m/s2/lbf, or jobs.ref.scale: 0.224809; the same in loose",
+        "probable cause: FRFs per lbf. Write jobs.ref.format.unit: m/s2/lbf, or jobs.ref.scale: 0.224809; also found in loose",
     ),
     "sensors counted from the other end": (
         lambda folder: [

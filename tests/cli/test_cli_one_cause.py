@@ -88,7 +88,7 @@ def test_phases_in_degrees_under_radians(tmp_path: Path, heading: str, doubted: 
         np.savetxt(path, np.column_stack([rows[:, 0], columns]), "%.7g", ",", header=f"frequency_hz,{names}", comments="")
     found = told(folder, "frame")
     assert len(found) == doubted
-    said = "check whether they are degrees; if so, set 'format: {phase: deg}' of the job; the same in loose-2.csv, loose-all.csv"
+    said = "check whether they are degrees; if so, set 'format: {phase: deg}' of the job; also found in loose-2.csv, loose-all.csv"
     assert all(said in text for text in found)
 
 

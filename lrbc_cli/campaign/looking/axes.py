@@ -54,8 +54,8 @@ def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) 
             continue
         counted, other = numbered(own, tight), clocked(own, tight)
         found.append(
-            f"job {name}: its frequency lines differ from those of {reference} ({difference}). It is compared without the correction by "
-            f"{reference}, so errors of the model may pass for loose bolts. "
+            f"job {name}: its frequency lines differ from those of {reference} ({difference}). The model discrepancy of "
+            f"{reference} is not known at its lines, so errors of the model may pass for loose bolts. "
             + (
                 f"Its frequencies are probably the numbers of its lines, counted from {counted}: give the column of the frequencies under "
                 f"jobs.{name}.format.frequency"

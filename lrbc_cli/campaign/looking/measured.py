@@ -99,9 +99,7 @@ def unclear(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[Finding
             text = together.text
             if few := _few(inputs, those):
                 text = f"probably noise of {few}: {together.fall}, most of them there; check the channel, and measure it again"
-            told.append(
-                Finding(place=_jobs(names), text=f"{text}, or expect wide intervals, other local minima of the cost, and no all-clear")
-            )
+            told.append(Finding(place=_jobs(names), text=f"{text}, or expect wide intervals and no all-clear"))
     return told
 
 
@@ -159,7 +157,7 @@ def other_chains(inputs: Inputs, readable: Mapping[str, Measurement], other_quan
         doubtful = not {name, reference}.isdisjoint(other_quantity)
         fault = chain_doubt(inputs, own, tight, reference)
         if fault is not None and not (doubtful and fault.kind in ("lines", "clock")):
-            text = f"{fault.text} (the result repeats this unless the identified bolts explain it)"
+            text = f"{fault.text} (lrbc update says it again unless loose bolts explain it)"
             found.append(Finding(place=place, text=text, kind=Kind.CHAIN, detail=fault.kind))
         if noise := noise_doubt(own, tight, reference):
             found.append(Finding(place=place, text=noise, kind=Kind.NOISE))

@@ -152,19 +152,21 @@ def little_in_common(seen: Seen, measurements: Mapping[str, Measurement]) -> lis
         if part := lump_text(seen, typical) or part_text(seen, typical):
             return [Finding(text=part, kind=Kind.MATERIAL)]
     if float(np.median(own)) > (LEAST_DIFFERENCE if seen.source.fitted_to not in (None, seen.job) else UNLIKE):
-        far = f"level misfits of {min(own):.1f} to {max(own):.1f} dB at the start values (mean level of each response removed)"
+        far = f"level misfits of {min(own):.1f} to {max(own):.1f} dB at the start values (mean level of each response removed; after a "
+        far += "calibration 1 to 2 dB are usual)"
         far += _uneven_text(seen)
         if tighter := tighter_text(seen, measurements):
             text = f"measured and computed FRFs differ: {far}. {tighter}"
             return [Finding(text=text, kind=Kind.NOT_TIGHT)]
         causes = "the springs whose places are warned of may be the reason; otherwise " if inputs.springs_doubt else ""
         causes += (
-            "check the mass sum (units of the model), material and thickness of each part, damping, start values, places and directions of "
-            "hammer and sensors (lrbc check --picture); `lrbc calibrate` corrects errors of some per cent" + softness_text(seen)
+            "check first the mass sum (units, missing parts), material and thickness of each part, stiffness and units of the springs, "
+            "supports, damping, places and directions of hammer and sensors (lrbc check --picture); `lrbc calibrate` corrects errors of "
+            "some per cent. Until the model fits, faults of other jobs may stay hidden"
         )
         if free := looser(seen, typical):
             causes = f"this is the reference job{free}. Set update.reference to a tight job, or measure it again; otherwise {causes}"
-        text = f"measured and computed FRFs have little in common: {far}. {causes[:1].upper()}{causes[1:]}"
+        text = f"measured and computed FRFs have little in common: {far}{softness_text(seen)}. {causes[:1].upper()}{causes[1:]}"
         told = [Finding(text=text, kind=Kind.UNLIKE)]
     # Each on its own: ``placed`` looks for the place of each.
     return told + single_responses(inputs, every, outlying(every), "the model", few=every.size)

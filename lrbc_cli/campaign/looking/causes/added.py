@@ -19,10 +19,11 @@ from lrbc_cli.campaign.structure import thinned
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.dofs import COMPONENTS
 from lrbc_cli.reduction.problem.full import full_frfs
-from lrbc_cli.reduction.reduced.ports import PortFrf, port_frf
 
 
-def added_text(seen: Seen, before: float, *, most: int = 60, shares: tuple[float, ...] = (0.03, 0.1, 0.2, 0.4)) -> str:
+def added_text(
+    seen: Seen, before: float, *, most: int = 60, shares: tuple[float, ...] = (0.03, 0.1, 0.2, 0.4), most_ports: int = 600
+) -> str:
     """Warning that names the node where with a further mass the model explains the tight state; empty if there is none.
 
     Parameters
@@ -34,10 +35,18 @@ def added_text(seen: Seen, before: float, *, most: int = 60, shares: tuple[float
         Largest number of nodes that are tried, spread over the structure.
     shares : tuple of float
         Shares of the mass of the model that are tried at each.
+    most_ports : int
+        Largest number of translations of these nodes and of terms: 0.2 GB of FRFs between them.
     """
     inputs, dofs, model = seen.inputs, seen.inputs.dofs, seen.inputs.model
-    # Each node has three loads of its own.
-    if dofs is None or before <= UNLIKE or seen.work(LINES) * (1.0 + 3.0 * most / (1.0 + model.terms.size)) > MOST_WORK:
+    # Each node has three loads of its own, beside those of the terms.
+    ports = 3 * most + model.terms.size
+    if (
+        dofs is None
+        or before <= UNLIKE
+        or seen.work(LINES) * (1.0 + 3.0 * most / (1.0 + model.terms.size)) > MOST_WORK
+        or ports > most_ports
+    ):
         return ""
     moving = np.isin(dofs.component, COMPONENTS[:3]) & ~model.is_acoustic
     nodes, first = np.unique(dofs.node[moving], return_index=True)
@@ -82,21 +91,21 @@ def _misfits(seen: Seen, places: Sequence[Integers]) -> Callable[[int, float], f
     beside = replace(model, B=sp.hstack([model.B, at.T], format="csc"), L=sp.vstack([model.L, at], format="csc"), extras={})
     H, D_ref = full_frfs(beside, seen.s, settings.band, backend=settings.backend)
     loads, outputs, count = model.B.shape[1], model.L.shape[0], at.shape[0]
+    # The terms at their start values, eq. (18).
+    further = (seen.dynamic - D_ref)[:, None, :]
+    rows, columns = H[:, outputs + count :], H[:, :, loads + count :]
+    held = np.linalg.solve(np.eye(model.terms.size) + rows[:, :, loads + count :] * further, rows[:, :, : loads + count])
+    G = H[:, : outputs + count, : loads + count] - (columns[:, : outputs + count] * further) @ held
+    quantity, each = seen.s[:, None] ** model.output_power, np.arange(outputs)
     begin = np.cumsum([0, *(place.size for place in places)])
 
-    def ports(k: int) -> PortFrf:
-        own = np.arange(begin[k], begin[k + 1])
-        rows = np.concatenate([np.arange(outputs), outputs + own, np.arange(outputs + count, H.shape[1])])
-        columns = np.concatenate([np.arange(loads), loads + own, np.arange(loads + count, H.shape[2])])
-        # The mass is a term that is not there in the solves.
-        there = np.hstack([np.zeros((seen.s.size, own.size)), D_ref])
-        return port_frf(H[:, rows][:, :, columns], seen.s, there, model.output_power, inputs.input_of)
-
-    known = [ports(k) for k in range(len(places))]
-
     def misfit(k: int, mass: float) -> float:
-        size = places[k].size
-        dynamic = np.hstack([np.repeat(mass * seen.s[:, None] ** 2, size, axis=1), seen.dynamic])
-        return float(np.median(apart(seen.measured, known[k].evaluate(dynamic))))
+        own = np.arange(begin[k], begin[k + 1])
+        driven = G[:, outputs + own][:, :, :loads]
+        flexible = np.eye(own.size) / (mass * seen.s[:, None, None] ** 2) + G[:, outputs + own][:, :, loads + own]
+        # Inertia at the place, for each of its translations.
+        force = np.linalg.solve(flexible, driven)[:, :, inputs.input_of]
+        values = G[:, each, inputs.input_of] - np.einsum("frc,fcr->fr", G[:, :outputs][:, :, loads + own], force)
+        return float(np.median(apart(seen.measured, values * quantity)))
 
     return misfit

@@ -266,7 +266,7 @@ def lowered_text(before: Seen, after: Seen, *, least: float = 1.0) -> str:
     low = {bolt: own for bolt, own in change.items() if bolt >= 0 and own <= -least}
     if bolts is None or not low:
         return ""
-    named = ", ".join(f"{bolts.name[bolt]} (by {-own:.1f} decades)" for bolt, own in sorted(low.items()))
+    named = ", ".join(f"{bolts.name[bolt]} ({_decades(-own)})" for bolt, own in sorted(low.items()))
     return (
         f"a rough calibration from this job lowers the stiffness of {named} more than that of the other bolts. Check whether all bolts "
         "were tight. If not, set update.reference and calibration.job to a tight job, or measure it again"
@@ -293,7 +293,7 @@ def risen_text(inputs: Inputs, changes: Mapping[str, Floats], *, least: float = 
         return ""
     kept = [own[own > -least] for own in np.array(list(changes.values())).T]
     usual = [float(np.median(own)) if own.size >= jobs else 0.0 for own in kept]
-    named = ", ".join(f"{name} (by {own:.1f} decades)" for name, own in zip(bolts.name, usual, strict=True) if own >= least)
+    named = ", ".join(f"{name} ({_decades(own)})" for name, own in zip(bolts.name, usual, strict=True) if own >= least)
     if not named:
         return ""
     return (
@@ -317,13 +317,18 @@ def fallen_text(inputs: Inputs, name: str, change: Floats, *, least: float = 1.2
     """
     if inputs.bolts is None:
         return ""
-    named = ", ".join(f"{bolt} (by {-own:.1f} decades)" for bolt, own in zip(inputs.bolts.name, change, strict=True) if own <= -least)
+    named = ", ".join(f"{bolt} ({_decades(-own)})" for bolt, own in zip(inputs.bolts.name, change, strict=True) if own <= -least)
     if not named:
         return ""
     return (
         f"it is taken as tight, but is fitted best with a looser {named}. Check whether all bolts were tight. {_fix(inputs, name)}, "
         "or measure it again"
     )
+
+
+def _decades(change: float) -> str:
+    """Size of a change, as a factor too."""
+    return f"by {change:.1f} decades, a factor of {10.0**change:.2g}"
 
 
 def _fix(inputs: Inputs, name: str) -> str:
