@@ -173,7 +173,7 @@ def test_no_unit_is_guessed_for_channels_without_sensitivities() -> None:
 
 
 def test_several_single_responses_are_one_finding() -> None:
-    inputs: Any = SimpleNamespace(responses=[SimpleNamespace(name=f"a{k}") for k in range(8)])
+    inputs: Any = SimpleNamespace(responses=[SimpleNamespace(name=f"a{k}", node=k, direction="UZ") for k in range(8)])
     every = np.array([1.0, 9.0, 2.0, 11.0, 1.0, 10.0, 1.5, 2.0])
     told = single_responses(inputs, every, [1, 3, 5], "the model")
     assert [each.responses for each in told] == [(1, 3, 5)]
