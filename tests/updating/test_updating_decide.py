@@ -206,6 +206,16 @@ class TestSampled:
             assert found.note == "each of its groups of springs may be loose alone: axial, rocking, torsion"
             assert found.open_groups == ()
 
+    def test_a_joint_that_errors_of_the_model_may_hide_names_the_groups_in_question(self) -> None:
+        own = Change(mean=0.0, std=0.1, whole=-1.0, alone=(("axial", -50.0), ("lat", 0.0), ("lat (rotation)", -0.5)))
+        found = one(replace(PLACE, change=own))
+        assert found.verdict == "undecided"
+        assert str(found.note).endswith(
+            "may hide that it is loose, or that its springs of lat alone are; the loss of others alone is excluded"
+        )
+        every = one(replace(PLACE, change=replace(own, alone=(("axial", 0.0), ("lat", 0.0)))))
+        assert str(every.note).endswith("may hide that it is loose")
+
     def test_a_group_that_is_named_includes_its_translations_and_rotations(self) -> None:
         kinds = ("vert", "vert (translation)", "vert (rotation)", "lat", "lat (translation)", "lat (rotation)")
         open_ones = (0.0, 0.0, 0.0, -9.0, -9.0, 0.0)

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 import numpy as np
 
 from lrbc_cli.updating import robust
-from lrbc_cli.updating.judging.evidence import USED, BoltEvidence, Change, Evidence, Interval, PartialChange
+from lrbc_cli.updating.judging.evidence import USED, BoltEvidence, Change, Evidence, Interval
+from lrbc_cli.updating.judging.groups import (
+    by_prior,
+    hidden_groups,
+    lost_alone,
+    lost_note,
+    not_excluded,
+    of_its_groups,
+)
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, OUTSIDE, TIGHT, UNDECIDED, DecisionRule, TightScatter
 from lrbc_cli.updating.normal import normal_cdf
@@ -303,15 +311,15 @@ def _by_role(bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: s
         between = scattered = rule.scatter(scatter, bolt.joint)
         limit = rule.limit(own, between, bolt.joint)
         between *= rule.joint_spread if bolt.joint else 1.0
-        probability, note = _of_its_groups(posterior, posterior.below(limit, between), own, scattered, rule)
+        probability, note = of_its_groups(posterior, posterior.below(limit, between), own, scattered, rule)
         word, kind = rule.word(probability), bolt.probability_changed
         if word == LOOSE and bolt.joint and kind is not None and rule.word(kind) != LOOSE:
             word, probability, note = UNDECIDED, kind, INSIGNIFICANT
         if word == UNDECIDED and note is None:
             note = "the data do not decide: the interval of its change contains the threshold"
-        lost = _lost_alone(posterior, rule) if word == TIGHT else {}
-        by_data = (_by_prior(posterior, limit, between, rule), _not_excluded(posterior, rule))
-        excuses = (_excused(posterior, own, rule), *by_data, _lost_note(lost))
+        lost = lost_alone(posterior, rule) if word == TIGHT else {}
+        by_data = (by_prior(posterior, limit, between, rule), not_excluded(posterior, rule))
+        excuses = (_excused(posterior, own, rule), *by_data, lost_note(lost))
         excused = next(filter(None, excuses), None) if word == TIGHT else None
         if word == TIGHT and excused is None and bolt.joint and bolt.difference is not None and bolt.difference <= limit:
             excused = "its posterior probability says tight, but the identified stiffness is below the threshold"
@@ -319,7 +327,7 @@ def _by_role(bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: s
             excused = "the data do not rule out that it is free: no response is sensitive to it in its present state"
         if excused is not None:
             word, note = UNDECIDED, excused
-        hidden = _hidden(posterior, rule) if word == TIGHT else ()
+        hidden = hidden_groups(posterior, rule) if word == TIGHT else ()
         if hidden:
             note = f"tight as a whole; the data do not exclude that its springs of {' or '.join(hidden)} alone are loose"
         change = posterior.mean if posterior.ceiling is None else min(posterior.mean, posterior.ceiling)
@@ -347,62 +355,6 @@ def _by_role(bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: s
     return replace(found, verdict=LOOSE if loose else UNDECIDED, note=note)
 
 
-def _of_its_groups(posterior: Change, whole: float, own: float, scatter: float, rule: DecisionRule) -> tuple[float, str | None]:
-    """Probability that a joint is loose, from that of the whole and of the group that is most probably loose by itself; and a message."""
-    part, alone = _most_changed(posterior, own, scatter, rule)
-    if part is None or alone <= whole:
-        return whole, None
-    # Beside loose bolts an error of the model can look like a loose group; the data do not distinguish them.
-    found = 0.5 * (whole + alone)
-    if rule.word(alone) == rule.word(whole):
-        return found, None
-    # No standard deviation: the prior, that the groups of a joint change alike, draws the loss of one alone towards none.
-    return found, f"only its springs of {part.group} changed, by about {part.mean:.2g} decades or more"
-
-
-def _most_changed(posterior: Change, own: float, scatter: float, rule: DecisionRule) -> tuple[PartialChange | None, float]:
-    """The group of a joint's springs that is most probably loose by itself, and its probability: a joint is no tighter than that.
-
-    The rule is that for the whole joint, with ``hypot(scatter, deviation)`` as the scatter of a single group.
-    """
-    found: tuple[PartialChange | None, float] = (None, 0.0)
-    for part in posterior.parts:
-        between = float(np.hypot(scatter, part.deviation))
-        limit = rule.limit(own, between, joint=True)
-        probability = float(normal_cdf((limit - part.mean) / max(float(np.hypot(part.std, rule.joint_spread * between)), 1e-12)))
-        if probability > found[1]:
-            found = part, probability
-    return found
-
-
-def _even(ratio: float) -> float:
-    """Probability for a log likelihood ratio at even prior odds."""
-    return 0.5 + 0.5 * float(np.tanh(0.5 * ratio))
-
-
-def _hidden(posterior: Change, rule: DecisionRule) -> tuple[str, ...]:
-    """Groups of a joint's springs of which the data do not exclude, at even prior odds, that they alone are free or loose."""
-    lost = (group for group, ratio in posterior.alone if rule.word(_even(ratio)) != TIGHT)
-    return _whole_groups([*posterior.unfelt, *lost])
-
-
-def _whole_groups(names: Sequence[str]) -> tuple[str, ...]:
-    """The names without the translations and rotations, ``GROUP (rotation)``, of a group that is among them."""
-    return tuple(name for name in dict.fromkeys(names) if not any(name.startswith(f"{group} (") for group in names))
-
-
-def _lost_alone(posterior: Change, rule: DecisionRule) -> dict[str, float]:
-    """Groups of springs that the data call loose alone at even prior odds, and log likelihood ratios, largest first."""
-    told = {name: ratio for name, ratio in sorted(posterior.alone, key=lambda one: -one[1]) if rule.word(_even(ratio)) == LOOSE}
-    return {name: told[name] for name in _whole_groups(list(told))}
-
-
-def _lost_note(lost: Mapping[str, float]) -> str | None:
-    """Message on a joint that is tight as a whole, while the data call some of its springs loose."""
-    named = ", or ".join(f"{name} (log likelihood ratio {ratio:.1f})" for name, ratio in lost.items())
-    return f"the data say that springs of it alone are loose: {named}" if lost else None
-
-
 def _excused(posterior: Change, own: float, rule: DecisionRule) -> str | None:
     """Message on a bolt that is tight only because scatter or leakage lowered its threshold; ``own`` is the threshold without scatter.
 
@@ -413,30 +365,6 @@ def _excused(posterior: Change, own: float, rule: DecisionRule) -> str | None:
     gap = posterior.sampled is not None and own < rule.mixture_change
     if gap and TIGHT not in (rule.word(posterior.below(rule.mixture_change, 0.0)), rule.word(posterior.below(own, 0.0, changed=True))):
         return "no more than the gap beside it explains, but without the gap not clearly above the threshold"
-    return None
-
-
-def _by_prior(posterior: Change, limit: float, between: float, rule: DecisionRule) -> str | None:
-    """Message on a joint that is tight only because few are loose beforehand: at even prior odds the data must say it, too.
-
-    The share of loose joints beforehand is a choice, near enough to the limit of a verdict that a likelihood ratio of 2 would clear a joint
-    that hardly affects the FRFs.
-    """
-    if posterior.ratio is None:
-        return None
-    even = _even(posterior.ratio) * posterior.below(limit, between, changed=True)
-    if rule.word(even) == TIGHT:
-        return None
-    return f"the data do not exclude that it is loose: at even prior odds the probability is {even:.2g}"
-
-
-def _not_excluded(posterior: Change, rule: DecisionRule) -> str | None:
-    """Message on a joint that is tight only if the model is right to within what its residuals show."""
-    if posterior.whole is not None and rule.word(_even(posterior.whole)) != TIGHT:
-        return "errors of the model, of its stiffness in the reference state too, may hide that it is loose"
-    if posterior.alone and all(rule.word(_even(ratio)) != TIGHT for _, ratio in posterior.alone):
-        named = ", ".join(_whole_groups([name for name, _ in posterior.alone]))
-        return f"each of its groups of springs may be loose alone: {named}"
     return None
 
 
