@@ -10,8 +10,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.findings import Finding, Kind
-from lrbc_cli.campaign.identification.compared.likeness import same_sensor
+from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, same_sensor
 from lrbc_cli.campaign.identification.compared.offsets import offset_findings, sign_tail
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.comparison.scale import (
@@ -164,9 +165,63 @@ def _sign_findings(inputs: Inputs, found: _Reversed, count: int) -> list[Finding
     if found.single:
         single = [inputs.responses[r].name for r in found.single]
         fix = ", ".join(f"responses.{name}.scale: {-inputs.campaign.responses[name].scale:g}" for name in single)
-        text = f"probably reversed sign: {', '.join(single)}: {said}. Possible cause: the direction of the sensor. Write {fix}"
+        pressures = {i for i, response in enumerate(inputs.responses) if response.quantity == "pressure"}
+        cause = "the direction of the sensor"
+        if pressures.issuperset(found.single):
+            cause = "the polarity of the microphones"
+            if pressures == set(found.single):
+                cause = "the sign of the coupling of structure and air (normals of the coupling surface in the FE model), or " + cause
+        text = f"probably reversed sign: {', '.join(single)}: {said}. Possible cause: {cause}. Write {fix}"
         told.append(Finding(text=text + sign_tail(inputs), kind=Kind.REVERSED, responses=found.single))
     return told
+
+
+def odd_sensors(inputs: Inputs, away: Mapping[str, Floats], *, least: int = 4, times: float = 2.5) -> dict[str, list[Finding]]:
+    """Findings by job of sensors that are far from the fitted state in this job alone.
+
+    Errors of the model are large at some responses in all jobs, so each is compared with itself in the others, and the ratio with that of
+    the other sensors, since no coarse fit is equally near in all jobs.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    away : mapping
+        Level misfits (R,) with the fitted state [dB], by job.
+    least : int
+        Least number of jobs.
+    times : float
+        Least ratio to those of the other sensors. On right campaigns it was 1.7 at most.
+    """
+    found: dict[str, list[Finding]] = {}
+    for name, own in away.items() if len(away) > least else ():
+        usual = np.median([every for other, every in away.items() if other != name], axis=0)
+        ratio = own / np.maximum(usual, 1.0)
+        sensors = {tuple(sorted((i, *same_sensor(inputs, i)))) for i in range(own.size)}
+        for records in sorted(sensors):
+            at = list(records)
+            far, typical = float(np.median(ratio[at])), float(np.median(ratio))
+            if float(np.median(own[at])) > LEAST_DIFFERENCE and far > times * max(typical, 1.0):
+                names = ", ".join(inputs.responses[i].name for i in at)
+                text = (
+                    f"{names}: {np.median(own[at]):.1f} dB from the state of the bolts that fits best (mean level removed), {far:.1f} "
+                    f"times as far as in the other jobs; the median of all responses is {typical:.1f} times. Check whether the sensor was "
+                    f"overloaded, loose or dead, or another one was connected. Measure again, or remove its records from the file of {name}"
+                )
+                found.setdefault(name, []).append(Finding(text=text, kind=Kind.ALONE, responses=records))
+    return found
+
+
+def without_sensors(inputs: Inputs, found: Mapping[str, OfJob], reference: str) -> dict[str, OfJob]:
+    """Findings by job, without single records of sensors whose place or direction is in doubt in the reference job already."""
+    alone = {Kind.ALONE, Kind.COORDINATES}
+    own = {i for each in found[reference].told if each.kind in alone for i in each.responses}
+    wrong = own.union(*(same_sensor(inputs, i) for i in own))
+    return {
+        name: of
+        if name == reference
+        else replace(of, told=[each for each in of.told if each.kind is not Kind.ALONE or not wrong.issuperset(each.responses)])
+        for name, of in found.items()
+    }
 
 
 def pooled(found: Mapping[str, Sequence[Finding]], reference: str | None) -> list[Finding]:

@@ -18,6 +18,7 @@ from lrbc_cli.campaign.identification.compared.chains import soft_tip
 from lrbc_cli.campaign.identification.compared.likeness import (
     CLEARLY,
     LEAST_DIFFERENCE,
+    apart,
     by_sensors,
     exchanged,
     exchanged_text,
@@ -36,9 +37,9 @@ from lrbc_cli.campaign.identification.compared.offsets import (
     sideways_finding,
     trusted,
 )
-from lrbc_cli.campaign.identification.records import Measurement, unlike
+from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.weights import without_noise
-from lrbc_cli.campaign.looking.all_jobs import OfJob, of_all_jobs, pooled
+from lrbc_cli.campaign.looking.all_jobs import OfJob, odd_sensors, of_all_jobs, pooled, without_sensors
 from lrbc_cli.campaign.looking.axes import out_of_reach_text, stretched_text
 from lrbc_cli.campaign.looking.causes.damped import misdamped_text
 from lrbc_cli.campaign.looking.causes.held import supports_text
@@ -58,8 +59,8 @@ from lrbc_cli.campaign.looking.causes.tightness import (
     tighter_text,
 )
 from lrbc_cli.campaign.looking.fitted import as_exported, fitted_exchanged, fitted_frf, roughly_calibrated, strike_text
-from lrbc_cli.campaign.looking.states import Looking, Seen, nearest_states, reach_of_one
-from lrbc_cli.campaign.looking.unexplained import beside_fitted, beside_tight, foreign, little_in_common, placed
+from lrbc_cli.campaign.looking.states import Looking, Seen, nearest_states, on_lines, reach_of_one
+from lrbc_cli.campaign.looking.unexplained import beside_fitted, beside_tight, foreign, little_in_common, placed, without_repeated
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misread
 from lrbc_cli.campaign.reduced import cache
@@ -134,7 +135,7 @@ def first_look(
     """
     reference = inputs.campaign.update.reference
     try:
-        if misread(inputs.campaign, inputs.model, inputs.groups, inputs.dofs):
+        if inputs.held_doubt or misread(inputs.campaign, inputs.model, inputs.groups, inputs.dofs):
             return FirstLook(note="measured and computed FRFs are compared once the warnings on model and parameters are corrected")
         low, high = inputs.campaign.reduction.band
         whole = [name for name, found in measurements.items() if np.ptp(found.frequency_hz) > LEAST_BAND * (high - low)]
@@ -163,9 +164,10 @@ def first_look(
             progress(f"comparing {name} with the model, job {len(found) + 1} of {len(order)}")
             if name == reference:
                 source, found[name] = _of_reference(source, heard, name)
+                seen, again = Seen.of(source, name, heard[name]), [other for other in order[1:] if other in taken_as_tight(inputs)]
+                found[name] = replace(found[name], told=without_repeated(seen, found[name].told, on_lines(seen, heard, again)))
                 continue
-            # A faulty reference job is not used as the tight state.
-            tight = heard.get(reference or "") if not kinds_of(own) - {Kind.LOWERED} else None
+            tight = _tight(heard.get(reference or ""), own)
             found[name] = _looked_at(source, heard, name, tight, [cycle for each in own for cycle in each.cycles])
         later = f"; the other jobs are compared once the fault of {reference} is corrected" if len(found) < len(order) else ""
         told = _together(source, heard, found)
@@ -177,6 +179,16 @@ def first_look(
         )
     except LrbcError as error:
         return FirstLook(note=f"measured and computed FRFs were not compared: {error.problem}")
+
+
+def _tight(reference: Measurement | None, told: Sequence[Finding]) -> Measurement | None:
+    """The reference job as the tight state, without single responses that are in doubt; None if it is faulty itself."""
+    if reference is None or kinds_of(told) - {Kind.LOWERED, Kind.ALONE}:
+        return None
+    doubted = [i for each in told for i in each.responses if each.kind is Kind.ALONE]
+    values = reference.values.copy()
+    values[:, doubted] = np.nan
+    return replace(reference, values=values)
 
 
 def _together(source: Looking, measurements: Mapping[str, Measurement], found: dict[str, OfJob]) -> list[Finding]:
@@ -191,6 +203,12 @@ def _together(source: Looking, measurements: Mapping[str, Measurement], found: d
         for name in taken_as_tight(inputs) & found.keys() & source.changes.keys() - {reference}:
             if not kinds_of(found[name].told) and (text := fallen_text(inputs, name, source.changes[name])):
                 found[name] = replace(found[name], told=[*found[name].told, Finding(text=text, kind=Kind.FREED)])
+    if reference in found:
+        found.update(without_sensors(inputs, found, reference))
+    if explained:
+        for name, one in odd_sensors(inputs, {name: source.away[name] for name in found if name in source.away}).items():
+            # Nothing is added to what is found in that job already.
+            found[name] = found[name] if found[name].told else replace(found[name], told=one)
     told = pooled(of_all_jobs(inputs, found, reference), reference)
     if inputs.springs_doubt or (reference in found and Kind.UNLIKE in kinds_of(found[reference].told)):
         # With springs at wrong nodes a loosened bolt looks like exchanged sensors; far from any measurement some FRFs agree by chance.
@@ -242,6 +260,8 @@ def _looked_at(
     seen = seen.beside(held)
     fitted = None if held is None or seen.left <= NEAR else fitted_frf(seen)
     seen = seen.beside(fitted)
+    if fitted is not None:
+        source.away[name] = apart(seen.measured, fitted)
     reading = other_reading(inputs, seen.measurement.frequency_hz, seen.measured, seen.states, name)
     if seen.reference:
         most = 0.0 if seen.misfit < LEAST_DIFFERENCE else CLEARLY * seen.misfit if reading is None else reading.after
@@ -324,13 +344,8 @@ def _of_model(seen: Seen, measurements: Mapping[str, Measurement]) -> list[Findi
 
 def _judged(seen: Seen, measurements: Mapping[str, Measurement]) -> list[Complexes]:
     """FRFs of the jobs that are not assumed tight, on the lines of ``seen``, of those measured on the lines of this job."""
-    tight, whole = {seen.inputs.campaign.update.reference, *taken_as_tight(seen.inputs)}, measurements[seen.job]
-    lines = np.searchsorted(whole.frequency_hz, seen.measurement.frequency_hz)
-    return [
-        other.values[lines]
-        for name, other in measurements.items()
-        if name not in tight and not unlike(other.frequency_hz, whole.frequency_hz)
-    ]
+    tight = {seen.inputs.campaign.update.reference, *taken_as_tight(seen.inputs)}
+    return on_lines(seen, measurements, [name for name in measurements if name not in tight])
 
 
 def _calibrated_from_another(source: Looking, measurements: Mapping[str, Measurement]) -> Looking:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -40,12 +40,15 @@ class Looking(FrfSource):
         Text for the user on the calibration used.
     changes : dict of str to float array
         Changes of the bolts fitted coarsely to each job [decades], NaN for bolts without values.
+    away : dict of str to float array
+        Level misfits (R,) of each job with the state fitted coarsely to it [dB].
     """
 
     start: Mapping[str, Floats] = field(default_factory=dict, repr=False)
     factors: Mapping[str, float] = field(default_factory=dict, repr=False)
     note: str = ""
     changes: dict[str, Floats] = field(default_factory=dict, repr=False)
+    away: dict[str, Floats] = field(default_factory=dict, repr=False)
 
     @property
     def fitted_to(self) -> str | None:
@@ -265,3 +268,11 @@ def nearest_states(seen: Seen, most: int = 1) -> list[Complexes]:
     orders = [np.median(spread(level - b * omega, 1), axis=1).argsort() for b in (0, *POWERS)]
     nearest = {int(k) for order in orders for k in order[:most]}
     return [seen.states[k] for k in sorted({0, *nearest})]
+
+
+def on_lines(seen: Seen, measurements: Mapping[str, Measurement], names: Sequence[str]) -> list[Complexes]:
+    """FRFs of some jobs on the lines of ``seen``, of those measured on the lines of its job."""
+    whole = measurements[seen.job]
+    lines = np.searchsorted(whole.frequency_hz, seen.measurement.frequency_hz)
+    others = (measurements[name] for name in names)
+    return [other.values[lines] for other in others if not unlike(other.frequency_hz, whole.frequency_hz)]

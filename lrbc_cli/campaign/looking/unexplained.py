@@ -27,7 +27,7 @@ from lrbc_cli.campaign.looking.causes.held import held_text, idle_text, supports
 from lrbc_cli.campaign.looking.causes.moved import hammer_text, sensor_text
 from lrbc_cli.campaign.looking.causes.parts import lump_text, part_text
 from lrbc_cli.campaign.looking.causes.rescaled import rescaled_text, softness_text
-from lrbc_cli.campaign.looking.causes.tightness import UNLIKE, looser, tighter_text, unit_text
+from lrbc_cli.campaign.looking.causes.tightness import NEARER, UNLIKE, looser, tighter_text, unit_text
 from lrbc_cli.campaign.looking.causes.together import together_text
 from lrbc_cli.campaign.looking.states import Seen, by_excitation
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -219,8 +219,29 @@ def single_responses(
                 causes = f"whether {sensor} overloaded, or a cable loose, during these blows (it is right at other hammer points)"
             causes += f". Measure {it} again, or remove {record} from the file of {job}"
         text = f"{names} {differ} from {of} by {sizes} dB {typical}. Check {causes}{better.get(group[0], '')}"
-        found.append(Finding(text=text, kind=Kind.ALONE, responses=tuple(group)))
+        found.append(Finding(text=text, kind=Kind.ALONE, responses=tuple(group), detail=better.get(group[0], "")))
     return found
+
+
+def without_repeated(seen: Seen, told: Sequence[Finding], others: Sequence[Complexes]) -> list[Finding]:
+    """Findings of the reference job without single records that only errors of the model put apart.
+
+    A sensor at another place, along another axis or with another's cable is wrong at all hammer points, and a record that was overloaded
+    does not repeat. So a record without a better place is no finding if its sensor is right at another hammer point, and those of other
+    jobs with all bolts tight are as far from the model.
+
+    Parameters
+    ----------
+    seen : Seen
+        The reference job.
+    told : sequence of Finding
+    others : sequence of (F, R) complex arrays
+        Measurements of other tight jobs, on the same lines.
+    """
+    far, alone = apart(seen.measured, seen.model), {i for each in told if each.kind is Kind.ALONE for i in each.responses}
+    again = [apart(values, seen.model) for values in others]
+    repeated = {i for i in alone if again and set(same_sensor(seen.inputs, i)) - alone and all(away[i] > NEARER * far[i] for away in again)}
+    return [each for each in told if each.kind is not Kind.ALONE or each.detail or not repeated.issuperset(each.responses)]
 
 
 def beside_tight(seen: Seen, tight: Complexes, reach: tuple[Floats | float, Floats | float]) -> list[Finding]:

@@ -20,7 +20,7 @@ from lrbc_cli.campaign.reading.doubts.astray import (
     renumbered_text,
     stray_springs,
 )
-from lrbc_cli.campaign.reading.doubts.names import missing_springs
+from lrbc_cli.campaign.reading.doubts.names import missing_springs, odd_springs
 from lrbc_cli.campaign.reading.joints import aside_text, bolts_of_terms, bushing_vectors, joint_notes, owners, require_free
 from lrbc_cli.campaign.reading.places import EXCHANGES, require_near
 from lrbc_cli.campaign.reading.reader import ModelReader, Parts
@@ -127,7 +127,7 @@ class GroupReader(ModelReader):
             names = f"nodes given in {' and '.join(tables)}"
             self.warn(f"bolts: {self.campaign.bolts.name if self.campaign.bolts else ''}: {text} ({names})")
         if self.dofs is not None:
-            self.warn(*missing_springs(self.bushings, self.dofs, self.misnamed))
+            self.warn(*missing_springs(self.bushings, self.dofs, self.misnamed), *odd_springs(self.bushings))
         power = np.concatenate([np.full(f.group.terms.size, KIND_POWER[f.group.config.kind]) for f in found])
         baseline = np.concatenate([np.full(f.group.terms.size, f.group.config.baseline) for f in found])
         left, right = (sp.hstack(vectors, format="csc") for vectors in ([f.left for f in found], [f.right for f in found]))

@@ -21,6 +21,7 @@ from lrbc_cli.campaign.reading.doubts.numbering import require_whole
 from lrbc_cli.campaign.reading.doubts.points import beside_nodes, exchanged_axes, exchanged_text, require_unit
 from lrbc_cli.campaign.reading.doubts.rigid import components_doubt
 from lrbc_cli.campaign.reading.doubts.settings import guesses
+from lrbc_cli.campaign.reading.doubts.springs import held_springs
 from lrbc_cli.campaign.reading.drift import check_drift, load_shift
 from lrbc_cli.campaign.reading.edges import by_edges
 from lrbc_cli.campaign.reading.factors import (
@@ -107,6 +108,8 @@ class Inputs:
         The warning that guesses wrong units from the mesh alone.
     places_doubt, springs_doubt : bool
         Whether hammer and sensors seem to be given from another origin or in another numbering; springs, far from their bolts.
+    held_doubt : bool
+        Whether the springs seem to be in the stiffness matrix otherwise than stated: in another unit, without or below their baseline.
     hashes : dict
         SHA-256 of every file that was read, by its absolute path.
     recipe : Recipe
@@ -137,6 +140,7 @@ class Inputs:
     units_doubt: str | None = None
     places_doubt: bool = False
     springs_doubt: bool = False
+    held_doubt: bool = False
     shifts: NDArray[np.int64] | None = None
     calibration: CalibrationUse | None = None
     read_with: str = ""
@@ -338,6 +342,8 @@ def read_as_exported(campaign: Campaign) -> Inputs:
         units_doubt=reader.units_doubt,
         places_doubt=reader.moved or bool(reader.axes) or bool(reader.misplaced),
         springs_doubt=bool(reader.beside) or reader.strayed,
+        # By the stiffness as exported: ``Inputs.model`` is without the baselines.
+        held_doubt=any(held_springs(campaign, model, groups, reader.dofs)),
         shifts=reader.shifts,
     )
 

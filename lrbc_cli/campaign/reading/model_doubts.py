@@ -189,11 +189,10 @@ def slips(
 
 
 def misread(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | None) -> bool:
-    """Whether matrices, damping, springs or start values are warned of, so that measurements cannot be compared with the model yet."""
+    """Whether matrices, damping or start values are warned of, so that measurements cannot be compared with the model yet."""
     told = (
         *_numbering(campaign, model, dofs),
         *_damping(campaign, model),
-        *held_springs(campaign, model, groups, dofs),
         *_terms_twice(model, groups, dofs, None),
         *start_slips(campaign).values(),
     )

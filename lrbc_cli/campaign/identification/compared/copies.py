@@ -62,19 +62,31 @@ def proportional(one: Complexes, other: Complexes, limits: ValidationChannels) -
 
 
 def pasted(measurement: Measurement, responses: list[str], limits: ValidationChannels) -> Iterator[str]:
-    """Warnings about pairs of responses of one job that have the same numbers up to a factor."""
+    """Warnings about pairs of responses of one job that have the same numbers up to a factor, and about constant ones."""
     values = measurement.values
+    if constant := [name for name, own in zip(responses, values.T, strict=True) if _constant(own, limits)]:
+        yield (
+            f"{listing(constant)} {'is' if len(constant) == 1 else 'are'} the same number at all lines: the FRFs of this job were probably "
+            "computed over this channel, not over the hammer. Select the force as the reference of the FRFs in the analyser, and export "
+            "them again"
+        )
     for i, first in enumerate(responses):
         for j in range(i + 1, len(responses)):
             both = measured_values(values[:, i]) & np.isfinite(values[:, j])
             # Constant values are no FRF.
-            if both.sum() < limits.least_common or np.unique(values[both, i]).size < limits.least_common:
+            if both.sum() < limits.least_common or first in constant:
                 continue
             if proportional(values[both, j], values[both, i], limits):
                 yield (
                     f"{first} and {responses[j]} have the same numbers. Possible causes: one column copied over the other, one channel "
                     f"exported twice. Export the record of each again"
                 )
+
+
+def _constant(values: Complexes, limits: ValidationChannels, *, rounding: float = 1e-6) -> bool:
+    """Whether an FRF (F,) is one number, but for rounding."""
+    known = values[measured_values(values)]
+    return known.size >= limits.least_common and bool(np.ptp(np.abs(known)) + np.ptp(np.angle(known)) <= rounding * np.abs(known).max())
 
 
 class Earlier:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from contextlib import suppress
 from dataclasses import replace
 
@@ -11,7 +12,8 @@ import scipy.sparse as sp
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, apart
 from lrbc_cli.campaign.looking.causes.moved import LINES, gradually, solved
-from lrbc_cli.campaign.looking.causes.rescaled import MOST_LEFT, MOST_WORK
+from lrbc_cli.campaign.looking.causes.rescaled import MOST_WORK
+from lrbc_cli.campaign.looking.causes.tightness import UNLIKE
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.reading.doubts.springs import turned_about
 from lrbc_cli.errors import LrbcError, listing
@@ -101,7 +103,8 @@ def _without(seen: Seen, rows: Integers, before: float) -> float:
         with suppress(LrbcError):
             ports = solved(few, replace(model, **free, extras={}), inputs.input_of, b"held" + rows.tobytes())
             left = float(np.median(apart(few.measured, ports.evaluate(few.dynamic))))
-        if left > wider * min(MOST_LEFT, CLEARLY * before):
+        # A model that is not calibrated leaves more than one that is.
+        if left > wider * min(UNLIKE, CLEARLY * before):
             return np.inf
     return left
 
@@ -114,17 +117,35 @@ def supports_text(seen: Seen) -> str:
         return ""
     rows = _held(model.K, dofs, np.unique(model.terms.left.indices))
     nodes, first = np.unique(dofs.node[rows], return_index=True)
+    lacking = _lacking(dofs)
     if not nodes.size:
-        return ""
+        return lacking
     xyz, unit = dofs.xyz[rows[first]], inputs.campaign.unit_system.length
     spans, own = np.ptp(dofs.xyz, axis=0), np.ptp(xyz, axis=0)
     common = [f"{'xyz'[k]} = {xyz[0, k] / unit:.4g}" for k in range(3) if own[k] < 1e-6 * spans.max() < spans[k]]
     alike = f", all at {', '.join(common)}" if common and nodes.size > 2 else ""
     named = listing(nodes.tolist(), 12)
+    held = {node: tuple(dofs.component[rows[dofs.node[rows] == node]].tolist()) for node in nodes.tolist()}
+    usual = Counter(held.values()).most_common(1)[0][0]
+    odd = [f"node {node} in {', '.join(own)} alone" for node, own in held.items() if own != usual] if len(held) > 2 else []
+    unlike = f"; unlike the others, {' and '.join(odd)}" if 0 < len(odd) <= 2 else ""
     return (
-        f". The model is held to the ground in addition to the bolts (at or next to {nodes.size} node{'s' if nodes.size > 1 else ''}"
-        f"{alike}: {named}): check whether the structure on the test bench is held there, too"
+        f"{lacking}. The model is held to the ground in addition to the bolts (at or next to {nodes.size} "
+        f"node{'s' if nodes.size > 1 else ''}{alike}: {named}{unlike}): check whether the structure on the test bench is held there, too"
     )
+
+
+def _lacking(dofs: DofTable, *, most: int = 4) -> str:
+    """Clause that names nodes that lack some, but not all, translations that nearly all others have, fixed at the export; else empty."""
+    sets: dict[int, frozenset[str]] = {}
+    for node, component in zip(dofs.node.tolist(), dofs.component.tolist(), strict=True):
+        sets[node] = sets.get(node, frozenset()) | {component}
+    usual, count = Counter(sets.values()).most_common(1)[0]
+    odd = {node: sorted(usual - own) for node, own in sets.items() if own < usual}
+    if not 0 < len(odd) <= most or len(odd) + count < len(sets):
+        return ""
+    named = ", ".join(f"node {node} has no {', '.join(own)}" for node, own in odd.items())
+    return f". Alone of all nodes, {named}: check whether a boundary condition was left in there"
 
 
 def _held(K: sp.csc_array, dofs: DofTable, terms: Integers) -> Integers:

@@ -12,7 +12,16 @@ import scipy.sparse as sp
 
 from lrbc_cli.arrays import Complexes, Floats, Integers, spaced
 from lrbc_cli.campaign.identification.compared import likeness
-from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart, apart_there, by_place, levels, spread
+from lrbc_cli.campaign.identification.compared.likeness import (
+    CLEARLY,
+    LEAST_DIFFERENCE,
+    apart,
+    apart_there,
+    by_place,
+    levels,
+    same_sensor,
+    spread,
+)
 from lrbc_cli.campaign.looking.causes.rescaled import MOST_LEFT, MOST_WORK
 from lrbc_cli.campaign.looking.states import Seen, values_of
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -245,12 +254,17 @@ def sensor_text(seen: Seen, response: int) -> str:
     own, model = int(point.col[np.argmax(np.abs(point.data))]), inputs.model
     places = _places(dofs, own, MOST_PLACES)
     moved = replace(model, L=picking(places, model.size), output_power=np.full(places.size, model.output_power[response]), extras={})
-    input_of, left, best = np.full(places.size, inputs.input_of[response]), np.full(places.size, np.inf), 0
+    # A structure has places alike for one hammer point, so all records of the sensor count.
+    records, left, best = [response, *same_sensor(inputs, response)], np.full(places.size, np.inf), 0
+
+    def away(few: Seen, record: int) -> Floats:
+        input_of = np.full(places.size, inputs.input_of[record])
+        computed = solved(few, moved, input_of, b"sensor" + np.int64(record).tobytes()).evaluate(few.dynamic)
+        return apart_there(np.broadcast_to(few.measured[:, [record]], computed.shape), computed, float(np.abs(computed).max()))
+
     for few, wider in gradually(seen):
         with suppress(LrbcError):
-            computed = solved(few, moved, input_of, b"sensor" + np.int64(response).tobytes()).evaluate(few.dynamic)
-            measured = np.broadcast_to(few.measured[:, [response]], computed.shape)
-            left = apart_there(measured, computed, float(np.abs(computed).max()))
+            left = np.mean([away(few, record) for record in records], axis=0)
         best = int(np.argmin(left))
         if left[best] > wider * min(MOST_LEFT, CLEARLY * float(left[places == own][0])):
             return ""

@@ -11,7 +11,7 @@ from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared.likeness import apart
 from lrbc_cli.campaign.identification.records import Measurement
-from lrbc_cli.campaign.looking.causes.tightness import NEARER
+from lrbc_cli.campaign.looking.causes.tightness import NEARER, freed
 from lrbc_cli.campaign.looking.fitted import expected_frfs
 from lrbc_cli.campaign.looking.states import MOST_STATES, Looking, Seen
 from lrbc_cli.updating.search.starts import LEVELS
@@ -32,20 +32,50 @@ def removed_findings(source: Looking, measurements: Mapping[str, Measurement]) -
     tight, bolts = measurements.get(reference), inputs.bolts
     stated = {name: frozenset(inputs.campaign.jobs[name].removed) for name in measurements if name != reference}
     stated = {name: removed for name, removed in stated.items() if removed}
-    if tight is None or bolts is None or len(stated) < 2:
+    if tight is None or bolts is None or not stated:
         return []
+    other = [found for name in stated if (found := _other_bolts(source, name, stated[name], measurements[name]))]
+    if len(stated) < 2:
+        return other
     opposite = dict(zip(bolts.name, bolts.name[::-1], strict=True))
     turned = {name: frozenset(opposite[bolt] for bolt in removed) for name, removed in stated.items()}
     sets = sorted({*stated.values(), *turned.values()}, key=sorted)
     if len(sets) * len(LEVELS) > MOST_STATES:
-        return []
+        return other
     far: dict[str, dict[frozenset[str], float]] = {}
     for name in stated:
         seen = Seen.of(source, name, measurements[name], tight)
         if seen.tight is not None:
             far[name] = dict(zip(sets, _distances(seen, sets).tolist(), strict=True))
     file = "the bolts" if inputs.campaign.bolts is None else inputs.campaign.bolts.name
-    return _numbering(far, stated, turned, file) or _exchanges(far, stated)
+    return _numbering(far, stated, turned, file) or _exchanges(far, stated) or other
+
+
+def _other_bolts(
+    source: Looking, name: str, removed: frozenset[str], measurement: Measurement, *, lost: float = 1.0, kept: float = 0.3
+) -> Finding | None:
+    """Finding if a job is fitted best with other bolts loose than those stated as removed, and with these as tight as before.
+
+    ``lost`` and ``kept``: least and largest loss of bolts that count as loose and as tight [decades].
+    """
+    bolts, change = source.inputs.bolts, source.changes.get(name)
+    if bolts is None:
+        return None
+    if change is None:
+        # One of the states that are tried is near enough: no fit was needed.
+        names, _, _ = freed(Seen.of(source, name, measurement))
+        change = np.where(np.isin(bolts.name, names), -lost, 0.0)
+    known = dict(zip(bolts.name, change.tolist(), strict=True))
+    loose = [bolt for bolt, own in known.items() if own <= -lost]
+    if not loose or not all(known.get(bolt, np.nan) >= -kept for bolt in removed):
+        return None
+    file = "the bolts file" if source.inputs.campaign.bolts is None else source.inputs.campaign.bolts.name
+    text = (
+        f"{', '.join(sorted(removed))} {'is' if len(removed) == 1 else 'are'} stated as removed, but the measurement is fitted best with "
+        f"{', '.join(loose)} loose instead. Check the names of the bolts in {file} and in the tables of springs, whether they are numbered "
+        f"from the other end, and jobs.{name}.removed"
+    )
+    return Finding(text=text, kind=Kind.REMOVED, place=f"job {name}")
 
 
 def _distances(seen: Seen, sets: list[frozenset[str]]) -> Floats:

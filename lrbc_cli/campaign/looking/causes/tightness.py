@@ -61,7 +61,7 @@ def tighter_text(seen: Seen, measurements: Mapping[str, Measurement], *, as_well
         near |= {name: own for name, own in far.items() if name not in {reference, *assumed} and own < min(UNLIKE, NEARER * far[reference])}
     order = sorted(near.items(), key=lambda each: (each[0] in assumed, each[1]))
     judged = [name for name in near if name not in assumed]
-    loose, how, left = _freed(seen)
+    loose, how, left = freed(seen)
     bolts = () if seen.inputs.bolts is None else seen.inputs.bolts.name
     if len(loose) == 1 and loose[0] in bolts and left <= min([NEARER * far[reference], *(as_well * near[name] for name in judged)]):
         tight = [name for name, _ in order if name in assumed]
@@ -140,13 +140,13 @@ def looser(seen: Seen, typical: float) -> str:
 
     ``typical`` is the level misfit of the tight state [dB].
     """
-    names, how, left = _freed(seen)
+    names, how, left = freed(seen)
     if not names or left > CLEARLY * typical:
         return ""
     return f". With {', '.join(names)} {how} the level misfit is {left:.1f} dB: check whether all bolts were tight"
 
 
-def _freed(seen: Seen) -> tuple[list[str], str, float]:
+def freed(seen: Seen) -> tuple[list[str], str, float]:
     """Bolts, or values of an edge in words, with which loosened the model fits best, how far they are loosened, and the misfit [dB].
 
     There are no names if the tight state fits best.
@@ -165,7 +165,7 @@ def _freed(seen: Seen) -> tuple[list[str], str, float]:
 
 
 def _partly_loose(seen: Seen) -> Iterator[tuple[list[str], str, float]]:
-    """As ``_freed``, for each joint at each of the levels that a search tries."""
+    """As ``freed``, for each joint at each of the levels that a search tries."""
     parameters, bolts = seen.parameters, seen.inputs.bolts
     if bolts is None:
         return

@@ -107,6 +107,33 @@ def missing_springs(
                 yield _missing_text(name, own, lacking, peers, plain)
 
 
+def odd_springs(tables: Sequence[BushingTable], *, least: int = 4, share: float = 0.8, rounding: float = 0.01) -> Iterator[str]:
+    """Warnings about springs whose stiffness is a power of ten times that of nearly all others of their component, as by a digit too few.
+
+    Parameters
+    ----------
+    tables : sequence of BushingTable
+    least, share : int, float
+        Least number of springs of a component, and least share of them that are equal.
+    rounding : float
+        Largest relative difference from the power of ten.
+    """
+    for table in {table.path: table for table in tables}.values():
+        for component in dict.fromkeys(table.component):
+            at = [k for k, own in enumerate(table.component) if own == component]
+            values = table.stiffness[at]
+            usual, count = Counter(values.tolist()).most_common(1)[0]
+            if len(at) < least or count < share * len(at) or usual <= 0.0:
+                continue
+            for k, value in zip(at, values.tolist(), strict=True):
+                power = round(np.log10(value / usual)) if value > 0.0 else 0
+                if power and abs(value / (usual * 10.0**power) - 1.0) <= rounding:
+                    yield (
+                        f"{table.path.name}, line {table.lines[k]}: {component} of {table.bolt[k] or 'a spring'} is {10.0**power:g} times "
+                        f"the {usual:g} of the others. Check whether a digit is wrong; if it is right, nothing needs to be done"
+                    )
+
+
 def _ends_of(own: _Springs, ground: bool) -> list[_Ends]:
     """Nodes of the other springs of a bolt, of those that go to ground or of those that do not."""
     return list(dict.fromkeys(ends for sort, every in own.ends.items() if sort[2] == ground for ends in every))
