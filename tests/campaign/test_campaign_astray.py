@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from lrbc_cli.campaign.reading.doubts.astray import (
     reversed_order,
     stray_springs,
 )
-from lrbc_cli.campaign.reading.doubts.names import missing_springs
+from lrbc_cli.campaign.reading.doubts.names import missing_springs, odd_springs
 from lrbc_cli.campaign.reading.doubts.points import NearPoint, beside_nodes, exchanged_axes
 from lrbc_cli.campaign.reading.inputs import read_as_exported
 from lrbc_cli.campaign.reading.places import EXCHANGES, require_near
@@ -314,6 +315,19 @@ def springs(file: str, bolts: Sequence[str], components: Sequence[str], size: fl
 
 TEN = [f"B{k}" for k in range(1, 11)]
 TURNING = DofTable(node=np.repeat(np.arange(1, 11), 3), component=np.array(["UZ", "ROTX", "ROTY"] * 10), xyz=np.zeros((30, 3)))
+
+
+def test_a_spring_with_a_digit_too_many() -> None:
+    """A power of ten beside equal ones; springs that differ by design are not equal."""
+    axial = springs("axial.csv", TEN, ["UZ"], 4e6, odd="B4")
+    assert list(odd_springs([axial, axial])) == [
+        "axial.csv, line 5: UZ of B4 is 10 times the 4e+06 of the others. Check whether a digit is wrong; if it is right, nothing needs to "
+        "be done"
+    ]
+    assert list(odd_springs([springs("axial.csv", TEN, ["UZ"])])) == []
+    graded = replace(axial, stiffness=4e6 * np.linspace(0.5, 2.0, 10))
+    assert list(odd_springs([graded])) == []
+    assert list(odd_springs([springs("axial.csv", TEN[:3], ["UZ"], odd="B2")])) == []
 
 
 def test_a_bolt_forgotten_in_one_of_two_tables() -> None:

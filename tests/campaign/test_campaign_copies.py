@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lrbc_cli.campaign.identification.compared import copies
-from lrbc_cli.campaign.identification.compared.copies import Earlier, copied_responses, copied_text
+from lrbc_cli.campaign.identification.compared.copies import Earlier, copied_responses, copied_text, pasted
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.updating.statistics.model import ValidationChannels
 
@@ -72,6 +72,17 @@ def test_one_response_of_an_earlier_measurement() -> None:
     few = slice(0, LIMITS.least_common - 1)
     assert not copied_responses(changed(one, one.values, few), one, LIMITS).size
     assert not copied_responses(changed(one, one.values * np.nan), one, LIMITS).size
+
+
+def test_frfs_over_a_response_are_no_frfs_over_the_hammer() -> None:
+    """The reference of the analyser is constant; another response beside it is none of its copies."""
+    one = measured(3, 0.01)
+    over = changed(one, one.values / one.values[:, [0]] * (1.0 + 1e-9))
+    (text,) = pasted(over, ["a1", "a2"], LIMITS)
+    assert text.startswith("a1 is the same number at all lines: the FRFs of this job were probably computed over this channel")
+    (both,) = pasted(changed(one, np.ones((200, 2), dtype=complex)), ["a1", "a2"], LIMITS)
+    assert both.startswith("a1, a2 are the same number at all lines")
+    assert list(pasted(one, ["a1", "a2"], LIMITS)) == []
 
 
 def gapped(one: Measurement, response: int, rows: slice) -> Measurement:

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
+from looking import measurement, seen
 from samples import sample
 
 from lrbc_cli.campaign import check
 from lrbc_cli.campaign.findings import Finding, Kind, once
 from lrbc_cli.campaign.identification.records import read_measurement
-from lrbc_cli.campaign.looking.all_jobs import pooled
+from lrbc_cli.campaign.looking import all_jobs
+from lrbc_cli.campaign.looking.all_jobs import OfJob, odd_sensors, pooled, tight_state, without_sensors
 from lrbc_cli.campaign.looking.exchanges import _exchange, _nested, exchanged_files, foreign_titles, mistitled
 from lrbc_cli.campaign.looking.first_look import FirstLook
+from lrbc_cli.campaign.looking.unexplained import without_repeated
 
 
 @pytest.mark.parametrize(
@@ -112,6 +118,74 @@ def test_the_title_of_another_structure(title: str, told: bool) -> None:
     assert ([text.partition(":")[0] for text in found] == ["job loose-2"]) == told
     # Each file has a title of its own: nothing to compare with.
     assert foreign_titles(inputs, {name: replace(first, titles=(f"{number} of May",)) for number, name in enumerate(names)}) == []
+
+
+def sensors() -> Any:
+    """Three sensors and two hammer points: responses 0 to 2 and 3 to 5."""
+    responses = [SimpleNamespace(name=f"a{i % 3 + 1}-h{i // 3 + 1}", node=i % 3, direction="UZ", quantity="acceleration") for i in range(6)]
+    return SimpleNamespace(responses=responses)
+
+
+def test_a_sensor_that_is_far_off_in_one_job_alone() -> None:
+    """Each with itself in the other jobs: errors of the model are large at the second sensor in all of them."""
+    rng = np.random.default_rng(4)
+    usual = np.array([1.2, 4.5, 1.6, 1.5, 5.0, 1.3])
+    away = {f"job-{k}": usual * rng.uniform(0.8, 1.25, 6) for k in range(6)}
+    assert odd_sensors(sensors(), away) == {}
+    away["job-3"] = usual * 1.3
+    away["job-3"][[2, 5]] = 7.0
+    found = odd_sensors(sensors(), away)
+    assert [(name, [each.responses for each in told]) for name, told in found.items()] == [("job-3", [(2, 5)])]
+    assert "a3-h1, a3-h2: 7.0 dB from the state of the bolts that fits best" in found["job-3"][0].text
+    # With few jobs nothing is usual.
+    assert odd_sensors(sensors(), {name: away[name] for name in ("job-1", "job-2", "job-3")}) == {}
+
+
+def test_a_sensor_in_doubt_in_the_reference_job_is_not_told_again() -> None:
+    alone = of(Kind.ALONE, "a1-h2 is far off", 3)
+    found = {"tight": OfJob([alone]), "one": OfJob([of(Kind.ALONE, "a1 is far off", 0, 3), of(Kind.ALONE, "a2 is far off", 1)])}
+    assert [each.text for each in without_sensors(sensors(), found, "tight")["one"].told] == ["a2 is far off"]
+    assert without_sensors(sensors(), found, "tight")["tight"].told == [alone]
+
+
+def test_single_records_in_doubt_are_not_part_of_the_tight_state() -> None:
+    """Before, the other jobs were then compared with the model alone, and exchanged hammer points in one of them were not found."""
+    own = measurement(np.arange(5.0), np.ones((5, 6), dtype=complex))
+    tight = tight_state(own, [of(Kind.ALONE, "a1-h2 is far off", 3), of(Kind.LOWERED, "B2 is lower")])
+    assert tight is not None
+    assert np.isnan(tight.values).all(axis=0).tolist() == [False, False, False, True, False, False]
+    assert not np.isnan(own.values).any()
+    assert tight_state(own, [of(Kind.UNITS, "all in g", 0)]) is None
+    assert tight_state(None, []) is None
+
+
+def test_a_record_far_from_the_model_in_all_tight_jobs_is_an_error_of_the_model() -> None:
+    rng = np.random.default_rng(8)
+    model = 10.0 ** (rng.normal(0.0, 10.0, (150, 6)) / 20.0) + 0j
+    off = np.full(6, 1.0)
+    off[3] = 8.0
+    one, again, right = (model * 10.0 ** (rng.laplace(0.0, 1.0, model.shape) * sizes / 20.0) for sizes in (off, off, np.ones(6)))
+    job = seen(one, model[None], hz=np.linspace(20.0, 400.0, 150), inputs=sensors())
+    told = [of(Kind.ALONE, "a1-h2 is far off", 3), of(Kind.LATE, "late", 1)]
+    assert without_repeated(job, told, [again]) == told[1:]
+    # An overloaded record does not repeat; a place explains it; nothing is known without another tight job, or if all of a sensor are off.
+    assert without_repeated(job, told, [right]) == without_repeated(job, told, []) == told
+    placed = [replace(told[0], detail="at or near node 7")]
+    assert without_repeated(job, placed, [again]) == placed
+    both = [of(Kind.ALONE, "a1 is far off", 0, 3)]
+    assert without_repeated(job, both, [again]) == both
+
+
+@pytest.mark.parametrize(("single", "cause"), [((4, 5), "the sign of the coupling"), ((4,), "the polarity of"), ((1,), "the direction of")])
+def test_the_cause_of_a_reversed_sign(single: tuple[int, ...], cause: str) -> None:
+    inputs = sensors()
+    for i in (4, 5):
+        inputs.responses[i].quantity = "pressure"
+    scales = {response.name: SimpleNamespace(scale=1.0) for response in inputs.responses}
+    inputs.campaign = SimpleNamespace(excitation={}, responses=scales)
+    inputs.method = SimpleNamespace(residual=SimpleNamespace(phase=False))
+    (found,) = all_jobs._sign_findings(inputs, all_jobs._Reversed(single=single, responses=frozenset(single)), 6)
+    assert f"Possible cause: {cause}" in found.text
 
 
 def of(kind: Kind, text: str, *responses: int) -> Finding:

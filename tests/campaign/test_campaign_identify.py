@@ -358,6 +358,22 @@ def test_springs_that_the_matrix_holds_leave_with_their_damping(box: Folder) -> 
     assert not held.model.terms.baseline.any()
 
 
+def test_springs_stiffer_than_what_holds_them_without_are_compared(box: Folder) -> None:
+    """The baseline was taken off twice, so that it seemed to be missing, and no measurement was compared, without a warning."""
+    path, tree = box.data / "K.mtx", box.tree()
+    K = scipy.io.mmread(path, spmatrix=False).toarray()
+    size = 10.0 * float(K.max())
+    K[np.arange(6), np.arange(6)] += size
+    scipy.io.mmwrite(path, sp.coo_array(K), symmetry="general", precision=17)
+    tree["parameters"]["springs"]["baseline"] = size
+    box.write(tree)
+    assert not read_as_exported(load_campaign(box.config)).held_doubt
+    assert "once the warnings on model and parameters are corrected" not in box.run("check").stdout
+    tree["parameters"]["springs"]["baseline"] = 3.0 * size
+    box.write(tree)
+    assert read_as_exported(load_campaign(box.config)).held_doubt
+
+
 def test_springs_of_a_matrix_beside_a_damping_matrix_are_warned_of(box: Folder) -> None:
     """What of C is theirs is not known: a spring that loosens leaves it behind (up to 20 dB on a beam)."""
     tree = box.tree()

@@ -16,7 +16,7 @@ from looking import seen
 from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.looking.causes import parts, rescaled
 from lrbc_cli.campaign.looking.causes.added import added_text
-from lrbc_cli.campaign.looking.causes.held import held_text
+from lrbc_cli.campaign.looking.causes.held import held_text, supports_text
 from lrbc_cli.campaign.looking.causes.parts import lump_text, part_text
 from lrbc_cli.campaign.looking.first_look import _gains_by_chance
 from lrbc_cli.campaign.looking.states import Seen
@@ -353,3 +353,36 @@ def test_a_foot_in_the_air() -> None:
     # None of them was on the test bench.
     every = told(grounded(*feet), assembly(), lambda job, before: held_text(job, before) or "")
     assert "probably by a boundary condition that was left in: without it" in every
+
+
+def frame_of(*held: tuple[int, str], missing: tuple[int, str] | None = None) -> Any:
+    """A chain of nodes with UX and UY, free but for stiff springs to the ground."""
+    nodes, components = np.repeat(np.arange(COUNT), 2), np.array(["UX", "UY"] * COUNT)
+    row = 2.0 * np.eye(COUNT) - np.eye(COUNT, k=1) - np.eye(COUNT, k=-1)
+    row[0, 0] = row[-1, -1] = 1.0
+    K = 1e6 * np.kron(row, np.eye(2))
+    for node, component in held:
+        at = 2 * node + (component == "UY")
+        K[at, at] += 1e9
+    kept = np.array([(node, component) != missing for node, component in zip(nodes.tolist(), components.tolist(), strict=True)])
+    model = SimpleNamespace(K=sp.csc_array(K[np.ix_(kept, kept)]), is_acoustic=np.zeros(int(kept.sum()), dtype=bool))
+    model.terms = SimpleNamespace(left=sp.csc_array((int(kept.sum()), 0)))
+    xyz = np.stack([np.repeat(np.linspace(0.0, 0.8, COUNT), 2), np.tile([0.0, 0.0], COUNT), np.zeros(2 * COUNT)], axis=1)
+    dofs = DofTable(node=nodes[kept], component=components[kept], xyz=xyz[kept])
+    inputs = SimpleNamespace(model=model, dofs=dofs, campaign=SimpleNamespace(unit_system=SimpleNamespace(length=1.0)))
+    return SimpleNamespace(inputs=inputs)
+
+
+def test_a_support_unlike_the_others_is_named_first_of_all() -> None:
+    feet = [(node, component) for node in (0, 13, 39) for component in ("UX", "UY")]
+    assert supports_text(frame_of()) == ""
+    assert supports_text(frame_of(*feet)).startswith(
+        ". The model is held to the ground in addition to the bolts (at or next to 3 nodes: 0, 13, 39)"
+    )
+    assert "4 nodes: 0, 13, 25, 39; unlike the others, node 25 in UY alone)" in supports_text(frame_of(*feet, (25, "UY")))
+
+
+def test_a_direction_that_one_node_alone_has_lost() -> None:
+    """Fixed when the matrices were exported: its row is not there."""
+    text = supports_text(frame_of(missing=(25, "UY")))
+    assert text.startswith(". Alone of all nodes, node 25 has no UY: check whether a boundary condition was left in there")

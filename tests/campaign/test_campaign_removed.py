@@ -48,8 +48,15 @@ ONE, TWO, THREE = ("B1",), ("B2", "B3"), ("B2",)
 
 def test_jobs_with_the_bolts_that_they_state() -> None:
     assert told({"one": (ONE, ONE), "two": (TWO, TWO), "three": (THREE, THREE)}) == []
-    # Without statements, or with a single one, there is nothing to compare.
-    assert told({"one": ((), ONE), "two": (TWO, ONE)}) == []
+    # Without statements there is nothing to compare.
+    assert told({"one": ((), ONE), "two": ((), TWO)}) == []
+
+
+def test_a_single_job_with_other_bolts_than_it_states() -> None:
+    assert told({"one": ((), ONE), "two": (ONE, ONE)}) == []
+    (text,) = told({"one": ((), ONE), "two": (TWO, ONE)})
+    assert text.startswith("B2, B3 are stated as removed, but the measurement is fitted best with B1 loose instead. Check the names")
+    assert "whether they are numbered from the other end, and jobs.two.removed" in text
 
 
 def test_files_of_two_jobs_exchanged() -> None:

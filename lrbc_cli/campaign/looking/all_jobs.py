@@ -5,15 +5,16 @@ Wrong hammers, sensors or units are the same in all jobs, but bolts and errors o
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.campaign.findings import Finding, Kind
-from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, same_sensor
+from lrbc_cli.campaign.findings import Finding, Kind, kinds_of
+from lrbc_cli.campaign.identification.compared.likeness import same_sensor
 from lrbc_cli.campaign.identification.compared.offsets import offset_findings, sign_tail
+from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.comparison.scale import (
     ALIKE,
@@ -45,6 +46,16 @@ class OfJob:
 
     told: list[Finding] = field(default_factory=list)
     offsets: tuple[Offset, ...] = ()
+
+
+def tight_state(reference: Measurement | None, told: Sequence[Finding]) -> Measurement | None:
+    """The reference job as the tight state, without single responses that are in doubt; None if it is faulty itself."""
+    if reference is None or kinds_of(told) - {Kind.LOWERED, Kind.ALONE}:
+        return None
+    doubted = [i for each in told for i in each.responses if each.kind is Kind.ALONE]
+    values = reference.values.copy()
+    values[:, doubted] = np.nan
+    return replace(reference, values=values)
 
 
 def of_all_jobs(inputs: Inputs, found: Mapping[str, OfJob], reference: str) -> dict[str, list[Finding]]:
@@ -176,7 +187,27 @@ def _sign_findings(inputs: Inputs, found: _Reversed, count: int) -> list[Finding
     return told
 
 
-def odd_sensors(inputs: Inputs, away: Mapping[str, Floats], *, least: int = 4, times: float = 2.5) -> dict[str, list[Finding]]:
+def of_sensors(
+    inputs: Inputs, found: Mapping[str, OfJob], away: Mapping[str, Floats], reference: str, closer: Callable[[str], Floats]
+) -> dict[str, OfJob]:
+    """Findings by job, with sensors that are far off in one job alone, and without those in doubt in the reference job already.
+
+    For ``away`` see ``odd_sensors``; ``closer`` gives that of a job after a careful fit, without which nothing is said. Nothing is added
+    to what is found in a job already, nor beside a reference job with findings.
+    """
+    own = found[reference].told if reference in found else []
+    changed = without_sensors(inputs, found, reference) if any(each.responses for each in own) else dict(found)
+    if reference in found and not own:
+        known = {name: far for name, far in away.items() if name in found}
+        for name in odd_sensors(inputs, known):
+            if not changed[name].told:
+                changed[name] = replace(changed[name], told=odd_sensors(inputs, known | {name: closer(name)}).get(name, []))
+    return changed
+
+
+def odd_sensors(
+    inputs: Inputs, away: Mapping[str, Floats], *, least: int = 4, times: float = 2.5, far_db: float = 6.0
+) -> dict[str, list[Finding]]:
     """Findings by job of sensors that are far from the fitted state in this job alone.
 
     Errors of the model are large at some responses in all jobs, so each is compared with itself in the others, and the ratio with that of
@@ -190,7 +221,10 @@ def odd_sensors(inputs: Inputs, away: Mapping[str, Floats], *, least: int = 4, t
     least : int
         Least number of jobs.
     times : float
-        Least ratio to those of the other sensors. On right campaigns it was 1.7 at most.
+        Least ratio to those of the other sensors. On right campaigns it was 1.7 at most, but once 2.8 (4.7 dB) with two loosened joints
+        next to a sensor.
+    far_db : float
+        Least level misfit of a sensor, median over its records [dB].
     """
     found: dict[str, list[Finding]] = {}
     for name, own in away.items() if len(away) > least else ():
@@ -200,7 +234,7 @@ def odd_sensors(inputs: Inputs, away: Mapping[str, Floats], *, least: int = 4, t
         for records in sorted(sensors):
             at = list(records)
             far, typical = float(np.median(ratio[at])), float(np.median(ratio))
-            if float(np.median(own[at])) > LEAST_DIFFERENCE and far > times * max(typical, 1.0):
+            if float(np.median(own[at])) > far_db and far > times * max(typical, 1.0):
                 names = ", ".join(inputs.responses[i].name for i in at)
                 text = (
                     f"{names}: {np.median(own[at]):.1f} dB from the state of the bolts that fits best (mean level removed), {far:.1f} "

@@ -39,7 +39,7 @@ from lrbc_cli.campaign.identification.compared.offsets import (
 )
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.weights import without_noise
-from lrbc_cli.campaign.looking.all_jobs import OfJob, odd_sensors, of_all_jobs, pooled, without_sensors
+from lrbc_cli.campaign.looking.all_jobs import OfJob, of_all_jobs, of_sensors, pooled, tight_state
 from lrbc_cli.campaign.looking.axes import out_of_reach_text, stretched_text
 from lrbc_cli.campaign.looking.causes.damped import misdamped_text
 from lrbc_cli.campaign.looking.causes.held import supports_text
@@ -57,8 +57,9 @@ from lrbc_cli.campaign.looking.causes.tightness import (
     risen_text,
     taken_as_tight,
     tighter_text,
+    within_scatter,
 )
-from lrbc_cli.campaign.looking.fitted import as_exported, fitted_exchanged, fitted_frf, roughly_calibrated, strike_text
+from lrbc_cli.campaign.looking.fitted import as_exported, closely_fitted, fitted_exchanged, fitted_frf, roughly_calibrated, strike_text
 from lrbc_cli.campaign.looking.states import Looking, Seen, nearest_states, on_lines, reach_of_one
 from lrbc_cli.campaign.looking.unexplained import beside_fitted, beside_tight, foreign, little_in_common, placed, without_repeated
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -164,10 +165,8 @@ def first_look(
             progress(f"comparing {name} with the model, job {len(found) + 1} of {len(order)}")
             if name == reference:
                 source, found[name] = _of_reference(source, heard, name)
-                seen, again = Seen.of(source, name, heard[name]), [other for other in order[1:] if other in taken_as_tight(inputs)]
-                found[name] = replace(found[name], told=without_repeated(seen, found[name].told, on_lines(seen, heard, again)))
                 continue
-            tight = _tight(heard.get(reference or ""), own)
+            tight = tight_state(heard.get(reference or ""), own)
             found[name] = _looked_at(source, heard, name, tight, [cycle for each in own for cycle in each.cycles])
         later = f"; the other jobs are compared once the fault of {reference} is corrected" if len(found) < len(order) else ""
         told = _together(source, heard, found)
@@ -179,16 +178,6 @@ def first_look(
         )
     except LrbcError as error:
         return FirstLook(note=f"measured and computed FRFs were not compared: {error.problem}")
-
-
-def _tight(reference: Measurement | None, told: Sequence[Finding]) -> Measurement | None:
-    """The reference job as the tight state, without single responses that are in doubt; None if it is faulty itself."""
-    if reference is None or kinds_of(told) - {Kind.LOWERED, Kind.ALONE}:
-        return None
-    doubted = [i for each in told for i in each.responses if each.kind is Kind.ALONE]
-    values = reference.values.copy()
-    values[:, doubted] = np.nan
-    return replace(reference, values=values)
 
 
 def _together(source: Looking, measurements: Mapping[str, Measurement], found: dict[str, OfJob]) -> list[Finding]:
@@ -203,12 +192,7 @@ def _together(source: Looking, measurements: Mapping[str, Measurement], found: d
         for name in taken_as_tight(inputs) & found.keys() & source.changes.keys() - {reference}:
             if not kinds_of(found[name].told) and (text := fallen_text(inputs, name, source.changes[name])):
                 found[name] = replace(found[name], told=[*found[name].told, Finding(text=text, kind=Kind.FREED)])
-    if reference in found:
-        found.update(without_sensors(inputs, found, reference))
-    if explained:
-        for name, one in odd_sensors(inputs, {name: source.away[name] for name in found if name in source.away}).items():
-            # Nothing is added to what is found in that job already.
-            found[name] = found[name] if found[name].told else replace(found[name], told=one)
+    found.update(of_sensors(inputs, found, source.away, reference, partial(closely_fitted, source, measurements)))
     told = pooled(of_all_jobs(inputs, found, reference), reference)
     if inputs.springs_doubt or (reference in found and Kind.UNLIKE in kinds_of(found[reference].told)):
         # With springs at wrong nodes a loosened bolt looks like exchanged sensors; far from any measurement some FRFs agree by chance.
@@ -270,7 +254,7 @@ def _looked_at(
     if reading is not None:
         return OfJob([Finding(text=reading.text, kind=Kind.READ)])
     assumed = name in taken_as_tight(inputs)
-    if held is not None and assumed and (loose := not_tight(seen, held, _judged(seen, measurements))):
+    if held is not None and assumed and (loose := _not_tight(seen, held, measurements)):
         return OfJob([Finding(text=loose, kind=Kind.FREED)])
     again = None if fitted is None else partial(fitted_exchanged, seen)
     if hammers := hammers_text(seen, again) or unmoved_text(seen):
@@ -342,10 +326,13 @@ def _of_model(seen: Seen, measurements: Mapping[str, Measurement]) -> list[Findi
     return told
 
 
-def _judged(seen: Seen, measurements: Mapping[str, Measurement]) -> list[Complexes]:
-    """FRFs of the jobs that are not assumed tight, on the lines of ``seen``, of those measured on the lines of this job."""
+def _not_tight(seen: Seen, held: Complexes, measurements: Mapping[str, Measurement]) -> str:
+    """See ``tightness.not_tight``; nothing of a job that usual changes of the bolts explain."""
+    source = seen.source
+    if seen.job in source.away and within_scatter(source.away[seen.job], source.changes.get(seen.job)):
+        return ""
     tight = {seen.inputs.campaign.update.reference, *taken_as_tight(seen.inputs)}
-    return on_lines(seen, measurements, [name for name in measurements if name not in tight])
+    return not_tight(seen, held, on_lines(seen, measurements, [name for name in measurements if name not in tight]))
 
 
 def _calibrated_from_another(source: Looking, measurements: Mapping[str, Measurement]) -> Looking:
@@ -397,8 +384,18 @@ def _of_reference(source: Looking, measurements: Mapping[str, Measurement], name
     """Model for the other jobs, and findings of the reference job ``name``.
 
     A stored calibration hides mistakes by wrong factors: a sensor along another axis, another material, a constraint. So the model as
-    exported is compared first, and what it tells holds unless the calibration mends it.
+    exported is compared first, and what it tells holds unless the calibration mends it. Single records that repeat are left out.
     """
+    used, found = _of_one(source, measurements, name)
+    again = [other for other in measurements if other != name and other in taken_as_tight(source.inputs)]
+    if Kind.ALONE in kinds_of(found.told) and again:
+        seen = Seen.of(used, name, measurements[name])
+        found = replace(found, told=without_repeated(seen, found.told, on_lines(seen, measurements, again)))
+    return used, found
+
+
+def _of_one(source: Looking, measurements: Mapping[str, Measurement], name: str) -> tuple[Looking, OfJob]:
+    """See ``_of_reference``, from the reference job alone."""
     if (exported := as_exported(source)) is not None:
         exported = _calibrated_from_another(exported, measurements)
         first, found = _calibrated(exported, measurements, name, _looked_at(exported, measurements, name))

@@ -89,6 +89,13 @@ def fitted_frf(seen: Seen, *, careful: bool = False) -> Complexes | None:
     return None if theta is None else expected_frf(seen, theta)
 
 
+def closely_fitted(source: Looking, measurements: Mapping[str, Measurement], name: str) -> Floats:
+    """(R,) level misfits of a job with the state that a careful fit finds [dB]; of a job that was fitted before."""
+    seen = Seen.of(source, name, measurements[name], measurements[source.inputs.campaign.update.reference or ""])
+    fitted = fitted_frf(seen, careful=True)
+    return source.away[name] if fitted is None else apart(seen.measured, fitted)
+
+
 def fitted_exchanged(seen: Seen, exchanged: Complexes, *, further: float = 1.1) -> Complexes | None:
     """As ``fitted_frf``, for exchanged records (F, R); None if these are ``further`` times as far from the tight state as the stated ones.
 

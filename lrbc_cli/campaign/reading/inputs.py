@@ -109,7 +109,8 @@ class Inputs:
     places_doubt, springs_doubt : bool
         Whether hammer and sensors seem to be given from another origin or in another numbering; springs, far from their bolts.
     held_doubt : bool
-        Whether the springs seem to be in the stiffness matrix otherwise than stated: in another unit, without or below their baseline.
+        Whether the springs seem to be in the stiffness matrix as exported otherwise than stated: in another unit, without their baseline,
+        or less than it. ``model`` is without the baselines.
     hashes : dict
         SHA-256 of every file that was read, by its absolute path.
     recipe : Recipe
@@ -287,14 +288,6 @@ class _Reader(GroupReader):
 def read_as_exported(campaign: Campaign) -> Inputs:
     """Inputs of a campaign with the model as exported, without a stored calibration (for that see ``calibration.read_inputs``).
 
-    Parameters
-    ----------
-    campaign : Campaign
-
-    Returns
-    -------
-    Inputs
-
     Raises
     ------
     DataError
@@ -315,13 +308,13 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     assert outputs is not None
     assert carried is not None
     (B, points), (L, responses), (found, terms) = loads, outputs, carried
-    output_power = np.array([QUANTITIES[r.quantity] for r in responses], dtype=np.int64)
+    power = np.array([QUANTITIES[r.quantity] for r in responses], dtype=np.int64)
     bolts, groups = reader.owned(found)
     groups, along, no_lines = by_edges(campaign, groups, bolts)
     reader.notes += along
     lossy = partial(with_loss, campaign, acoustic)
     extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M}, acoustic, lossy)
-    model = FeModel(K=lossy(K), C=C, M=M, B=B, L=L, output_power=output_power, is_acoustic=acoustic, terms=terms, extras=extras)
+    model = FeModel(K=lossy(K), C=C, M=M, B=B, L=L, output_power=power, is_acoustic=acoustic, terms=terms, extras=extras)
     reader.warn(*no_lines, *left_behind(K, campaign), *doubts(model), *reader.slips(model, responses, groups, bolts))
     check_drift(campaign, bool(acoustic.any()))
     require_reach(model, [(r.name, r.input) for r in responses], list(campaign.excitation), reader.dofs, reader.misplaced)
@@ -342,7 +335,6 @@ def read_as_exported(campaign: Campaign) -> Inputs:
         units_doubt=reader.units_doubt,
         places_doubt=reader.moved or bool(reader.axes) or bool(reader.misplaced),
         springs_doubt=bool(reader.beside) or reader.strayed,
-        # By the stiffness as exported: ``Inputs.model`` is without the baselines.
         held_doubt=any(held_springs(campaign, model, groups, reader.dofs)),
         shifts=reader.shifts,
     )

@@ -96,6 +96,21 @@ def _references(inputs: Inputs) -> str:
     return f"update.reference{' and calibration.job' if same else ''}"
 
 
+def within_scatter(away: Floats, change: Floats | None, *, largest: float = 0.7) -> bool:
+    """Whether changes of the bolts that are usual between tight states explain a job that is assumed tight.
+
+    Parameters
+    ----------
+    away : (R,) float array
+        Level misfits with the state fitted to it [dB].
+    change : (b,) float array or None
+        Its fitted changes [decades].
+    largest : float
+        Largest loss of a bolt. See ``fallen_text``.
+    """
+    return change is not None and float(np.median(away)) <= LEAST_DIFFERENCE and not bool((change < -largest).any())
+
+
 def not_tight(seen: Seen, held: Complexes, others: Sequence[Complexes] = (), *, least: int = 3) -> str:
     """Warning about a job that is assumed tight but differs much from the reference job; empty if it does not.
 
