@@ -20,7 +20,7 @@ from lrbc_cli.config import Campaign, load_campaign
 from lrbc_cli.errors import listing
 from lrbc_cli.report.old import outdating
 from lrbc_cli.report.summary import summary_of
-from lrbc_cli.updating.judging.clearance import once_more, sentence
+from lrbc_cli.updating.judging.clearance import once_more, open_groups, sentence
 
 if TYPE_CHECKING:
     from lrbc_cli.campaign.reading.inputs import Inputs
@@ -176,4 +176,7 @@ def tell_clearance(outcome: Outcome, code: int, fail_on_loose: bool) -> None:
     """Print the meaning of the exit code of ``--fail-on-loose``."""
     if fail_on_loose and code in CLEARANCE:
         why = "; ".join(f"{name}: {', '.join(points)}" if name else ", ".join(points) for name, points in outcome.not_clear.items())
-        say(f"{CLEARANCE[code]}" + (f" ({why})" if code == 7 else ""))
+        partly = list(dict.fromkeys(group for job in outcome.findings.values() for group in open_groups(job))) if code == 0 else []
+        # What the sentences of the jobs leave open must not be closed by the last line.
+        whole = f" as a whole; that springs of {' or '.join(partly)} alone are loose is not excluded, see above" if partly else ""
+        say(f"{CLEARANCE[code]}{whole}" + (f" ({why})" if code == 7 else ""))

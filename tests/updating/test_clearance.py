@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
-from lrbc_cli.updating.judging.clearance import BoltFinding, JobFinding, not_clear, once_more, open_points, sentence
+from lrbc_cli.cli.update import tell_clearance
+from lrbc_cli.updating.judging.clearance import BoltFinding, JobFinding, not_clear, once_more, open_groups, open_points, sentence
 
 
 def job(verdicts: str, status: str = "converged", **more: object) -> JobFinding:
@@ -125,6 +128,19 @@ def test_springs_of_a_bolt_that_the_data_call_loose_are_said() -> None:
     assert not_clear({"tight": REFERENCE, "a": found}) == {"a": ["1 inconclusive (some springs of B2 probably loose)"]}
     both = replace(found, bolts=(*some, BoltFinding(name="B3", verdict="undecided", probability=0.7)))
     assert sentence(both) == "no loose bolt found: 1 tight, 2 inconclusive (B3 probably loose; some springs of B2 probably loose)"
+
+
+def test_an_all_clear_says_what_it_leaves_open(capsys: pytest.CaptureFixture[str]) -> None:
+    """The sentence of a job told it, and the last line of the command said that every bolt is tight."""
+    bolts = [BoltFinding(name="B1", verdict="tight", open_groups=("rot",)), BoltFinding(name="B2", verdict="tight")]
+    jobs = {"tight": REFERENCE, "a": JobFinding(status="converged", bolts=bolts), "b": job("tt")}
+    assert (open_groups(jobs["a"]), open_groups(jobs["b"]), open_groups(replace(jobs["a"], assumed="baseline"))) == (["rot"], [], [])
+    outcome: Any = SimpleNamespace(findings=jobs, not_clear=not_clear(jobs))
+    tell_clearance(outcome, 0, True)
+    said = capsys.readouterr().out.replace("\n", " ").strip()
+    assert said == "all clear: every observable bolt is tight as a whole; that springs of rot alone are loose is not excluded, see above"
+    tell_clearance(SimpleNamespace(findings={"b": jobs["b"]}, not_clear={}), 0, True)  # type: ignore[arg-type]
+    assert capsys.readouterr().out.strip() == "all clear: every observable bolt is tight"
 
 
 def test_many_bolts_that_are_tight_one_by_one_are_no_all_clear_together() -> None:

@@ -177,6 +177,12 @@ def sentence(job: JobFinding) -> str:
     return text if job.validated else f"{text} ({_unvalidated(job)})"
 
 
+def open_groups(job: JobFinding) -> list[str]:
+    """Groups of springs that a tight bolt of a job may have lost alone; none of a job that is taken as tight."""
+    bolts = job.named("tight") if job.assumed is None else []
+    return list(dict.fromkeys(group for bolt in bolts for group in bolt.open_groups))
+
+
 def _as_a_whole(tight: Sequence[BoltFinding]) -> str:
     """How many of the tight bolts may have lost a group of springs alone, and which groups; empty if none."""
     partly = [bolt for bolt in tight if bolt.open_groups]
