@@ -80,8 +80,11 @@ def test_frfs_over_a_response_are_no_frfs_over_the_hammer() -> None:
     over = changed(one, one.values / one.values[:, [0]] * (1.0 + 1e-9))
     (text,) = pasted(over, ["a1", "a2"], LIMITS)
     assert text.startswith("a1 is the same number at all lines: the FRFs of this job were probably computed over this channel")
-    (both,) = pasted(changed(one, np.ones((200, 2), dtype=complex)), ["a1", "a2"], LIMITS)
-    assert both.startswith("a1, a2 are the same number at all lines")
+    # Of a single sensor, at two hammer points, beside others.
+    wide = np.column_stack([np.ones((200, 2), dtype=complex), one.values])
+    (both,) = pasted(replace(one, values=wide), ["a1-h1", "a1-h2", "a2-h1", "a2-h2"], LIMITS)
+    assert both.startswith("a1-h1, a1-h2 are the same number at all lines")
+    assert list(pasted(changed(one, np.ones((200, 2), dtype=complex)), ["a1", "a2"], LIMITS)) == []
     assert list(pasted(one, ["a1", "a2"], LIMITS)) == []
 
 

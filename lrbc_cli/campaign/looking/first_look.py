@@ -197,7 +197,8 @@ def _together(source: Looking, measurements: Mapping[str, Measurement], found: d
     if inputs.springs_doubt or (reference in found and Kind.UNLIKE in kinds_of(found[reference].told)):
         # With springs at wrong nodes a loosened bolt looks like exchanged sensors; far from any measurement some FRFs agree by chance.
         told = [each for each in told if each.kind is not Kind.EXCHANGED or each.place == f"job {reference}"]
-    return told + (removed_findings(source, measurements) if explained else [])
+    doubted = {each.place for each in told}
+    return told + [each for each in (removed_findings(source, measurements) if explained else []) if each.place not in doubted]
 
 
 def _heard(inputs: Inputs, name: str, measurement: Measurement, tight: Measurement | None) -> Complexes:

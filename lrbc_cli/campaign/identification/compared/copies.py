@@ -62,9 +62,10 @@ def proportional(one: Complexes, other: Complexes, limits: ValidationChannels) -
 
 
 def pasted(measurement: Measurement, responses: list[str], limits: ValidationChannels) -> Iterator[str]:
-    """Warnings about pairs of responses of one job that have the same numbers up to a factor, and about constant ones."""
+    """Warnings about pairs of responses of one job that have the same numbers up to a factor, and about constant ones beside others."""
     values = measurement.values
-    if constant := [name for name, own in zip(responses, values.T, strict=True) if _constant(own, limits)]:
+    constant = [name for name, own in zip(responses, values.T, strict=True) if _constant(own, limits)]
+    if 0 < len(constant) < int(measured_values(values).any(axis=0).sum()):
         yield (
             f"{listing(constant)} {'is' if len(constant) == 1 else 'are'} the same number at all lines: the FRFs of this job were probably "
             "computed over this channel, not over the hammer. Select the force as the reference of the FRFs in the analyser, and export "
