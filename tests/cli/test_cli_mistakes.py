@@ -1262,7 +1262,7 @@ MISTAKES = [
         "plate",
         lambda folder: shutil.copy(folder.data / "frf" / "b5-loose.uff", folder.data / "frf" / "tight-1.uff"),
         0,
-        "With B5 free the level misfit is",
+        "With B5 at 0.06 of its stiffness the level misfit is",
         "B5 was probably loose in tight-1. Set update.reference and calibration.job to a tight job, such as tight-2",
     ),
     Mistake(
@@ -1635,7 +1635,7 @@ MISTAKES = [
         config(("band: [30.0, 500.0]", "band: [30.0, 2000.0]")),
         0,
         "the lines from 30 to 500 Hz cover 24% of the band from 30 to 2000 Hz. Check whether the file is complete.",
-        "Otherwise measure again over the whole band, or end the band of all jobs there: reduction.band: [30, 500]; the same in",
+        "Otherwise measure again over the whole band, or end the band of all jobs there: reduction.band: [30, 500]; also found in",
     ),
     Mistake(
         "each record normalised to its peak",
