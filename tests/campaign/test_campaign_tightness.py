@@ -193,6 +193,16 @@ def test_bolts_that_scatter_or_few_jobs_say_nothing_of_the_reference_job() -> No
     assert risen() == ""
 
 
+def test_usual_changes_explain_a_baseline() -> None:
+    """A large rise is none of them: then the bolt was loose in the reference job."""
+    near = np.array([1.0, 2.0, 9.0])
+    assert tightness.within_scatter(near, np.array([-0.6, 0.5, np.nan]))
+    assert not tightness.within_scatter(near, np.array([-0.9, 0.5, np.nan]))
+    assert not tightness.within_scatter(near, np.array([0.1, 1.2, np.nan]))
+    assert not tightness.within_scatter(2.0 * near, np.zeros(3))
+    assert not tightness.within_scatter(near, None)
+
+
 def test_a_bolt_far_looser_in_a_baseline_was_not_tight_there() -> None:
     inputs = campaign("tight-2")
     inputs.bolts = SimpleNamespace(name=["B1", "B2", "B3"])

@@ -37,7 +37,7 @@ def altered(folder: Path, stored: JobRecord) -> str | None:
 
 
 def state_of(reference: ReferenceState) -> str:
-    """Digest of the state identified in the reference job, without its input files and judgement; also found in memory and read back."""
+    """Digest of the state identified in the reference job, without its input files and judgement; the same in memory and read back."""
     return _digest({key: value for key, value in asdict(reference).items() if key not in ("explained", "inputs")})
 
 

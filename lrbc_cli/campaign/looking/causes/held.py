@@ -136,7 +136,7 @@ def supports_text(seen: Seen) -> str:
 
 
 def _lacking(dofs: DofTable, *, most: int = 4) -> str:
-    """Clause that names nodes that lack some, but not all, translations that nearly all others have, fixed at the export; else empty."""
+    """Clause that names nodes without some of the components that all others have, fixed at the export; else empty."""
     sets: dict[int, frozenset[str]] = {}
     for node, component in zip(dofs.node.tolist(), dofs.component.tolist(), strict=True):
         sets[node] = sets.get(node, frozenset()) | {component}

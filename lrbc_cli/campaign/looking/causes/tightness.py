@@ -106,9 +106,9 @@ def within_scatter(away: Floats, change: Floats | None, *, largest: float = 0.7)
     change : (b,) float array or None
         Its fitted changes [decades].
     largest : float
-        Largest loss of a bolt. See ``fallen_text``.
+        Largest change of a bolt: a rise as large is a bolt that was loose in the reference job. See ``fallen_text``.
     """
-    return change is not None and float(np.median(away)) <= LEAST_DIFFERENCE and not bool((change < -largest).any())
+    return change is not None and float(np.median(away)) <= LEAST_DIFFERENCE and not bool((np.abs(change) > largest).any())
 
 
 def not_tight(seen: Seen, held: Complexes, others: Sequence[Complexes] = (), *, least: int = 3) -> str:
