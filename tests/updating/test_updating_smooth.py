@@ -114,3 +114,18 @@ def test_an_end_in_the_wrong_valley_leads_on_over_them(seed: int):
         assert described.startswith("the reference job, then")
         counts.append(len(race.history))
     assert counts[0] < 0.8 * counts[1]
+
+
+@pytest.mark.parametrize("seed", [4, 14, 22])
+def test_the_narrowest_alone_lead_where_the_widest_lead_away(seed: int):
+    """One round beside an end in the wrong valley: over all widths in turn it stays there."""
+    rng = np.random.default_rng(seed)
+    change = 0.15 * rng.standard_normal(JOINTS)
+    change[rng.permutation(JOINTS)[:3]] -= [3.0, 1.0, 0.5]
+    plain, wide, bounds, shapes, truth = joints(change)
+    race = Race(plain, bounds, shapes.T, 1e-6, 100)
+    race.begin([("the reference job", plain.prior)], 100)
+    assert race.ends[race.best][1].evaluation.total > 100.0 * plain(truth).total
+    race.look_beside(shapes.T, (), (3, 8), 1, range(JOINTS), wide=wide)
+    race.go_on([race.best])
+    assert race.ends[race.best][1].evaluation.total <= 1.01 * plain(truth).total

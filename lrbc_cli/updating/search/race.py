@@ -129,9 +129,10 @@ class Race:
     ) -> None:
         """Descend from places beside the best end, in rounds, until a round gains less than the data can resolve (``valleys.worth``).
 
-        The places are those of ``other_levels`` among joints (followed over smoothed spectra, if given), else of ``hops``; and ends of
-        descents without those shares of the measured values that the best end explains least. A peak that passes a line is a narrow, steep
-        ridge in the cost with another valley beyond it; without the values that are explained least there is no such ridge.
+        The places are those of ``other_levels`` among joints (followed over smoothed spectra, if given: from each of their widths to the
+        narrowest), else of ``hops``; and ends of descents without those shares of the measured values that the best end explains least. A
+        peak that passes a line is a narrow, steep ridge in the cost with another valley beyond it; without the values that are explained
+        least there is no such ridge.
         """
         few, more = limits
         for _ in range(rounds + len(joints)):
@@ -153,7 +154,9 @@ class Race:
             if joints:
                 way, moved = "one joint at another level", other_levels((self._misfit, *wide)[-1], end, self._bounds, span, joints, mirrors)
                 if wide:
-                    way, moved = "over smoothed spectra", self._smoothed(wide, [end.theta, *moved])
+                    # From near the truth a wide smoothing may lead away, and a narrow one alone leads there.
+                    led = [self._smoothed(wide[first:], [end.theta, *moved]) for first in range(len(wide))]
+                    way, moved = "over smoothed spectra", [place for ends in led for place in ends]
             else:
                 way, moved = "a hop", hops(self._misfit, end, self._bounds, span)
             places = [(beside(way), theta) for theta in moved]
