@@ -279,7 +279,8 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     compared = {name: found for name, found in usable.items() if name not in look.doubted}
     # Beside a reference job that is not tight, the others differ by its loose bolts.
     other_quantity = {each.place.removeprefix("job ") for each in look.found if each.kind is Kind.UNITS and each.detail}
-    out.found += [] if Kind.NOT_TIGHT in of_tight else other_chains(inputs, compared, other_quantity)
+    turned = {each.place.removeprefix("job ") for each in look.found if each.kind is Kind.REVERSED}
+    out.found += [] if Kind.NOT_TIGHT in of_tight else other_chains(inputs, compared, other_quantity, turned)
     out.found += other_runs(inputs, usable)
     out.warn(*foreign_titles(inputs, readable))
     pairs = mistitled(inputs, readable)

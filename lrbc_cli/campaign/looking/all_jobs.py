@@ -7,14 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.findings import Finding, Kind, kinds_of
-from lrbc_cli.campaign.identification.compared.likeness import same_sensor
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart, same_sensor
 from lrbc_cli.campaign.identification.compared.offsets import offset_findings, sign_tail
 from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.looking.causes.moved import sensor_text
+from lrbc_cli.campaign.looking.causes.recorded import double_hits
+from lrbc_cli.campaign.looking.causes.removed import removed_findings
+from lrbc_cli.campaign.looking.causes.tightness import fallen_text, risen_text, taken_as_tight
+from lrbc_cli.campaign.looking.fitted import closely_fitted
+from lrbc_cli.campaign.looking.odd_jobs import odd_jobs
+from lrbc_cli.campaign.looking.states import Looking, Seen
+from lrbc_cli.campaign.looking.unexplained import single_responses
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.comparison.scale import (
     ALIKE,
@@ -46,6 +55,35 @@ class OfJob:
 
     told: list[Finding] = field(default_factory=list)
     offsets: tuple[Offset, ...] = ()
+
+
+def together(source: Looking, measurements: Mapping[str, Measurement], found: dict[str, OfJob]) -> list[Finding]:
+    """Findings of all jobs, and those that only several jobs show if the reference job alone shows no fault."""
+    inputs, reference = source.inputs, source.inputs.campaign.update.reference or ""
+    explained = reference in found and not kinds_of(found[reference].told)
+    if explained and (text := risen_text(inputs, source.changes)):
+        found[reference] = OfJob([Finding(text=text, kind=Kind.LOWERED)], found[reference].offsets)
+        # A tight job differs from one that is not.
+        found.update({name: replace(of, told=[each for each in of.told if each.kind is not Kind.FREED]) for name, of in found.items()})
+    elif explained:
+        for name in taken_as_tight(inputs) & found.keys() & source.changes.keys() - {reference}:
+            if not kinds_of(found[name].told) and (text := fallen_text(inputs, name, source.changes[name])):
+                found[name] = replace(found[name], told=[*found[name].told, Finding(text=text, kind=Kind.FREED)])
+    if reference in found:
+        found[reference] = replace(found[reference], told=of_one_sensor(source, measurements, found[reference].told))
+    closer = partial(closely_fitted, source, measurements)
+    found.update(of_sensors(inputs, found, source.away, reference, closer))
+    if explained:
+        twice = double_hits(source.ripples, reference).items()
+        found.update({name: replace(found[name], told=[each]) for name, each in twice if name in found and not found[name].told})
+        quiet = [name for name, of in found.items() if not of.told and name != reference]
+        found.update({name: replace(found[name], told=[odd]) for name, odd in odd_jobs(source, measurements, quiet, closer).items()})
+    told = pooled(of_all_jobs(inputs, found, reference), reference)
+    if inputs.springs_doubt or (reference in found and Kind.UNLIKE in kinds_of(found[reference].told)):
+        # With springs at wrong nodes a loosened bolt looks like exchanged sensors; far from any measurement some FRFs agree by chance.
+        told = [each for each in told if each.kind is not Kind.EXCHANGED or each.place == f"job {reference}"]
+    doubted = {each.place for each in told}
+    return told + [each for each in (removed_findings(source, measurements) if explained else []) if each.place not in doubted]
 
 
 def tight_state(reference: Measurement | None, told: Sequence[Finding]) -> Measurement | None:
@@ -185,6 +223,32 @@ def _sign_findings(inputs: Inputs, found: _Reversed, count: int) -> list[Finding
         text = f"probably reversed sign: {', '.join(single)}: {said}. Possible cause: {cause}. Write {fix}"
         told.append(Finding(text=text + sign_tail(inputs), kind=Kind.REVERSED, responses=found.single))
     return told
+
+
+def of_one_sensor(
+    source: Looking, measurements: Mapping[str, Measurement], told: list[Finding], *, least: int = 4, times: float = 2.3
+) -> list[Finding]:
+    """Findings ``told`` of the reference job, with what the other jobs say about its sensors.
+
+    A response far from the model in the reference job that fits in the others was wrong in that job alone. If there are no findings, but
+    a sensor is ``times`` as far as the others in ``least`` other jobs or more, another place is looked for. On right campaigns it was 2.3
+    times at most, and no other place was better.
+    """
+    inputs, reference = source.inputs, source.inputs.campaign.update.reference or ""
+    if len(source.away) < least:
+        return told
+    usual, seen = np.median(list(source.away.values()), axis=0), Seen.of(source, reference, measurements[reference])
+    every = apart(seen.measured, seen.model)
+    if not told:
+        far = [i for i in np.argsort(-usual).tolist() if usual[i] > max(LEAST_DIFFERENCE, times * float(np.median(usual)))]
+        better = next(({i: text} for i in far if (text := sensor_text(seen, i))), {})
+        return single_responses(inputs, every, list(better), "the model", better=better)
+    single = [each for each in told if each.kind is Kind.ALONE and not each.detail]
+    right = [i for each in single for i in each.responses if usual[i] < min(LEAST_DIFFERENCE, CLEARLY * every[i])]
+    if not right:
+        return told
+    kept = [each for each in told if not set(right).issuperset(each.responses) or each not in single]
+    return [*kept, *single_responses(inputs, every, right, "the model in this job alone", reference)]
 
 
 def of_sensors(

@@ -39,27 +39,24 @@ from lrbc_cli.campaign.identification.compared.offsets import (
 )
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.weights import without_noise
-from lrbc_cli.campaign.looking.all_jobs import OfJob, of_all_jobs, of_sensors, pooled, tight_state
+from lrbc_cli.campaign.looking.all_jobs import OfJob, tight_state, together
 from lrbc_cli.campaign.looking.axes import out_of_reach_text, stretched_text
 from lrbc_cli.campaign.looking.causes.damped import misdamped_text
-from lrbc_cli.campaign.looking.causes.held import supports_text
+from lrbc_cli.campaign.looking.causes.held import idle_text, supports_text
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
-from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings
-from lrbc_cli.campaign.looking.causes.removed import removed_findings
+from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings, ripples
 from lrbc_cli.campaign.looking.causes.rescaled import material_text, overdamped_text, rescaled_text
 from lrbc_cli.campaign.looking.causes.tables import other_tables
 from lrbc_cli.campaign.looking.causes.tightness import (
-    fallen_text,
     looser,
     lowered_text,
     not_tight,
     of_other_unit_text,
-    risen_text,
     taken_as_tight,
     tighter_text,
     within_scatter,
 )
-from lrbc_cli.campaign.looking.fitted import as_exported, closely_fitted, fitted_exchanged, fitted_frf, roughly_calibrated, strike_text
+from lrbc_cli.campaign.looking.fitted import as_exported, at_bounds_text, fitted_exchanged, fitted_frf, roughly_calibrated, strike_text
 from lrbc_cli.campaign.looking.states import Looking, Seen, nearest_states, on_lines, reach_of_one
 from lrbc_cli.campaign.looking.unexplained import beside_fitted, beside_tight, foreign, little_in_common, placed, without_repeated
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -84,7 +81,7 @@ COARSE = 3e-2
 #: Kinds of findings about the interpretation of numbers, single responses, or exchanged records.
 _OF_NUMBERS = {
     *(Kind.READ, Kind.CUT, Kind.FILTERED, Kind.UNITS, Kind.LEVEL, Kind.ALONE, Kind.STRETCHED, Kind.FOREIGN),
-    *(Kind.EXCHANGED, Kind.HAMMERS),
+    *(Kind.EXCHANGED, Kind.HAMMERS, Kind.HAMMER),
 }
 
 #: Kinds of findings in the reference job after which further jobs cannot be compared: faults of recording, wrong damping, material or
@@ -168,37 +165,22 @@ def first_look(
                 continue
             tight = tight_state(heard.get(reference or ""), own)
             found[name] = _looked_at(source, heard, name, tight, [cycle for each in own for cycle in each.cycles])
-        later = f"; the other jobs are compared once the fault of {reference} is corrected" if len(found) < len(order) else ""
-        told = _together(source, heard, found)
+        later = f"the other jobs are compared once the fault of {reference} is corrected" if len(found) < len(order) else ""
+        told = together(source, heard, found)
         causes = {name: {each.cause for each in told if each.place == f"job {name}" and each.kind in _OF_NUMBERS} for name in found}
         return FirstLook(
             told,
-            note=(source.note + later).removeprefix("; "),
+            note="; ".join(filter(None, (source.note, later, _left_text(source, found)))),
             doubted=frozenset(name for name, own_causes in causes.items() if own_causes != causes.get(reference or "", set())),
         )
     except LrbcError as error:
         return FirstLook(note=f"measured and computed FRFs were not compared: {error.problem}")
 
 
-def _together(source: Looking, measurements: Mapping[str, Measurement], found: dict[str, OfJob]) -> list[Finding]:
-    """Findings of all jobs, and those that only several jobs show if the reference job alone shows no fault."""
-    inputs, reference = source.inputs, source.inputs.campaign.update.reference or ""
-    explained = reference in found and not kinds_of(found[reference].told)
-    if explained and (text := risen_text(inputs, source.changes)):
-        found[reference] = OfJob([Finding(text=text, kind=Kind.LOWERED)], found[reference].offsets)
-        # A tight job differs from one that is not.
-        found.update({name: replace(of, told=[each for each in of.told if each.kind is not Kind.FREED]) for name, of in found.items()})
-    elif explained:
-        for name in taken_as_tight(inputs) & found.keys() & source.changes.keys() - {reference}:
-            if not kinds_of(found[name].told) and (text := fallen_text(inputs, name, source.changes[name])):
-                found[name] = replace(found[name], told=[*found[name].told, Finding(text=text, kind=Kind.FREED)])
-    found.update(of_sensors(inputs, found, source.away, reference, partial(closely_fitted, source, measurements)))
-    told = pooled(of_all_jobs(inputs, found, reference), reference)
-    if inputs.springs_doubt or (reference in found and Kind.UNLIKE in kinds_of(found[reference].told)):
-        # With springs at wrong nodes a loosened bolt looks like exchanged sensors; far from any measurement some FRFs agree by chance.
-        told = [each for each in told if each.kind is not Kind.EXCHANGED or each.place == f"job {reference}"]
-    doubted = {each.place for each in told}
-    return told + [each for each in (removed_findings(source, measurements) if explained else []) if each.place not in doubted]
+def _left_text(source: Looking, found: Mapping[str, OfJob]) -> str:
+    """Level misfits of the jobs that were compared."""
+    named = ", ".join(f"{name} {source.left[name]:.1f}" for name in found if name in source.left)
+    return named and f"level misfit with the nearest of the states compared, after a coarse fit of the bolts [dB]: {named}"
 
 
 def _heard(inputs: Inputs, name: str, measurement: Measurement, tight: Measurement | None) -> Complexes:
@@ -247,8 +229,11 @@ def _looked_at(
     seen = seen.beside(fitted)
     if fitted is not None:
         source.away[name] = apart(seen.measured, fitted)
+    source.ripples[name], source.left[name] = ripples(seen), seen.left
     reading = other_reading(inputs, seen.measurement.frequency_hz, seen.measured, seen.states, name)
     if seen.reference:
+        if idle := idle_text(seen, every=True):
+            return OfJob([Finding(text=idle, kind=Kind.IDLE)])
         most = 0.0 if seen.misfit < LEAST_DIFFERENCE else CLEARLY * seen.misfit if reading is None else reading.after
         if most and (text := overdamped_text(seen, most)):
             return OfJob([Finding(text=text, kind=Kind.DAMPING)])
@@ -377,6 +362,8 @@ def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: 
         return calibrated, first
     if unit := of_other_unit_text(seen, after):
         return calibrated, OfJob([Finding(text=unit, kind=Kind.SPRINGS)])
+    if not kinds_of(again.told) and after.misfit > NEAR and (far := at_bounds_text(calibrated, after.misfit)):
+        return calibrated, OfJob([Finding(text=far, kind=Kind.MATERIAL)])
     lowered = lowered_text(seen, after)
     return calibrated, replace(again, told=[*again.told, Finding(text=lowered, kind=Kind.LOWERED)]) if lowered else again
 

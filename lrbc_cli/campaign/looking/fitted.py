@@ -18,7 +18,7 @@ from lrbc_cli.campaign.reduced.stage import affine_model
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.factors import with_factors
 from lrbc_cli.reduction.reduced.affine import AffineModel
-from lrbc_cli.updating.calibration.calibrate import FactorProblem, descents
+from lrbc_cli.updating.calibration.calibrate import FactorProblem, descents, moves_resonances
 from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.comparison.scale import LEAST_LINES
 from lrbc_cli.updating.misfit.cost import Misfit
@@ -155,8 +155,13 @@ def strike_text(seen: Seen, expected: Complexes, *, least: int = 3, apart_db: fl
     known = np.isfinite(away).sum(axis=0) >= LEAST_LINES
     above = np.zeros(known.size)
     above[known] = np.nanmedian(away[:, known], axis=0)
+    parts = [known & (inputs.input_of == number) for number in range(len(inputs.excitations))]
+    middle = [float(np.abs(np.median(above[own]))) if own.any() else 0.0 for own in parts]
     for number, name in enumerate(inputs.excitations):
-        own = known & (inputs.input_of == number)
+        # Of two excitations, the one whose level has changed more since the reference job.
+        if len(parts) == 2 and middle[number] < middle[1 - number]:
+            continue
+        own = parts[number]
         others = known & ~own
         if min(own.sum(), others.sum()) < least:
             continue
@@ -216,7 +221,7 @@ def roughly_calibrated(
         return None
     try:
         if beside is not None:
-            source = _multiplied(source, affine_model(inputs, source.stage), beside)
+            source = multiplied(source, affine_model(inputs, source.stage), beside)
         problem, _ = first_problem(source, measurement)
         with source.threads():
             found = _calibrated_by(source, problem, _rough_theta(problem))
@@ -242,14 +247,32 @@ def _of_excitation(inputs: Inputs, problem: FactorProblem, at: int) -> FactorPro
     return replace(problem, measured=problem.measured[:, own], responses=problem.responses[own], sigma=sigma)
 
 
-def _calibrated_by(source: Looking, problem: FactorProblem, theta: Floats) -> Looking:
+def _calibrated_by(source: Looking, problem: FactorProblem, theta: Floats, *, slack: float = 1e-3) -> Looking:
     """The model with the factors and boundary values that theta holds."""
     parameters = problem.parameters
     factors = {name: float(np.exp(value)) for name, value in zip(problem.names, theta[parameters.size :], strict=False)}
-    return replace(_multiplied(source, problem.model, factors), start=parameters.by_group(theta), factors=factors)
+    low, high = np.exp(problem.bounds[parameters.size :].T)
+    near = {
+        name: factors[name]
+        for name, least, most in zip(problem.names, low, high, strict=False)
+        if moves_resonances(problem.model.recipe, name) and not least * (1.0 + slack) < factors[name] < most * (1.0 - slack)
+    }
+    known = multiplied(source, problem.model, factors)
+    return replace(known, start=parameters.by_group(theta), factors=factors, at_bounds=near)
 
 
-def _multiplied(source: Looking, model: AffineModel, factors: Mapping[str, float]) -> Looking:
+def at_bounds_text(calibrated: Looking, left: float) -> str:
+    """Warning that names factors that a rough calibration moves to their bounds, with the level misfit ``left`` [dB]; else empty."""
+    if not calibrated.at_bounds:
+        return ""
+    named = ", ".join(f"{name} to {value:.3g}" for name, value in calibrated.at_bounds.items())
+    return (
+        f"a rough calibration moves {named}, the most that it allows, and {left:.1f} dB are left (level misfit, mean of each response "
+        "removed): the model errs by more than a calibration corrects. Check material, thickness and mass of that part in the FE model"
+    )
+
+
+def multiplied(source: Looking, model: AffineModel, factors: Mapping[str, float]) -> Looking:
     """FRFs with these factors of the model."""
     assert source.stage is not None
     inputs = source.inputs
@@ -265,4 +288,4 @@ def as_exported(source: Looking) -> Looking | None:
         return None
     inputs = replace(source.inputs, calibration=None)
     plain = Looking(inputs=inputs, stage=source.stage, kind=source.kind)
-    return _multiplied(plain, affine_model(inputs, source.stage), {name: 1.0 / value for name, value in use.factors.items()})
+    return multiplied(plain, affine_model(inputs, source.stage), {name: 1.0 / value for name, value in use.factors.items()})

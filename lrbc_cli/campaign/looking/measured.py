@@ -142,11 +142,14 @@ def without_phases(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[
     return [Finding(place=", ".join(files), text=text)]
 
 
-def other_chains(inputs: Inputs, readable: Mapping[str, Measurement], other_quantity: Collection[str] = ()) -> list[Finding]:
+def other_chains(
+    inputs: Inputs, readable: Mapping[str, Measurement], other_quantity: Collection[str] = (), reversed_sign: Collection[str] = ()
+) -> list[Finding]:
     """Findings of jobs measured with another chain than the reference job, or with more noise, without knowledge of the bolts.
 
     In jobs whose FRFs are of an ``other_quantity`` than stated, an integration weights down the highest modes, and from few modes loosened
-    bolts look like another clock: nothing is said of their frequencies until the quantity is corrected.
+    bolts look like another clock: nothing is said of their frequencies until the quantity is corrected. In jobs with a reversed sign
+    (``reversed_sign``) phases have turned by that.
     """
     reference = inputs.campaign.update.reference or ""
     tight, found = readable.get(reference), list[Finding]()
@@ -156,7 +159,8 @@ def other_chains(inputs: Inputs, readable: Mapping[str, Measurement], other_quan
         place = f"job {name}"
         doubtful = not {name, reference}.isdisjoint(other_quantity)
         fault = chain_doubt(inputs, own, tight, reference)
-        if fault is not None and not (doubtful and fault.kind in ("lines", "clock")):
+        turned = name in reversed_sign and fault is not None and fault.kind == "filter"
+        if fault is not None and not turned and not (doubtful and fault.kind in ("lines", "clock")):
             text = f"{fault.text} (lrbc update says it again unless loose bolts explain it)"
             found.append(Finding(place=place, text=text, kind=Kind.CHAIN, detail=fault.kind))
         if noise := noise_doubt(own, tight, reference):

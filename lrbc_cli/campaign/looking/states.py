@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,18 @@ from lrbc_cli.updating.unknowns.shapes import joints_of
 LINES, MOST_STATES = 200, 150
 
 
+class Ripple(NamedTuple):
+    """Common ripple over the frequency in the levels of all records of an excitation: amplitude [dB], its share, and period [Hz].
+
+    ``share``: of the squared deviations from the nearest state, mean over the records.
+    """
+
+    excitation: str
+    db: float
+    share: float
+    period_hz: float
+
+
 @dataclass(kw_only=True)
 class Looking(FrfSource):
     """FRFs of the model for ``lrbc check``, which are not stored in the cache.
@@ -36,19 +49,28 @@ class Looking(FrfSource):
         Values of a rough calibration that replace the start values, by group; damping exponents under ``GROUP.damping``.
     factors : mapping of str to float
         Factors of the rough calibration.
+    at_bounds : mapping of str to float
+        Those of them that are at a bound, of stiffnesses and masses.
     note : str
         Text for the user on the calibration used.
     changes : dict of str to float array
         Changes of the bolts fitted coarsely to each job [decades], NaN for bolts without values.
     away : dict of str to float array
         Level misfits (R,) of each job with the state fitted coarsely to it [dB].
+    ripples : dict of str to sequence of Ripple
+        Ripples of the levels of each job.
+    left : dict of str to float
+        Level misfit of each job with the nearest state, median over the responses [dB].
     """
 
     start: Mapping[str, Floats] = field(default_factory=dict, repr=False)
     factors: Mapping[str, float] = field(default_factory=dict, repr=False)
+    at_bounds: Mapping[str, float] = field(default_factory=dict, repr=False)
     note: str = ""
     changes: dict[str, Floats] = field(default_factory=dict, repr=False)
     away: dict[str, Floats] = field(default_factory=dict, repr=False)
+    ripples: dict[str, Sequence[Ripple]] = field(default_factory=dict, repr=False)
+    left: dict[str, float] = field(default_factory=dict, repr=False)
 
     @property
     def fitted_to(self) -> str | None:

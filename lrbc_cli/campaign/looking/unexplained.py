@@ -159,10 +159,11 @@ def little_in_common(seen: Seen, measurements: Mapping[str, Measurement]) -> lis
             text = f"measured and computed FRFs differ: {far}. {tighter}"
             return [Finding(text=text, kind=Kind.NOT_TIGHT)]
         causes = "the springs whose places are warned of may be the reason; otherwise " if inputs.springs_doubt else ""
+        air = "that structure and air are coupled on their whole common surface, " if inputs.model.is_acoustic.any() else ""
         causes += (
             "check first the mass sum (units, missing parts), material and thickness of each part, stiffness and units of the springs, "
-            "supports, damping, places and directions of hammer and sensors (lrbc check --picture); `lrbc calibrate` corrects errors of "
-            "some per cent. Until the model fits, faults of other jobs may stay hidden"
+            f"{air}supports, damping, places and directions of hammer and sensors (lrbc check --picture); `lrbc calibrate` corrects errors "
+            "of some per cent. Until the model fits, faults of other jobs may stay hidden"
         )
         if free := looser(seen, typical):
             causes = f"this is the reference job{free}. Set update.reference to a tight job, or measure it again; otherwise {causes}"

@@ -249,7 +249,7 @@ def _reciprocal_ports(seen: Seen, places: Integers, responses: Integers) -> Port
 def sensor_text(seen: Seen, response: int) -> str:
     """Clause with the place at which the model gives what a sensor measured; empty if there is none."""
     inputs, dofs, point = seen.inputs, seen.inputs.dofs, seen.inputs.model.L[[response]].tocoo()
-    if dofs is None or inputs.model.is_acoustic[point.col].any() or point.nnz == 0 or seen.work(LINES) > MOST_WORK:
+    if dofs is None or point.nnz == 0 or seen.work(LINES) > MOST_WORK:
         return ""
     own, model = int(point.col[np.argmax(np.abs(point.data))]), inputs.model
     places = _places(dofs, own, MOST_PLACES)

@@ -312,12 +312,13 @@ def risen_text(inputs: Inputs, changes: Mapping[str, Floats], *, least: float = 
     if not named:
         return ""
     return (
-        f"most other jobs are fitted best with a stiffer {named}: probably not all bolts were tight here. Set {_references(inputs)} to a "
-        "job with all bolts tight, or tighten them and measure this job again"
+        f"most other jobs are fitted best with a stiffer {named}: probably not all bolts were tight here, or a mass was left on the "
+        f"structure. Set {_references(inputs)} to a job with all bolts tight, or tighten them, remove what does not belong to it, and "
+        "measure this job again"
     )
 
 
-def fallen_text(inputs: Inputs, name: str, change: Floats, *, least: float = 1.2) -> str:
+def fallen_text(inputs: Inputs, name: str, change: Floats, *, least: float = 1.0) -> str:
     """Warning that names bolts that are far looser in a job that is assumed tight than in the reference job; empty if there are none.
 
     Parameters
