@@ -11,10 +11,11 @@ import shutil
 import subprocess
 import sys
 import zlib
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import h5py
@@ -206,8 +207,11 @@ BOX_BAND = (20.0, 400.0)
 BOX_BETA = 2e-5
 
 
-def box(path: Path) -> Folder:
-    """A tiny u-p model: masses, six of eight on springs, on the flank of a duct with 24 pressures; universal files without errors."""
+def box(path: Path, further: Mapping[str, tuple[np.ndarray, float]] = MappingProxyType({})) -> Folder:
+    """A tiny u-p model: masses, six of eight on springs, on the flank of a duct with 24 pressures; universal files without errors.
+
+    ``further``: log10 stiffness of the springs and relative speed of sound in other jobs.
+    """
     ns, na = 8, 24
     K, M, acoustic = duct(ns, na, kappa=1.0, coupling=1.0)
     (path / "data").mkdir(parents=True)
@@ -239,7 +243,11 @@ def box(path: Path) -> Folder:
         "bolts": "data/bolts.csv",
         "reduction": {"band": list(BOX_BAND), "tolerance": 1e-6},
         "update": {"reference": "tight", "lines": "all", "regularisation": 0.0},
-        "jobs": {"tight": {"frf": "data/tight.uff"}, "loose": {"frf": "data/loose.uff", "removed": ["B3", "B4"]}},
+        "jobs": {
+            "tight": {"frf": "data/tight.uff"},
+            "loose": {"frf": "data/loose.uff", "removed": ["B3", "B4"]},
+            **{name: {"frf": f"data/{name}.uff"} for name in further},
+        },
     }
     folder = Folder(path)
     folder.write(tree)
@@ -256,8 +264,9 @@ def box(path: Path) -> Folder:
     )
     frequency = np.arange(BOX_BAND[0], BOX_BAND[1] + 1, 2.0)
     s = 2j * np.pi * frequency
-    for job, truth in BOX_TRUTH.items():
-        y = direct_frf(model, s, np.tile(10.0**truth + 0j, (s.size, 1)))
+    for job, (truth, speed) in {**{name: (truth, 1.0) for name, truth in BOX_TRUTH.items()}, **further}.items():
+        warm = np.where(np.outer(acoustic, acoustic), speed**2, 1.0)
+        y = direct_frf(replace(model, K=csc(model.K.toarray() * warm)), s, np.tile(10.0**truth + 0j, (s.size, 1)))
         points = [("mic1", 103, 0), ("mic2", 112, 0), ("mic3", 124, 0), ("acc1", 7, 3)]
         records = tuple(
             FrfRecord(

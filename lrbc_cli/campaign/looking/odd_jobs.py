@@ -32,7 +32,7 @@ def odd_jobs(
     Parameters
     ----------
     source : Looking
-        With the distances ``away`` of all jobs.
+        With the distances ``away`` and ``left`` of all jobs.
     measurements : mapping
         By job.
     names : sequence of str
@@ -42,14 +42,15 @@ def odd_jobs(
     times : float
         Least misfit over that of the best explained job. With the first fit it was 3.1 at most on right campaigns.
     """
+    reference = source.inputs.campaign.update.reference or ""
     far = {name: float(np.median(own)) for name, own in source.away.items()}
     found, tried = dict[str, Finding](), list[float]()
     for name in (name for name in far if name in names):
-        usual = min((other for each, other in far.items() if each != name), default=np.inf)
+        usual = min((left for other, left in source.left.items() if other not in (name, reference)), default=np.inf)
         limit = max(LEAST_DIFFERENCE, times * usual)
         if far[name] <= limit or (left := float(np.median(closer(name)))) <= limit:
             continue
-        seen = Seen.of(source, name, measurements[name], measurements[source.inputs.campaign.update.reference or ""])
+        seen = Seen.of(source, name, measurements[name], measurements[reference])
         if (text := _cause(seen, left, usual, far[name], tried)) is not None:
             found[name] = Finding(text=text, kind=Kind.FOREIGN)
     return found

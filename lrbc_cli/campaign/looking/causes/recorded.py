@@ -119,9 +119,9 @@ def double_hits(
 def _double_hit(found: Ripple, where: str = "") -> Finding:
     """Finding of one ripple."""
     text = (
-        f"the levels of all records of {found.excitation} rise and fall by about {found.db:.1f} dB every {found.period_hz:.3g} Hz{where}, as "
-        f"after a second blow {1e3 / found.period_hz:.2g} ms after the first that the window of the force cut off. Check for double hits, "
-        "let the analyser reject them, and measure again"
+        f"the levels of all records of {found.excitation} rise and fall by about {found.db:.1f} dB every {found.period_hz:.3g} Hz{where}, "
+        f"as after a second blow {1e3 / found.period_hz:.2g} ms after the first that the window of the force cut off. Check for double "
+        "hits, let the analyser reject them, and measure again"
     )
     return Finding(text=text, kind=Kind.CUT)
 

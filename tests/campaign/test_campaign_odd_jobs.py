@@ -1,0 +1,134 @@
+"""Jobs that no state of the bolts explains, records that are wrong in one job alone, and double hits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from campaigns import BOX_TRUTH, box
+from looking import seen
+
+from lrbc_cli.campaign.check import check
+from lrbc_cli.campaign.looking import all_jobs
+from lrbc_cli.campaign.looking.all_jobs import of_one_sensor
+from lrbc_cli.campaign.looking.causes.held import idle_text
+from lrbc_cli.campaign.looking.causes.recorded import double_hits, ripples
+from lrbc_cli.campaign.looking.fitted import at_bounds_text
+from lrbc_cli.campaign.looking.states import Ripple
+from lrbc_cli.campaign.reading.inputs import read_as_exported
+from lrbc_cli.config import load_campaign
+
+HZ = np.arange(30.0, 500.0, 2.0)
+
+
+def told(folder: Path) -> list[str]:
+    inputs = read_as_exported(load_campaign(folder / "campaign.yaml"))
+    return check(inputs, folder / "cache").warnings
+
+
+@pytest.mark.parametrize(("speed", "which"), [(1.0, None), (1.05, "above"), (0.94, "below")])
+def test_warmer_and_colder_air_is_told_with_its_temperature(tmp_path: Path, speed: float, which: str | None) -> None:
+    lost = np.array([0.0, 1.5, 0.0, 0.0, 0.0, 0.0])
+    folder = box(tmp_path, {"other": (BOX_TRUTH["tight"] - lost, speed)})
+    said = [text for text in told(folder.path) if "speed of sound" in text]
+    if which is None:
+        assert said == []
+        return
+    (text,) = said
+    assert text.startswith("job other: no state of the bolts explains it")
+    percent = float(text.partition("speed of sound about ")[2].partition("%")[0])
+    assert percent == pytest.approx(100.0 * abs(speed - 1.0), rel=0.4)
+    assert f"% {which} that of the reference job" in text
+
+
+def modal(seed: int = 1, responses: int = 6) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    own = np.sort(rng.uniform(20.0, 700.0, 40))
+    shapes = rng.normal(size=(own.size, responses)) * rng.normal(size=(own.size, 1))
+    s, w = 2j * np.pi * HZ[:, None], 2.0 * np.pi * own
+    return s**2 / (s**2 + 2.0 * 0.01 * w * s + w**2) @ shapes
+
+
+def rippled(factor: np.ndarray | float, seed: int = 1) -> list[Ripple]:
+    """Six records of two hammer points with errors of the model; those of the first times a factor."""
+    inputs: Any = SimpleNamespace(excitations=("h1", "h2"), input_of=np.repeat([0, 1], 3))
+    model, noise = modal(seed), np.random.default_rng(seed + 100).normal(0.0, 2.0, (HZ.size, 6))
+    values = model * 10.0 ** (noise / 20.0)
+    values[:, :3] *= np.broadcast_to(factor, HZ.shape)[:, None]
+    return ripples(seen(values, model[None], hz=HZ, inputs=inputs))
+
+
+TWICE = 1.0 + 0.4 * np.exp(-2j * np.pi * HZ * 0.018)
+
+
+def test_a_second_blow_is_a_ripple_with_the_period_of_its_delay() -> None:
+    hit, other = rippled(TWICE)
+    assert hit.excitation == "h1"
+    # 20 log10|1 + a exp(i phi)| has the first harmonic 20 a / ln 10.
+    assert hit.db == pytest.approx(20.0 * 0.4 / np.log(10.0), rel=0.2)
+    assert hit.period_hz == pytest.approx(1.0 / 0.018, rel=0.05)
+    assert hit.share > 0.6
+    assert other.share < 0.3
+    assert max(each.share for each in rippled(1.0)) < 0.3
+
+
+def test_a_double_hit_in_one_job_or_in_the_reference_job() -> None:
+    right = {f"s{k}": rippled(1.0, k) for k in range(6)}
+    assert double_hits(right, "tight") == {}
+    one = double_hits(right | {"s9": rippled(TWICE, 9)}, "tight")
+    assert list(one) == ["s9"]
+    assert "all records of h1 rise and fall by about 3." in one["s9"].text
+    assert "a second blow 18 ms after the first" in one["s9"].text
+    every = double_hits({f"s{k}": rippled(1.0 / TWICE, k) for k in range(6)}, "tight")
+    assert list(every) == ["tight"]
+    assert "compared with the other jobs" in every["tight"].text
+
+
+def test_a_record_wrong_in_the_reference_job_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sensor at a wrong place is far off in all jobs; one that was overloaded in one job only there."""
+    campaign = SimpleNamespace(update=SimpleNamespace(reference="tight"))
+    inputs: Any = SimpleNamespace(
+        campaign=campaign, responses=[SimpleNamespace(name=f"a{k}", input=0, node=k, direction=3) for k in range(6)]
+    )
+    model = modal()
+    values = model.copy()
+    values[:, 2] = modal(7)[:, 2]
+    monkeypatch.setattr(all_jobs.Seen, "of", lambda *_: seen(values, model[None], hz=HZ, inputs=inputs))
+    (alone,) = all_jobs.single_responses(inputs, np.array([1.0, 1, 9, 1, 1, 1]), [2], "the model")
+    for others, right in ((1.2, True), (9.0, False)):
+        usual = np.array([1.0, 1.0, others, 1.0, 1.0, 1.0])
+        source: Any = SimpleNamespace(inputs=inputs, away={f"s{k}": usual for k in range(5)})
+        (found,) = of_one_sensor(source, {"tight": None}, [alone])  # type: ignore[dict-item]
+        assert ("the model in this job alone" in found.text) is right
+        assert ("overloaded" in found.text) is right
+        assert ("the place and the component" in found.text) is not right
+
+
+def test_springs_without_any_effect() -> None:
+    """Two groups: beside one that has an effect the other may be without."""
+    model = modal()
+    groups = [SimpleNamespace(name=name, kind="stiffness") for name in ("axial", "rocking")]
+    parameters: Any = SimpleNamespace(
+        initial=np.zeros(2), bounds=np.array([[-3.0, 3.0]] * 2), placed=[(groups[0], slice(0, 1), None), (groups[1], slice(1, 2), None)]
+    )
+
+    def text(effect: np.ndarray, *, every: bool) -> str:
+        other = model * 10.0 ** (np.random.default_rng(3).normal(0.0, 3.0, model.shape) / 20.0)
+        frf = lambda theta: other if (effect * theta).any() else model  # noqa: E731
+        source: Any = SimpleNamespace(model=lambda *_: SimpleNamespace(frf=frf), inputs=None, known={})
+        return idle_text(seen(model, model[None], hz=HZ, source=source, parameters=parameters), every=every)
+
+    assert text(np.array([1.0, 1.0]), every=False) == ""
+    assert text(np.array([1.0, 0.0]), every=True) == ""
+    assert "the springs of parameters.rocking have no effect" in text(np.array([1.0, 0.0]), every=False)
+    assert "the springs of parameters.axial and parameters.rocking have no effect" in text(np.zeros(2), every=True)
+
+
+def test_factors_at_their_bounds_are_named() -> None:
+    right: Any = SimpleNamespace(at_bounds={})
+    assert at_bounds_text(right, 2.6) == ""
+    far: Any = SimpleNamespace(at_bounds={"part_2": 1.35})
+    assert at_bounds_text(far, 2.6).startswith("a rough calibration moves part_2 to 1.35, the most that it allows, and 2.6 dB are left")
