@@ -53,6 +53,7 @@ class Kind(Enum):
     FREED = auto()
     NOT_TIGHT = auto()
     REMOVED = auto()
+    UNEXPLAINED = auto()
     UNLIKE = auto()
 
 

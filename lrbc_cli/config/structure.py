@@ -410,14 +410,20 @@ class GroupConfig(Strict):
     damping: TiedDamping | None = Field(
         default=None,
         description="For stiffness groups: {initial:, bounds:, beta:, loss_factor:}, and the damping exponent p_damp is identified; or "
-        "none: undamped. If omitted: springs of bolts are damped as the structure in `model.damping`, with p_damp; other terms are "
-        "undamped.",
+        "none: undamped. If omitted: springs of bolts are damped as the structure in `model.damping`, with p_damp; others are not damped.",
     )
 
     @property
     def start(self) -> float | None:
         """Start value (log10); None if it is determined from the FRFs."""
         return self.initial if self.initial != "auto" else None if self.select.bushings is None else 0.0
+
+    def _logarithms(self) -> str:
+        """Start value and bounds as logarithms, if all of them can be values without log10; else empty."""
+        if isinstance(self.initial, str) or isinstance(self.bounds, str) or not 0.0 < self.bounds[0] <= self.initial <= self.bounds[1]:
+            return ""
+        start, low, high = (f"{math.log10(value):.3g}" for value in (self.initial, *self.bounds))
+        return f"if these are values, write log10 of each: initial: {start}, bounds: [{low}, {high}]"
 
     @model_validator(mode="after")
     def _consistent(self) -> GroupConfig:
@@ -428,7 +434,7 @@ class GroupConfig(Strict):
                     key,
                     expected=f"log10 of the value, at most {LARGEST_LOG10:g}",
                     found=f"{value:g}",
-                    hint=f"write {math.log10(value):.3g} for {value:g}",
+                    hint=self._logarithms() or f"write {math.log10(value):.3g} for {value:g}",
                 )
         if self.kind != "stiffness":
             for key in ("initial", "bounds"):

@@ -7,7 +7,7 @@ import pytest
 import scipy.sparse as sp
 from helpers.systems import duct
 
-from lrbc_cli.campaign.reading.doubts.coupled import coupled_doubt, opposed_text
+from lrbc_cli.campaign.reading.doubts.coupled import coupled_doubt, opposed_text, uncoupled_doubt
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import LowRankTerms
@@ -46,6 +46,25 @@ def test_structural_nodes_in_any_other_order() -> None:
 def test_without_air_there_is_nothing_to_compare() -> None:
     dofs = DofTable(node=np.arange(3), component=np.full(3, "UZ"), xyz=np.eye(3))
     assert coupled_doubt(sp.csc_array(np.eye(3)), sp.csc_array(np.eye(3)), dofs, "dofs.csv") is None
+
+
+def surface(coupled: int, *, above: float = 0.0) -> str | None:
+    """A row of plate nodes on air, of which the first ones are coupled; the others lie above it."""
+    entries = np.ones(coupled), (np.arange(coupled), COUNT + np.arange(coupled))
+    K = sp.csc_array(entries, (2 * COUNT, 2 * COUNT))
+    structure = PLATE + np.outer(np.arange(COUNT) >= coupled, [0.0, 0.0, above])
+    dofs = DofTable(node=NODE, component=COMPONENT, xyz=np.concatenate([structure, PLATE]))
+    return uncoupled_doubt(K, sp.csc_array(K.T), dofs)
+
+
+def test_a_coupling_surface_that_ends_early() -> None:
+    assert surface(COUNT) is None
+    assert surface(COUNT - 2) is None
+    text = str(surface(25))
+    assert text.startswith("15 structural nodes lie as near to the air as the 25 that the matrices couple to it, but are not coupled")
+    assert "x from 1.25 to 1.95 m" in text
+    # Dry nodes lie farther away.
+    assert surface(25, above=0.02) is None
 
 
 def coupled(left: tuple[float, float], right: tuple[float, float], mass: float = 1.0) -> FeModel:

@@ -82,7 +82,10 @@ def test_a_double_hit_in_one_job_or_in_the_reference_job() -> None:
     assert list(one) == ["s9"]
     assert "all records of h1 rise and fall by about 3." in one["s9"].text
     assert "a second blow 18 ms after the first" in one["s9"].text
-    every = double_hits({f"s{k}": rippled(1.0 / TWICE, k) for k in range(6)}, "tight")
+    others = {f"s{k}": rippled(1.0 / TWICE, k) for k in range(6)}
+    # Errors of the model that loosened bolts have in common do not show in the reference job.
+    assert double_hits(others | {"tight": rippled(1.0, 8)}, "tight").keys() <= others.keys()
+    every = double_hits(others | {"tight": rippled(TWICE, 8)}, "tight")
     assert list(every) == ["tight"]
     assert "compared with the other jobs" in every["tight"].text
 

@@ -1129,6 +1129,14 @@ MISTAKES = [
     Mistake("a folder", "frame", config((LOOSE, "frf: data/frf")), 3, "a folder", "give a file in it"),
     Mistake("singular", "frame", config(("\njobs:", "\njob:")), 2, "'job'", "did you mean 'jobs'?"),
     Mistake("no logarithm", "frame", config(("initial: 6.5", "initial: 3.2e6")), 2, "left_edge.initial", "write 6.51"),
+    Mistake(
+        "factors in place of logarithms",
+        "frame",
+        config(("initial: 6.5", "initial: 1.0"), ("bounds: [2.0, 8.0]", "bounds: [1e-4, 30]")),
+        2,
+        "left_edge.bounds",
+        "write log10 of each: initial: 0, bounds: [-4, 1.48]",
+    ),
     Mistake("no logarithms", "frame", config(("bounds: [2.0, 8.0]", "bounds: [1e2, 1e9]")), 2, "left_edge.bounds", "write 2 for 100"),
     Mistake("terms in mm", "frame", numbers("model/edge.csv", times(1e3)), 3, "outside the model", "these are probably millimetres"),
     Mistake(

@@ -231,19 +231,15 @@ def _looked_at(
         source.away[name] = apart(seen.measured, fitted)
     source.ripples[name], source.left[name] = ripples(seen), seen.left
     reading = other_reading(inputs, seen.measurement.frequency_hz, seen.measured, seen.states, name)
-    if seen.reference:
-        if idle := idle_text(seen, every=True):
-            return OfJob([Finding(text=idle, kind=Kind.IDLE)])
-        most = 0.0 if seen.misfit < LEAST_DIFFERENCE else CLEARLY * seen.misfit if reading is None else reading.after
-        if most and (text := overdamped_text(seen, most)):
-            return OfJob([Finding(text=text, kind=Kind.DAMPING)])
+    beyond = seen.reference and seen.misfit >= LEAST_DIFFERENCE
+    if beyond and (text := overdamped_text(seen, CLEARLY * seen.misfit if reading is None else reading.after)):
+        return OfJob([Finding(text=text, kind=Kind.DAMPING)])
     if reading is not None:
         return OfJob([Finding(text=reading.text, kind=Kind.READ)])
     assumed = name in taken_as_tight(inputs)
     if held is not None and assumed and (loose := _not_tight(seen, held, measurements)):
         return OfJob([Finding(text=loose, kind=Kind.FREED)])
-    again = None if fitted is None else partial(fitted_exchanged, seen)
-    if hammers := hammers_text(seen, again) or unmoved_text(seen):
+    if hammers := hammers_text(seen, None if fitted is None else partial(fitted_exchanged, seen)) or unmoved_text(seen):
         return OfJob([Finding(text=hammers, kind=Kind.HAMMERS)])
     if fitted is not None and (strike := strike_text(seen, fitted)):
         return OfJob([Finding(text=strike, kind=Kind.STRIKE)])
@@ -384,6 +380,8 @@ def _of_reference(source: Looking, measurements: Mapping[str, Measurement], name
 
 def _of_one(source: Looking, measurements: Mapping[str, Measurement], name: str) -> tuple[Looking, OfJob]:
     """See ``_of_reference``, from the reference job alone."""
+    if idle := idle_text(Seen.of(source, name, measurements[name]), every=True):
+        return source, OfJob([Finding(text=idle, kind=Kind.IDLE)])
     if (exported := as_exported(source)) is not None:
         exported = _calibrated_from_another(exported, measurements)
         first, found = _calibrated(exported, measurements, name, _looked_at(exported, measurements, name))

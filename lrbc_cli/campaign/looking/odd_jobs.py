@@ -51,13 +51,13 @@ def odd_jobs(
         if far[name] <= limit or (left := float(np.median(closer(name)))) <= limit:
             continue
         seen = Seen.of(source, name, measurements[name], measurements[reference])
-        if (text := _cause(seen, left, usual, far[name], tried)) is not None:
-            found[name] = Finding(text=text, kind=Kind.FOREIGN)
+        if (cause := _cause(seen, left, usual, far[name], tried)) is not None:
+            found[name] = cause
     return found
 
 
-def _cause(seen: Seen, left: float, usual: float, coarse: float, tried: list[float]) -> str | None:
-    """What to check in a job with the level misfit ``left`` beside one with ``usual`` [dB]; None if ``update`` identifies the cause.
+def _cause(seen: Seen, left: float, usual: float, coarse: float, tried: list[float]) -> Finding | None:
+    """Finding of a job with the level misfit ``left`` beside one with ``usual`` [dB]; None if ``update`` identifies the cause.
 
     ``coarse``: the misfit after a first, coarse fit; ``tried``: see ``_warmer``.
     """
@@ -68,18 +68,20 @@ def _cause(seen: Seen, left: float, usual: float, coarse: float, tried: list[flo
         if nuisances.temperature is not None or nuisances.sound_speed is not None:
             return None
         kelvin = 2.0 * abs(change) * (nuisances.room + KELVIN)
-        return (
+        text = (
             f"{much}. With a speed of sound about {abs(change):.1%} {'above' if change > 0 else 'below'} that of the reference job a "
             f"coarse fit leaves {misfit:.1f} instead of {coarse:.1f} dB: the air was probably about {kelvin:.0f} K "
             f"{'warmer' if change > 0 else 'colder'}. Measure again at the temperature of the reference job, or let `lrbc update` identify "
             f"it: update.nuisances: {{temperature: {max(kelvin, 1.0):.0f}}} (standard deviation in K)"
         )
-    if text := hammer_text(seen, apart(seen.measured, seen.states)):
-        return f"{much}; {text}"
-    return (
+        return Finding(text=text, kind=Kind.FOREIGN)
+    if moved := hammer_text(seen, apart(seen.measured, seen.states)):
+        return Finding(text=f"{much}; {moved}", kind=Kind.HAMMER)
+    text = (
         f"{much}. Check whether it is the file of another structure or set-up, whether the hammer hit another point, whether masses were "
         "added or the temperature was another one. Measure it again, or leave the job out"
     )
+    return Finding(text=text, kind=Kind.UNEXPLAINED)
 
 
 def _warmer(

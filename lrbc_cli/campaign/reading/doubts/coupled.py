@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.model.dofs import DofTable
+from lrbc_cli.model.dofs import COMPONENTS, DofTable
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.selection import pitch
 
@@ -51,6 +52,50 @@ def coupled_doubt(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, table: str, 
         f"the coordinates of the nodes are probably not those of the matrices: these couple structure and air at DOFs that are {own:.3g} m "
         f"apart in {table} (median, node spacing {spacing:.3g} m). {other}Check whether the table is of another numbering of the nodes, "
         "before a renumbering for example. Export matrices and DOF table of one model in one run"
+    )
+
+
+def uncoupled_doubt(
+    K: sp.csc_array, M: sp.csc_array, dofs: DofTable, *, least: int = 4, share: float = 0.05, rounding: float = 1e-6
+) -> str | None:
+    """Warning if structural nodes lie at the air as the coupled ones do, but are not coupled to it; else None.
+
+    Parameters
+    ----------
+    K, M : (n, n) csc_array
+    dofs : DofTable
+        Of n rows.
+    least : int
+        Least number of coupled nodes, and of nodes without coupling.
+    share : float
+        Least number of these over that of the coupled ones.
+    rounding : float
+        Distance that counts as zero, over the extent of the model.
+    """
+    air = dofs.is_acoustic
+    if not air.any() or air.all():
+        return None
+    entries = (abs(K) + abs(M)).tocsr()
+    felt = np.zeros(dofs.size, dtype=bool)
+    felt[~air] = (entries[~air][:, air].sum(axis=1) + entries[air][:, ~air].sum(axis=0)) > 0.0
+    rows = np.flatnonzero(np.isin(dofs.component, COMPONENTS[:3]) & ~air)
+    _, first, of = np.unique(dofs.node[rows], return_index=True, return_inverse=True)
+    coupled = np.bincount(of, felt[rows]) > 0
+    if not least <= coupled.sum() < coupled.size:
+        return None
+    xyz = dofs.xyz[rows][first]
+    far, _ = cKDTree(dofs.xyz[air]).query(xyz)
+    # Meshes that do not match leave a distance of nodes that touch.
+    left = ~coupled & (far <= max(float(np.median(far[coupled])), rounding * float(np.ptp(dofs.xyz, axis=0).max())))
+    if left.sum() < max(least, share * coupled.sum()):
+        return None
+    ranges = ", ".join(
+        f"{axis} from {low:.4g} to {high:.4g} m" for axis, low, high in zip("xyz", xyz[left].min(0), xyz[left].max(0), strict=True)
+    )
+    return (
+        f"{left.sum()} structural nodes lie as near to the air as the {coupled.sum()} that the matrices couple to it, but are not coupled "
+        f"({ranges}): the coupling surface is probably incomplete. Select the whole wetted surface in the FE model, and export the "
+        "matrices again; if these nodes are dry, nothing needs to be done"
     )
 
 

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign.reading.dof_source import order_doubt
-from lrbc_cli.campaign.reading.doubts.coupled import coupled_doubt
+from lrbc_cli.campaign.reading.doubts.coupled import coupled_doubt, uncoupled_doubt
 from lrbc_cli.campaign.reading.doubts.rigid import digits_doubt, places_doubt, symmetry_doubt
 from lrbc_cli.campaign.reading.places import components_place, coordinates_file, require_metres
 from lrbc_cli.config import Campaign
@@ -60,5 +60,6 @@ def mesh_doubts(
     units = None if exchanged else require_metres(K, M, dofs, campaign)
     order = exchanged or order_doubt(K, dofs, campaign.model.dofs)
     wrong = order or places_doubt(K, dofs, table, components_place(campaign)) or coupled_doubt(K, M, dofs, table)
-    told = (units, wrong, digits_doubt(K, entries, dofs.component), None if order else symmetry_doubt(K, dofs))
+    dry = None if wrong else uncoupled_doubt(K, M, dofs)
+    told = (units, wrong, dry, digits_doubt(K, entries, dofs.component), None if order else symmetry_doubt(K, dofs))
     return MeshDoubts(units=units, misplaced=wrong or "", warnings=tuple(text for text in told if text))
