@@ -277,12 +277,10 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     noisy = [] if tight in misread else [each for each in unclear(inputs, readable) if each.place not in misread]
     out.found += [*noisy, *without_phases(inputs, readable)]
     compared = {name: found for name, found in usable.items() if name not in look.doubted}
-    odd = {each.place.removeprefix("job ") for each in look.found if each.kind is Kind.UNEXPLAINED}
     # Beside a reference job that is not tight, the others differ by its loose bolts.
     other_quantity = {each.place.removeprefix("job ") for each in look.found if each.kind is Kind.UNITS and each.detail}
     turned = {each.place.removeprefix("job ") for each in look.found if each.kind is Kind.REVERSED}
-    chains = [] if Kind.NOT_TIGHT in of_tight else other_chains(inputs, compared, other_quantity, turned)
-    out.found += chains
+    out.found += [] if Kind.NOT_TIGHT in of_tight else other_chains(inputs, compared, other_quantity, turned)
     out.found += other_runs(inputs, usable)
     out.warn(*foreign_titles(inputs, readable))
     pairs = mistitled(inputs, readable)
@@ -291,13 +289,8 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     follows = {Kind.REMOVED} if titled else set()
     if any(inputs.campaign.update.reference in pair for pair in pairs):
         follows |= {Kind.FREED, Kind.LOWERED, Kind.NOT_TIGHT}
-    chained = {each.place for each in chains if each.kind is Kind.CHAIN}
-    told = [each for each in look.found if each.kind not in follows and not (each.kind is Kind.UNEXPLAINED and each.place in chained)]
-    if (
-        not titled
-        and Kind.REMOVED not in kinds_of(told)
-        and (text := exchanged_files(inputs, {name: own for name, own in compared.items() if name not in odd}))
-    ):
+    told = [each for each in look.found if each.kind not in follows]
+    if not titled and Kind.REMOVED not in kinds_of(told) and (text := exchanged_files(inputs, compared)):
         titled = [text]
     out.warn(*titled)
     if Kind.RESCALED in kinds_of(look.found):

@@ -53,7 +53,6 @@ class Kind(Enum):
     FREED = auto()
     NOT_TIGHT = auto()
     REMOVED = auto()
-    UNEXPLAINED = auto()
     UNLIKE = auto()
 
 

@@ -1,4 +1,4 @@
-"""Jobs that no state of the bolts explains, records that are wrong in one job alone, and double hits."""
+"""Jobs that no state of the bolts explains, records that are wrong in one job alone, and models that nothing can be compared with."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 from campaigns import BOX_TRUTH, box
-from looking import seen
+from looking import measurement, seen
 
 from lrbc_cli.campaign.check import check
+from lrbc_cli.campaign.identification.compared.chains import chain_doubt
 from lrbc_cli.campaign.looking import all_jobs
 from lrbc_cli.campaign.looking.all_jobs import of_one_sensor
 from lrbc_cli.campaign.looking.causes.held import idle_text
-from lrbc_cli.campaign.looking.causes.recorded import double_hits, ripples
 from lrbc_cli.campaign.looking.fitted import at_bounds_text
-from lrbc_cli.campaign.looking.states import Ripple
 from lrbc_cli.campaign.reading.inputs import read_as_exported
 from lrbc_cli.config import load_campaign
+from lrbc_cli.updating.statistics.chain.blows import BLOWS
+from lrbc_cli.updating.statistics.chain.modal import ModalRule
 
 HZ = np.arange(30.0, 500.0, 2.0)
 
@@ -50,44 +51,6 @@ def modal(seed: int = 1, responses: int = 6) -> np.ndarray:
     shapes = rng.normal(size=(own.size, responses)) * rng.normal(size=(own.size, 1))
     s, w = 2j * np.pi * HZ[:, None], 2.0 * np.pi * own
     return s**2 / (s**2 + 2.0 * 0.01 * w * s + w**2) @ shapes
-
-
-def rippled(factor: np.ndarray | float, seed: int = 1) -> list[Ripple]:
-    """Six records of two hammer points with errors of the model; those of the first times a factor."""
-    inputs: Any = SimpleNamespace(excitations=("h1", "h2"), input_of=np.repeat([0, 1], 3))
-    model, noise = modal(seed), np.random.default_rng(seed + 100).normal(0.0, 2.0, (HZ.size, 6))
-    values = model * 10.0 ** (noise / 20.0)
-    values[:, :3] *= np.broadcast_to(factor, HZ.shape)[:, None]
-    return ripples(seen(values, model[None], hz=HZ, inputs=inputs))
-
-
-TWICE = 1.0 + 0.4 * np.exp(-2j * np.pi * HZ * 0.018)
-
-
-def test_a_second_blow_is_a_ripple_with_the_period_of_its_delay() -> None:
-    hit, other = rippled(TWICE)
-    assert hit.excitation == "h1"
-    # 20 log10|1 + a exp(i phi)| has the first harmonic 20 a / ln 10.
-    assert hit.db == pytest.approx(20.0 * 0.4 / np.log(10.0), rel=0.2)
-    assert hit.period_hz == pytest.approx(1.0 / 0.018, rel=0.05)
-    assert hit.share > 0.6
-    assert other.share < 0.3
-    assert max(each.share for each in rippled(1.0)) < 0.3
-
-
-def test_a_double_hit_in_one_job_or_in_the_reference_job() -> None:
-    right = {f"s{k}": rippled(1.0, k) for k in range(6)}
-    assert double_hits(right, "tight") == {}
-    one = double_hits(right | {"s9": rippled(TWICE, 9)}, "tight")
-    assert list(one) == ["s9"]
-    assert "all records of h1 rise and fall by about 3." in one["s9"].text
-    assert "a second blow 18 ms after the first" in one["s9"].text
-    others = {f"s{k}": rippled(1.0 / TWICE, k) for k in range(6)}
-    # Errors of the model that loosened bolts have in common do not show in the reference job.
-    assert double_hits(others | {"tight": rippled(1.0, 8)}, "tight").keys() <= others.keys()
-    every = double_hits(others | {"tight": rippled(TWICE, 8)}, "tight")
-    assert list(every) == ["tight"]
-    assert "compared with the other jobs" in every["tight"].text
 
 
 def test_a_record_wrong_in_the_reference_job_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -135,3 +98,21 @@ def test_factors_at_their_bounds_are_named() -> None:
     assert at_bounds_text(right, 2.6) == ""
     far: Any = SimpleNamespace(at_bounds={"part_2": 1.35})
     assert at_bounds_text(far, 2.6).startswith("a rough calibration moves part_2 to 1.35, the most that it allows, and 2.6 dB are left")
+
+
+def test_the_hammer_hit_twice_at_one_point_only() -> None:
+    """Sensors of one hammer point alone show it, so not all responses of the job do."""
+    twice, right = 1.0 + 0.4 * np.exp(-2j * np.pi * HZ * 0.018), modal()
+    statistics = SimpleNamespace(blows=BLOWS, modal=ModalRule())
+    responses = [SimpleNamespace(name=f"a{k}") for k in range(6)]
+    known: dict[str, Any] = {"responses": responses, "recipe": SimpleNamespace(names=()), "statistics": statistics}
+    inputs: Any = SimpleNamespace(excitations=("h1", "h2"), input_of=np.repeat([0, 1], 3), **known)
+    noise = 10.0 ** (np.random.default_rng(3).normal(0.0, 0.5, right.shape) / 20.0)
+    struck = right.copy()
+    struck[:, 3:] *= twice[:, None]
+    assert chain_doubt(inputs, measurement(HZ, right * noise), measurement(HZ, right), "tight") is None
+    for own, tight, where in ((struck, right, "this job"), (right, struck, "tight")):
+        fault = chain_doubt(inputs, measurement(HZ, own * noise), measurement(HZ, tight), "tight")
+        assert fault is not None
+        assert fault.kind == "blow"
+        assert fault.text.startswith(f"at h2 the hammer probably hit a second time in {where}, 1")

@@ -17,7 +17,6 @@ from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DI
 from lrbc_cli.campaign.identification.compared.offsets import offset_findings, sign_tail
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.causes.moved import sensor_text
-from lrbc_cli.campaign.looking.causes.recorded import double_hits
 from lrbc_cli.campaign.looking.causes.removed import removed_findings
 from lrbc_cli.campaign.looking.causes.tightness import fallen_text, risen_text, taken_as_tight
 from lrbc_cli.campaign.looking.fitted import closely_fitted
@@ -74,8 +73,6 @@ def together(source: Looking, measurements: Mapping[str, Measurement], found: di
     closer = partial(closely_fitted, source, measurements)
     found.update(of_sensors(inputs, found, source.away, reference, closer))
     if explained:
-        twice = double_hits(source.ripples, reference).items()
-        found.update({name: replace(found[name], told=[each]) for name, each in twice if name in found and not found[name].told})
         quiet = [name for name, of in found.items() if not of.told and name != reference]
         found.update({name: replace(found[name], told=[odd]) for name, odd in odd_jobs(source, measurements, quiet, closer).items()})
     told = pooled(of_all_jobs(inputs, found, reference), reference)

@@ -44,7 +44,7 @@ from lrbc_cli.campaign.looking.axes import out_of_reach_text, stretched_text
 from lrbc_cli.campaign.looking.causes.damped import misdamped_text
 from lrbc_cli.campaign.looking.causes.held import idle_text, supports_text
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
-from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings, ripples
+from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings
 from lrbc_cli.campaign.looking.causes.rescaled import material_text, overdamped_text, rescaled_text
 from lrbc_cli.campaign.looking.causes.tables import other_tables
 from lrbc_cli.campaign.looking.causes.tightness import (
@@ -229,7 +229,7 @@ def _looked_at(
     seen = seen.beside(fitted)
     if fitted is not None:
         source.away[name] = apart(seen.measured, fitted)
-    source.ripples[name], source.left[name] = ripples(seen), seen.left
+    source.left[name] = seen.left
     reading = other_reading(inputs, seen.measurement.frequency_hz, seen.measured, seen.states, name)
     beyond = seen.reference and seen.misfit >= LEAST_DIFFERENCE
     if beyond and (text := overdamped_text(seen, CLEARLY * seen.misfit if reading is None else reading.after)):

@@ -1,4 +1,4 @@
-"""Jobs that no state of the bolts explains although it explains others: other air, a hammer at another place, or another set-up."""
+"""Jobs that no state of the bolts explains, although others are: by other air, or a hammer at another place."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ def odd_jobs(
     *,
     times: float = 2.5,
 ) -> dict[str, Finding]:
-    """Finding of each job that is far from the state fitted to it, unlike the best explained one.
+    """Finding of each job that is far from the state fitted to it, unlike the best explained one, and that another cause explains.
+
+    Without one nothing is said: with half of the joints loosened, right jobs are up to 2.9 times as far.
 
     Parameters
     ----------
@@ -57,7 +59,7 @@ def odd_jobs(
 
 
 def _cause(seen: Seen, left: float, usual: float, coarse: float, tried: list[float]) -> Finding | None:
-    """Finding of a job with the level misfit ``left`` beside one with ``usual`` [dB]; None if ``update`` identifies the cause.
+    """Finding of a job with the level misfit ``left`` beside one with ``usual`` [dB]; None without a cause, or if ``update`` identifies it.
 
     ``coarse``: the misfit after a first, coarse fit; ``tried``: see ``_warmer``.
     """
@@ -77,11 +79,7 @@ def _cause(seen: Seen, left: float, usual: float, coarse: float, tried: list[flo
         return Finding(text=text, kind=Kind.FOREIGN)
     if moved := hammer_text(seen, apart(seen.measured, seen.states)):
         return Finding(text=f"{much}; {moved}", kind=Kind.HAMMER)
-    text = (
-        f"{much}. Check whether it is the file of another structure or set-up, whether the hammer hit another point, whether masses were "
-        "added or the temperature was another one. Measure it again, or leave the job out"
-    )
-    return Finding(text=text, kind=Kind.UNEXPLAINED)
+    return None
 
 
 def _warmer(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -27,18 +26,6 @@ from lrbc_cli.updating.unknowns.shapes import joints_of
 LINES, MOST_STATES = 200, 150
 
 
-class Ripple(NamedTuple):
-    """Common ripple over the frequency in the levels of all records of an excitation: amplitude [dB], its share, and period [Hz].
-
-    ``share``: of the squared deviations from the nearest state, mean over the records.
-    """
-
-    excitation: str
-    db: float
-    share: float
-    period_hz: float
-
-
 @dataclass(kw_only=True)
 class Looking(FrfSource):
     """FRFs of the model for ``lrbc check``, which are not stored in the cache.
@@ -57,8 +44,6 @@ class Looking(FrfSource):
         Changes of the bolts fitted coarsely to each job [decades], NaN for bolts without values.
     away : dict of str to float array
         Level misfits (R,) of each job with the state fitted coarsely to it [dB].
-    ripples : dict of str to sequence of Ripple
-        Ripples of the levels of each job.
     left : dict of str to float
         Level misfit of each job with the nearest state, median over the responses [dB].
     """
@@ -69,7 +54,6 @@ class Looking(FrfSource):
     note: str = ""
     changes: dict[str, Floats] = field(default_factory=dict, repr=False)
     away: dict[str, Floats] = field(default_factory=dict, repr=False)
-    ripples: dict[str, Sequence[Ripple]] = field(default_factory=dict, repr=False)
     left: dict[str, float] = field(default_factory=dict, repr=False)
 
     @property

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
 from lrbc_cli.campaign.findings import Finding, Kind
-from lrbc_cli.campaign.identification.compared.likeness import apart, levels
+from lrbc_cli.campaign.identification.compared.likeness import apart
 from lrbc_cli.campaign.identification.compared.offsets import sensor_of
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.causes.tightness import UNLIKE
-from lrbc_cli.campaign.looking.states import Ripple, Seen, nearest_states
-from lrbc_cli.updating.comparison.scale import LEAST_LINES
+from lrbc_cli.campaign.looking.states import Seen, nearest_states
 from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.statistics.chain.filters import Filter, filtered, filters
 from lrbc_cli.updating.statistics.chain.start import starting
@@ -49,84 +48,6 @@ def cut_text(seen: Seen, whole: Measurement, *, least: float = 0.15, share: floa
         "lost. Check whether the recording started at the trigger, or a window cut off the beginning. Set a pretrigger (5 % of the "
         "record), start the window of the responses before the blow, and measure again"
     )
-
-
-def ripples(seen: Seen, *, records: int = 3) -> list[Ripple]:
-    """Largest ripple of each excitation with at least so many records.
-
-    Of a second blow of the share a after the time t, which the window of the force cuts off, ``1 + a exp(-2 pi i f t)`` remains.
-    """
-    hz, inputs, found = seen.measurement.frequency_hz, seen.inputs, list[Ripple]()
-    state = min(seen.states, key=lambda each: float(np.median(apart(seen.measured, each))))
-    for at, name in enumerate(inputs.excitations):
-        own = np.flatnonzero(inputs.input_of == at)
-        away = levels(seen.measured[:, own]) - levels(state[:, own])
-        held = np.isfinite(away).all(axis=1)
-        if own.size < records or held.sum() < LEAST_LINES:
-            continue
-        common = np.mean(away[held] - np.median(away[held], axis=0), axis=1)
-        common -= common.mean()
-        # From two periods in the band to four lines a period.
-        times = np.arange(2.0, held.size / 4.0, 0.25) / np.ptp(hz)
-        size = 2.0 * np.abs(np.exp(-2j * np.pi * times[:, None] * hz[held]) @ common) / held.sum()
-        best = int(np.argmax(size))
-        share = 0.5 * float(size[best]) ** 2 / max(float(np.mean(common**2)), np.finfo(float).tiny)
-        found.append(Ripple(name, float(size[best]), share, 1.0 / float(times[best])))
-    return found
-
-
-def double_hits(
-    found: Mapping[str, Sequence[Ripple]],
-    reference: str,
-    *,
-    alone: tuple[float, float] = (1.5, 0.3),
-    together: tuple[float, float] = (1.2, 0.15),
-    alike: float = 0.1,
-    most: float = 0.75,
-    jobs: int = 4,
-) -> dict[str, Finding]:
-    """Findings of double hits by job: of one job, or of the reference job if most others show them relative to it.
-
-    Parameters
-    ----------
-    found : mapping
-        Ripples of each job.
-    reference : str
-    alone, together : (float, float)
-        Least ripple [dB] and share of it in one job, and in the median over jobs that have it in common. On right campaigns shares were
-        0.17 at most in one job, and 0.15 where most jobs had one period.
-    alike : float
-        Largest relative difference of periods that count as one.
-    most, jobs : float, int
-        Least share and number of the other jobs that have it in common.
-    """
-    told: dict[str, Finding] = {}
-    others = {name: own for name, own in found.items() if name != reference}
-    here = {each.excitation: each for each in found.get(reference, ())}
-    for name in dict.fromkeys(each.excitation for own in others.values() for each in own):
-        every = {job: each for job, own in others.items() for each in own if each.excitation == name}
-        period = float(np.median([each.period_hz for each in every.values()]))
-        same = [each for each in every.values() if abs(each.period_hz / period - 1.0) <= alike]
-        median = Ripple(name, *np.median([each[1:] for each in same], axis=0).tolist()) if same else Ripple(name, 0.0, 0.0, 1.0)
-        # Beside the model, the reference job shows it, too.
-        own_too = name in here and abs(here[name].period_hz / period - 1.0) <= alike
-        if own_too and len(same) >= max(jobs, most * len(every)) and median.db >= together[0] and median.share >= together[1]:
-            told[reference] = _double_hit(median, " compared with the other jobs")
-            continue
-        for job, each in every.items():
-            if each.db >= alone[0] and each.share >= alone[1]:
-                told.setdefault(job, _double_hit(each))
-    return told
-
-
-def _double_hit(found: Ripple, where: str = "") -> Finding:
-    """Finding of one ripple."""
-    text = (
-        f"the levels of all records of {found.excitation} rise and fall by about {found.db:.1f} dB every {found.period_hz:.3g} Hz{where}, "
-        f"as after a second blow {1e3 / found.period_hz:.2g} ms after the first that the window of the force cut off. Check for double "
-        "hits, let the analyser reject them, and measure again"
-    )
-    return Finding(text=text, kind=Kind.CUT)
 
 
 def filter_findings(seen: Seen, late: Collection[int] = ()) -> list[Finding]:
