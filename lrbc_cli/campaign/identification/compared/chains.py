@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 
@@ -129,11 +130,12 @@ def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference:
     if own.values.shape != tight.values.shape or unlike(own.frequency_hz, tight.frequency_hz):
         return None
     names, air = [response.name for response in inputs.responses], SOUND_SPEED in inputs.recipe.names
-    # The hammer may have hit twice at one point only.
+    # The hammer may have hit twice at one point only. With fewer responses a loose bolt has slow slopes in common: more periods are needed.
     parts = [inputs.input_of == at for at in range(len(inputs.excitations))] if len(inputs.excitations) > 1 else []
     for point, which in (("", np.ones(inputs.input_of.size, dtype=bool)), *zip(inputs.excitations, parts, strict=False)):
         values = own.values[:, which], tight.values[:, which]
-        if blow := second_blow(own.frequency_hz, *values, reference, inputs.statistics.blows):
+        rule = inputs.statistics.blows if not point else replace(inputs.statistics.blows, periods=2.0 * inputs.statistics.blows.periods)
+        if blow := second_blow(own.frequency_hz, *values, reference, rule):
             return ChainFault("blow", f"at {point} {blow}" if point else blow)
     return other_chain(own.frequency_hz, own.values, tight.values, reference, names, inputs.statistics.modal, air=air)
 
