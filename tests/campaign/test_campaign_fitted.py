@@ -17,7 +17,7 @@ from lrbc_cli.campaign.identification.compared import offsets
 from lrbc_cli.campaign.identification.compared.likeness import apart
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.looking import first_look
-from lrbc_cli.campaign.looking.all_jobs import OfJob
+from lrbc_cli.campaign.looking.all_jobs import OfJob, together
 from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, strike_text
 from lrbc_cli.campaign.looking.states import Looking, Seen
 from lrbc_cli.campaign.reduced.stage import obtain_reduction
@@ -133,7 +133,7 @@ def test_an_excitation_that_no_calibration_fits_keeps_its_warning(
         misfit=6.5, by_excitation=left, parameters=SimpleNamespace(placed=()), inputs=SimpleNamespace(bolts=None)
     )
     monkeypatch.setattr(first_look, "Seen", SimpleNamespace(of=lambda *_: stand_in))
-    monkeypatch.setattr(first_look, "roughly_calibrated", lambda *_: "calibrated")
+    monkeypatch.setattr(first_look, "roughly_calibrated", lambda *_: SimpleNamespace(at_bounds={}))
     monkeypatch.setattr(first_look, "_looked_at", lambda *_: OfJob())
     for text in ("tighter_text", "looser"):
         monkeypatch.setattr(first_look, text, lambda *_: "")
@@ -189,10 +189,10 @@ def test_with_springs_at_wrong_nodes_exchanged_sensors_of_other_jobs_are_not_tol
     source: Any = SimpleNamespace(inputs=SimpleNamespace(campaign=campaign, springs_doubt=doubt, responses=responses), away={})
     exchanged = [Finding(text="exchanged", kind=Kind.EXCHANGED, cycles=((0, 1),))]
     found = {"tight": OfJob([Finding(text="alone", kind=Kind.ALONE, responses=(3,))]), "loose": OfJob(exchanged)}
-    assert [each.place for each in first_look._together(source, {}, found)] == ["job tight", *([] if doubt else ["job loose"])]
+    assert [each.place for each in together(source, {}, found)] == ["job tight", *([] if doubt else ["job loose"])]
     # Nor beside a model that has little in common with the reference job.
     found["tight"] = OfJob([Finding(text="little in common", kind=Kind.UNLIKE)])
-    assert [each.place for each in first_look._together(source, {}, found)] == ["job tight"]
+    assert [each.place for each in together(source, {}, found)] == ["job tight"]
 
 
 def test_a_baseline_that_differs_from_a_reference_job_with_a_loose_bolt_is_not_told() -> None:
@@ -203,7 +203,7 @@ def test_a_baseline_that_differs_from_a_reference_job_with_a_loose_bolt_is_not_t
     def told(change: float) -> list[str]:
         found = {"tight": OfJob(), "tight-2": OfJob([freed])}
         source: Any = SimpleNamespace(inputs=inputs, changes={f"job-{k}": np.array([change]) for k in range(5)}, away={})
-        return [each.place for each in first_look._together(source, {}, found)]
+        return [each.place for each in together(source, {}, found)]
 
     assert told(0.9) == ["job tight"]
     assert told(0.1) == ["job tight-2"]
