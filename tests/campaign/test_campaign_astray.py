@@ -321,8 +321,11 @@ def test_a_spring_with_a_digit_too_many() -> None:
     """A power of ten beside equal ones; springs that differ by design are not equal."""
     axial = springs("axial.csv", TEN, ["UZ"], 4e6, odd="B4")
     assert list(odd_springs([axial, axial])) == [
-        "axial.csv, line 5: UZ of B4 is 10 times the 4e+06 of the others. Check whether a digit is wrong; if it is right, nothing needs to "
-        "be done"
+        (
+            "B4",
+            "axial.csv, line 5: UZ of B4 is 10 times the 4e+06 of the others. Check whether a digit is wrong; if it is right, nothing "
+            "needs to be done",
+        )
     ]
     assert list(odd_springs([springs("axial.csv", TEN, ["UZ"])])) == []
     graded = replace(axial, stiffness=4e6 * np.linspace(0.5, 2.0, 10))

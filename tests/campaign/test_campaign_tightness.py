@@ -171,11 +171,11 @@ def test_a_table_of_springs_in_another_unit(power: int, told: bool) -> None:
     assert told or text == ""
 
 
-def risen(*changes: tuple[float, ...], calibration: str = "tight") -> str:
+def risen(*changes: tuple[float, ...], calibration: str = "tight", odd: tuple[str, ...] = ()) -> str:
     """Warning about the reference job by the fitted changes of three bolts in other jobs."""
     update = SimpleNamespace(reference="tight", baselines=())
     settings = SimpleNamespace(update=update, calibration=SimpleNamespace(job=calibration))
-    inputs: Any = SimpleNamespace(campaign=settings, bolts=SimpleNamespace(name=["B1", "B2", "B3"]))
+    inputs: Any = SimpleNamespace(campaign=settings, bolts=SimpleNamespace(name=["B1", "B2", "B3"]), odd_bolts=odd)
     return tightness.risen_text(inputs, {f"job-{k}": np.array(own) for k, own in enumerate(changes)})
 
 
@@ -184,6 +184,8 @@ def test_a_bolt_that_is_stiffer_in_most_other_jobs_was_loose_in_the_reference_jo
     assert "with a stiffer B2 (by 0.9 decades, a factor of 7.9)" in risen(*jobs)
     assert "Set update.reference and calibration.job to a job with all bolts tight" in risen(*jobs)
     assert "Set update.reference to a job" in risen(*jobs, calibration="tight-2")
+    # The table has its springs too soft, which is told already.
+    assert risen(*jobs, odd=("B2",)) == ""
 
 
 def test_bolts_that_scatter_or_few_jobs_say_nothing_of_the_reference_job() -> None:

@@ -127,7 +127,7 @@ class GroupReader(ModelReader):
             names = f"nodes given in {' and '.join(tables)}"
             self.warn(f"bolts: {self.campaign.bolts.name if self.campaign.bolts else ''}: {text} ({names})")
         if self.dofs is not None:
-            self.warn(*missing_springs(self.bushings, self.dofs, self.misnamed), *odd_springs(self.bushings))
+            self.warn(*missing_springs(self.bushings, self.dofs, self.misnamed), *(text for _, text in odd_springs(self.bushings)))
         power = np.concatenate([np.full(f.group.terms.size, KIND_POWER[f.group.config.kind]) for f in found])
         baseline = np.concatenate([np.full(f.group.terms.size, f.group.config.baseline) for f in found])
         left, right = (sp.hstack(vectors, format="csc") for vectors in ([f.left for f in found], [f.right for f in found]))

@@ -17,6 +17,7 @@ from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.campaign.reading.dof_source import added_nodes, numbering, unfitting
 from lrbc_cli.campaign.reading.doubts.chosen import require_apart, require_own
 from lrbc_cli.campaign.reading.doubts.mesh import mesh_doubts
+from lrbc_cli.campaign.reading.doubts.names import odd_springs
 from lrbc_cli.campaign.reading.doubts.numbering import require_whole
 from lrbc_cli.campaign.reading.doubts.points import beside_nodes, exchanged_axes, exchanged_text, require_unit
 from lrbc_cli.campaign.reading.doubts.rigid import components_doubt
@@ -108,6 +109,8 @@ class Inputs:
         The warning that guesses wrong units from the mesh alone.
     places_doubt, springs_doubt : bool
         Whether hammer and sensors seem to be given from another origin or in another numbering; springs, far from their bolts.
+    odd_bolts : frozenset of str
+        Bolts with springs a power of ten beside those of the others.
     held_doubt : bool
         Whether the springs seem to be in the stiffness matrix as exported otherwise than stated: in another unit, without their baseline,
         or less than it. ``model`` is without the baselines.
@@ -141,6 +144,7 @@ class Inputs:
     units_doubt: str | None = None
     places_doubt: bool = False
     springs_doubt: bool = False
+    odd_bolts: frozenset[str] = frozenset()
     held_doubt: bool = False
     shifts: NDArray[np.int64] | None = None
     calibration: CalibrationUse | None = None
@@ -335,6 +339,7 @@ def read_as_exported(campaign: Campaign) -> Inputs:
         units_doubt=reader.units_doubt,
         places_doubt=reader.moved or bool(reader.axes) or bool(reader.misplaced),
         springs_doubt=bool(reader.beside) or reader.strayed,
+        odd_bolts=frozenset(bolt for bolt, _ in odd_springs(reader.bushings)),
         held_doubt=any(held_springs(campaign, model, groups, reader.dofs)),
         shifts=reader.shifts,
     )

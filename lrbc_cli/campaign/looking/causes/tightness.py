@@ -308,7 +308,9 @@ def risen_text(inputs: Inputs, changes: Mapping[str, Floats], *, least: float = 
         return ""
     kept = [own[own > -least] for own in np.array(list(changes.values())).T]
     usual = [float(np.median(own)) if own.size >= jobs else 0.0 for own in kept]
-    named = ", ".join(f"{name} ({_decades(own)})" for name, own in zip(bolts.name, usual, strict=True) if own >= least)
+    # Springs that the table has too soft are told already.
+    risen = [(name, own) for name, own in zip(bolts.name, usual, strict=True) if own >= least and name not in inputs.odd_bolts]
+    named = ", ".join(f"{name} ({_decades(own)})" for name, own in risen)
     if not named:
         return ""
     return (

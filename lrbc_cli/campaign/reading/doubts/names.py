@@ -107,8 +107,10 @@ def missing_springs(
                 yield _missing_text(name, own, lacking, peers, plain)
 
 
-def odd_springs(tables: Sequence[BushingTable], *, least: int = 4, share: float = 0.8, rounding: float = 0.01) -> Iterator[str]:
+def odd_springs(tables: Sequence[BushingTable], *, least: int = 4, share: float = 0.8, rounding: float = 0.01) -> Iterator[tuple[str, str]]:
     """Warnings about springs whose stiffness is a power of ten times that of nearly all others of their component, as by a digit too few.
+
+    Each with its bolt, which is empty for a spring without one.
 
     Parameters
     ----------
@@ -128,10 +130,11 @@ def odd_springs(tables: Sequence[BushingTable], *, least: int = 4, share: float 
             for k, value in zip(at, values.tolist(), strict=True):
                 power = round(np.log10(value / usual)) if value > 0.0 else 0
                 if power and abs(value / (usual * 10.0**power) - 1.0) <= rounding:
-                    yield (
+                    text = (
                         f"{table.path.name}, line {table.lines[k]}: {component} of {table.bolt[k] or 'a spring'} is {10.0**power:g} times "
                         f"the {usual:g} of the others. Check whether a digit is wrong; if it is right, nothing needs to be done"
                     )
+                    yield table.bolt[k] or "", text
 
 
 def _ends_of(own: _Springs, ground: bool) -> list[_Ends]:
