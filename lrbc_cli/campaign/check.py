@@ -235,7 +235,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
             noted.setdefault(note, []).append(name)
         out.found += [*_of_files(job, measurement), *of_file(inputs, name, measurement)]
         own += pasted(measurement, names, inputs.statistics.validation)
-        empty, count = missed(measurement.frequency_hz, measurement.values[:, inputs.used], selected)
+        empty, count = missed(measurement.frequency_hz, measurement.values[:, inputs.used], selected, inputs.statistics.resonances)
         # Listed lines were chosen individually, so they are not checked.
         if 2 * empty > count and isinstance(chosen_lines, EveryLine):
             sparse.append(f"{name} ({empty} of {count})")

@@ -5,7 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lrbc_cli.updating.statistics.lines import RESONANCES, interpolated, neighbour_sigma, resolved, resonance_lines, too_wide, unresolved
+from lrbc_cli.updating.statistics.lines import (
+    RESONANCES,
+    Resolution,
+    Resonances,
+    interpolated,
+    missed,
+    neighbour_sigma,
+    phaseless,
+    resolved,
+    resonance_lines,
+    too_wide,
+    unresolved,
+)
 
 F = np.arange(20.0, 401.0)
 
@@ -245,3 +257,14 @@ def test_noise_is_no_peak_that_lines_do_not_resolve(damping: float, noise: float
     H = many_modes(f, damping)
     H = H + noise * np.median(np.abs(H), axis=0) * (rng.normal(size=H.shape) + 1j * rng.normal(size=H.shape))
     assert resolved(f, H) == expected
+
+
+def test_peaks_count_by_the_rule_of_the_campaign() -> None:
+    magnitudes = np.abs(modal(MODES, SHAPES)) + 0j
+    assert phaseless(magnitudes) == [0, 1, 2]
+    assert phaseless(magnitudes, Resolution(prominence_db=100.0)) == []
+    assert phaseless(modal(MODES, SHAPES)) == []
+    few = np.array([40, 41])
+    empty, count = missed(F, magnitudes, few)
+    assert 0 < empty == count - 1
+    assert missed(F, magnitudes, few, Resonances(prominence_db=100.0))[1] == 0

@@ -210,7 +210,7 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     require_signals(inputs, records, values)
     if "averages" in job.model_fields_set and not np.isfinite(coherence).any():
         warnings.append(f"{called(job)}: averages: {job.averages} is not used, as the job has no coherence")
-    if evenly(axis) and (many := too_many_blows(values, coherence, job.averages, inputs.statistics.blows)):
+    if evenly(axis) and (many := too_many_blows(values, coherence, job.averages, inputs.statistics.blows, inputs.statistics.errors)):
         warnings.append(f"{called(job)}: {many}")
     warnings += [*_gaps(axis, records, values, job, inputs), *_strange(coherences, inputs, job, records)]
     return Measurement(

@@ -147,7 +147,8 @@ def _doubts(inputs: Inputs, result: Identification) -> Iterator[Doubt]:
         yield Doubt(kind="incomplete", text=text)
     if strange := interpolated(own.values, inputs.statistics.resolution):
         yield Doubt(kind="interpolated", text=strange)
-    if differing := differing_blows(own.values, own.coherence, inputs.campaign.jobs[result.name].averages, inputs.statistics.blows):
+    blows = inputs.campaign.jobs[result.name].averages, inputs.statistics.blows, inputs.statistics.errors
+    if differing := differing_blows(own.values, own.coherence, *blows):
         yield Doubt(kind="blows", text=differing)
     # What is mostly noise is not compared, so its peaks do not count.
     quiet = [without_noise(inputs, *each) for each in ((result.name, own, tight), (reference.job, tight))]

@@ -41,7 +41,7 @@ def of_file(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[Fin
         yield Finding(place=file, text=text, kind=Kind.NORMALISED)
     yield from _single(inputs, name, measurement)
     averages = inputs.campaign.jobs[name].averages
-    if differing := differing_blows(measurement.values, measurement.coherence, averages, inputs.statistics.blows):
+    if differing := differing_blows(measurement.values, measurement.coherence, averages, inputs.statistics.blows, inputs.statistics.errors):
         yield Finding(place=f"job {name}", text=differing)
 
 
@@ -130,7 +130,7 @@ def _few(inputs: Inputs, those: Sequence[tuple[Floats, Complexes]]) -> str:
 
 def without_phases(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[Finding]:
     """Finding of jobs whose FRFs have no phases; else empty."""
-    bare = {name: found for name, own in readable.items() if (found := phaseless(own.values))}
+    bare = {name: found for name, own in readable.items() if (found := phaseless(own.values, inputs.statistics.resolution))}
     if not bare:
         return []
     names = [inputs.responses[i].name for i in sorted({i for found in bare.values() for i in found})]

@@ -101,9 +101,9 @@ def around_resonances(frequency_hz: Floats, H: Complexes, rule: Resonances = RES
     return keep
 
 
-def missed(frequency_hz: Floats, measured: Complexes, selected: Integers) -> tuple[int, int]:
+def missed(frequency_hz: Floats, measured: Complexes, selected: Integers, rule: Resonances = RESONANCES) -> tuple[int, int]:
     """Number of resonances of FRFs (F, R) without any of the selected lines, and number of all resonances."""
-    near = around_resonances(frequency_hz, measured)
+    near = around_resonances(frequency_hz, measured, rule)
     ends = np.flatnonzero(np.diff(near.astype(np.int8), prepend=0, append=0))
     lines = np.sort(selected)
     empty = np.searchsorted(lines, ends[::2]) == np.searchsorted(lines, ends[1::2])
@@ -411,7 +411,7 @@ def normalised(measured: Complexes, *, least: int = 3, same: float = 1e-3) -> fl
     return float(np.median(tops)) if alike else 0.0
 
 
-def phaseless(measured: Complexes) -> list[int]:
+def phaseless(measured: Complexes, rule: Resolution = RESOLUTION) -> list[int]:
     """Indices of responses with peaks whose values are all real and positive: magnitudes without phase.
 
     An FRF without damping is real, too, but changes its sign at each resonance.
@@ -420,7 +420,7 @@ def phaseless(measured: Complexes) -> list[int]:
     for r, response in enumerate(measured.T):
         known = response[np.isfinite(response) & (response != 0)]
         if known.size and np.all(known.imag == 0.0) and np.all(known.real > 0.0):
-            found += [r] if peaks_of(decibel(known), prominence=RESOLUTION.prominence_db).size else []
+            found += [r] if peaks_of(decibel(known), prominence=rule.prominence_db).size else []
     return found
 
 

@@ -11,6 +11,7 @@ from lrbc_cli.updating.checked import Checked, Count, Positive, Share
 from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.statistics.chain.damping import beside_damping, damping_pattern
 from lrbc_cli.updating.statistics.decibels import DB, coherence_sigma, decibel
+from lrbc_cli.updating.statistics.error_model import ERRORS, ErrorModel
 from lrbc_cli.updating.statistics.lines import line_noise, noise_shares
 
 
@@ -133,7 +134,7 @@ def _apart(values: Floats) -> Floats:
     return np.asarray(np.abs(values - np.median(values, axis=-1, keepdims=True)).mean(axis=-1))
 
 
-def differing_blows(values: Complexes, coherence: Floats, averages: int, rule: BlowRule = BLOWS) -> str | None:
+def differing_blows(values: Complexes, coherence: Floats, averages: int, rule: BlowRule = BLOWS, errors: ErrorModel = ERRORS) -> str | None:
     """Message on an average of blows that differ from each other; None if they do not, or if the coherence is unknown.
 
     Noise that lowers the coherence differs from line to line, so neighbouring lines scatter by as much. Averages of two states, or of two
@@ -148,12 +149,13 @@ def differing_blows(values: Complexes, coherence: Floats, averages: int, rule: B
     averages : int
         Number of blows.
     rule : BlowRule
+    errors : ErrorModel
     """
     known = np.isfinite(coherence).any(axis=0)
     if averages < 2 or not known.any():
         return None
     told = coherence[:, known]
-    stated = float(np.nanmedian(coherence_sigma(told, averages))) / DB
+    stated = float(np.nanmedian(coherence_sigma(told, averages, errors))) / DB
     shown = line_noise(values[:, known])
     if not stated > max(rule.noise, rule.differing * shown):
         return None
@@ -164,7 +166,7 @@ def differing_blows(values: Complexes, coherence: Floats, averages: int, rule: B
     )
 
 
-def too_many_blows(values: Complexes, coherence: Floats, averages: int, rule: BlowRule = BLOWS) -> str | None:
+def too_many_blows(values: Complexes, coherence: Floats, averages: int, rule: BlowRule = BLOWS, errors: ErrorModel = ERRORS) -> str | None:
     """Message on a stated number of blows by which lines would scatter much less than they do; None if it fits the coherence.
 
     The half of the lines with the lower coherence is compared: in the others, the curvature of the FRF is more than the noise.
@@ -178,6 +180,7 @@ def too_many_blows(values: Complexes, coherence: Floats, averages: int, rule: Bl
     averages : int
         Stated number of blows.
     rule : BlowRule
+    errors : ErrorModel
     """
     if averages < 2 or len(values) < 5:
         return None
@@ -189,7 +192,7 @@ def too_many_blows(values: Complexes, coherence: Floats, averages: int, rule: Bl
     told, shares = told[:, known], shares[:, known]
     noisy = told <= np.nanmedian(told, axis=0)
     # Of real and imaginary part together.
-    stated = 2.0 * (coherence_sigma(told[noisy], averages) / DB) ** 2
+    stated = 2.0 * (coherence_sigma(told[noisy], averages, errors) / DB) ** 2
     ratio = float(np.median(shares[noisy] ** 2 / stated))
     if not rule.scattered < ratio <= averages:
         return None
