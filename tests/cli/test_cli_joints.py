@@ -22,6 +22,7 @@ from lrbc_cli.campaign.identification.sampling import springs_apart
 from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.search.descent import descend
 from lrbc_cli.updating.search.optimise import Solution
+from lrbc_cli.updating.statistics.error_model import ERRORS
 
 #: Fast tests of plate and rigs take the same way.
 pytestmark = pytest.mark.slow
@@ -87,6 +88,8 @@ def test_changes_have_limits_and_values_no_narrower_ones(folder: Folder, job: st
                 # Scatter of tight states is part of a change, and not of a value.
                 assert upper is None or max(value, before[k] + change) < upper
                 assert lower is None or (lower < value and low is not None)
+                # Nor narrower than errors of the model leave it.
+                assert all(side is None or abs(side - value) >= 1.96 * ERRORS.level_error - 1e-3 for side in (lower, upper))
     assert all((bolt["change_interval95"] is None) == (bolt["change_std"] is None) for bolt in tight["bolts"])
 
 

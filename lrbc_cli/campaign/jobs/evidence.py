@@ -36,6 +36,7 @@ from lrbc_cli.updating.judging.evidence import (
     carried,
 )
 from lrbc_cli.updating.judging.reference import ReferenceState
+from lrbc_cli.updating.normal import NORMAL_95
 from lrbc_cli.updating.posterior.confidence import Band, band
 from lrbc_cli.updating.search.ends import near_tie
 from lrbc_cli.updating.statistics.chain.blows import differing_blows
@@ -52,14 +53,22 @@ def effective(group: ParameterGroup, p: Floats) -> Floats:
     return np.asarray(np.log10(group.values(p)))
 
 
-def bands(result: Identification) -> dict[str, Band]:
-    """Standard deviation and 95 % limits of the effective values of every group; those of joints no narrower than of their changes."""
+def bands(result: Identification, level_error: float) -> dict[str, Band]:
+    """Standard deviation and 95 % limits of the effective values of every group.
+
+    Limits of joints are no narrower than those of their changes, and contain errors of the model that their level takes up, with the
+    standard deviation ``level_error`` (``ErrorModel``) [decades].
+    """
     covariance = result.posterior.boundary
     found = {}
     for group, values, _ in result.parameters.placed:
         opens = (result.opens[0][values], result.opens[1][values])
         own = band(group, result.solution.theta[values], covariance[values, values], opens)
-        found[group.name] = _with_changes(result, group, values, own)
+        own = _with_changes(result, group, values, own)
+        if group.kind == "stiffness" and group.bolt is not None:
+            reach, centre = np.where(group.bolt >= 0, NORMAL_95 * level_error, 0.0), effective(group, result.solution.theta[values])
+            own = replace(own, lower=centre - np.hypot(centre - own.lower, reach), upper=centre + np.hypot(own.upper - centre, reach))
+        found[group.name] = own
     return found
 
 
@@ -204,7 +213,7 @@ def _bolts(inputs: Inputs, result: Identification) -> tuple[bool, tuple[BoltEvid
         return False, ()
     names, xyz, reference = inputs.bolts.name, inputs.bolts.xyz, result.reference
     itself = inputs.campaign.update.reference == result.name
-    confidence = bands(result) if itself else {}
+    confidence = bands(result, inputs.statistics.errors.level_error) if itself else {}
 
     def tight_std(group: ParameterGroup) -> Floats | None:
         """Standard deviation of the values in the tight state; infinite where the data allow them to be clamped."""

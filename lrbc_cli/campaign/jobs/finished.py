@@ -176,7 +176,7 @@ def provenance_of(inputs: Inputs, stage: ReductionStage | None, result: Identifi
 def parameter_records(inputs: Inputs, result: Identification) -> dict[str, job.Parameter]:
     """Values, intervals and bounds of each group, as log10."""
     theta, variance = result.solution.theta, np.diag(result.posterior.boundary)
-    confidence, out = bands(result), {}
+    confidence, out = bands(result, inputs.statistics.errors.level_error), {}
     for terms, (group, values, at) in zip(inputs.groups, result.parameters.placed, strict=True):
         p, length, band = theta[values], tributary(group), confidence[group.name]
         before = None if result.reference is None else result.reference.parameters.get(group.name)
