@@ -166,7 +166,7 @@ def _joint_panel(
     if group.lower95 is not None and group.upper95 is not None:
         low, high = (np.where(np.isfinite(side), side, edge) for side, edge in ((group.lower95, bottom), (group.upper95, top)))
         items += [
-            Area("band", np.array([left[k], right[k]]), np.full(2, low[k]), np.full(2, high[k]), "" if k else "95 % interval")
+            Area("band", np.array([left[k], right[k]]), np.full(2, low[k]), np.full(2, high[k]), "" if k else "95 % interval of the level")
             for k in range(count)
         ]
     drawn = [("initial", "initial", group.initial), ("reference", "reference job", group.reference_log10_effective)]
