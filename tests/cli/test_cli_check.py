@@ -62,7 +62,8 @@ def test_the_plan_of_the_frame(tmp_path: Path) -> None:
     # What all of the three share is told once.
     stated = "all jobs: quantities not stated in the file, taken as in the campaign: acc1, acc2, acc3, acc4"
     assert jobs.count(stated) == 1
-    assert len(jobs) == 5
+    assert len(jobs) == 6
+    assert jobs[-1].startswith("level misfit with the nearest of the states compared, after a coarse fit of the bolts [dB]: tight ")
     mapping = "all jobs: acc1: record 1 (column acc1_real): acc1, quantity unknown"
     assert mapping not in jobs
     assert section(folder.run("check", "-v").stdout, "jobs").count(mapping) == 1

@@ -380,7 +380,8 @@ def _of_reference(source: Looking, measurements: Mapping[str, Measurement], name
 
 def _of_one(source: Looking, measurements: Mapping[str, Measurement], name: str) -> tuple[Looking, OfJob]:
     """See ``_of_reference``, from the reference job alone."""
-    if idle := idle_text(Seen.of(source, name, measurements[name]), every=True):
+    seen = Seen.of(source, name, measurements[name])
+    if seen.misfit <= LEAST_DIFFERENCE and (idle := idle_text(seen, every=True)):
         return source, OfJob([Finding(text=idle, kind=Kind.IDLE)])
     if (exported := as_exported(source)) is not None:
         exported = _calibrated_from_another(exported, measurements)
