@@ -116,7 +116,7 @@ def coherence_doubt(
     )
 
 
-def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference: str) -> ChainFault | None:
+def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference: str, *, least: int = 3) -> ChainFault | None:
     """Fault if a job was measured with another window, filter or clock than the reference job, or hit twice; else None.
 
     Parameters
@@ -126,17 +126,23 @@ def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference:
         Measurements of the job and of the reference job; None is returned if their lines differ.
     reference : str
         Name of the reference job.
+    least : int
+        Least number of responses of a hammer point by which it is said to have been hit twice.
     """
     if own.values.shape != tight.values.shape or unlike(own.frequency_hz, tight.frequency_hz):
         return None
     names, air = [response.name for response in inputs.responses], SOUND_SPEED in inputs.recipe.names
+    rule = inputs.statistics.blows
+    if blow := second_blow(own.frequency_hz, own.values, tight.values, reference, rule):
+        return ChainFault("blow", blow)
     # The hammer may have hit twice at one point only. With fewer responses a loose bolt has slow slopes in common: more periods are needed.
-    parts = [inputs.input_of == at for at in range(len(inputs.excitations))] if len(inputs.excitations) > 1 else []
-    for point, which in (("", np.ones(inputs.input_of.size, dtype=bool)), *zip(inputs.excitations, parts, strict=False)):
-        values = own.values[:, which], tight.values[:, which]
-        rule = inputs.statistics.blows if not point else replace(inputs.statistics.blows, periods=2.0 * inputs.statistics.blows.periods)
-        if blow := second_blow(own.frequency_hz, *values, reference, rule):
-            return ChainFault("blow", f"at {point} {blow}" if point else blow)
+    rule = replace(rule, periods=2.0 * rule.periods)
+    for at, point in enumerate(inputs.excitations):
+        which = inputs.input_of == at
+        if least <= which.sum() < which.size:
+            blow = second_blow(own.frequency_hz, own.values[:, which], tight.values[:, which], reference, rule)
+            if blow:
+                return ChainFault("blow", f"at {point} {blow}")
     return other_chain(own.frequency_hz, own.values, tight.values, reference, names, inputs.statistics.modal, air=air)
 
 
