@@ -124,24 +124,39 @@ def test_a_sensor_alone_is_no_hammer() -> None:
     assert struck(inputs, own, expected) == ""
 
 
-@pytest.mark.parametrize(("left", "kept"), [({0: 0.8, 1: 7.0}, True), ({0: 0.8, 1: 2.0}, False)])
-def test_an_excitation_that_no_calibration_fits_keeps_its_warning(
-    monkeypatch: pytest.MonkeyPatch, left: dict[int, float], kept: bool
-) -> None:
-    """The FRFs of one hammer point are fitted alone; while those of the other are not, nothing found is no all-clear."""
+def calibrated(
+    monkeypatch: pytest.MonkeyPatch, first: OfJob, left: dict[int, float], misfit: float = 6.5, at_bounds: dict[str, float] | None = None
+) -> OfJob:
+    """Findings of the reference job, ``first`` as exported, after a rough calibration with which nothing is found."""
     stand_in: Any = SimpleNamespace(
-        misfit=6.5, by_excitation=left, parameters=SimpleNamespace(placed=()), inputs=SimpleNamespace(bolts=None)
+        misfit=misfit, by_excitation=left, parameters=SimpleNamespace(placed=()), inputs=SimpleNamespace(bolts=None)
     )
     monkeypatch.setattr(first_look, "Seen", SimpleNamespace(of=lambda *_: stand_in))
-    monkeypatch.setattr(first_look, "roughly_calibrated", lambda *_: SimpleNamespace(at_bounds={}))
+    monkeypatch.setattr(first_look, "roughly_calibrated", lambda *_: SimpleNamespace(at_bounds=at_bounds or {}))
     monkeypatch.setattr(first_look, "_looked_at", lambda *_: OfJob())
     for text in ("tighter_text", "looser"):
         monkeypatch.setattr(first_look, text, lambda *_: "")
     source: Any = SimpleNamespace(inputs=SimpleNamespace(campaign=SimpleNamespace(calibration=SimpleNamespace(job="tight"))))
     measurement: Any = None
+    return first_look._calibrated(source, {"tight": measurement}, "tight", first)[1]
+
+
+@pytest.mark.parametrize(("left", "kept"), [({0: 0.8, 1: 7.0}, True), ({0: 0.8, 1: 2.0}, False)])
+def test_an_excitation_that_no_calibration_fits_keeps_its_warning(
+    monkeypatch: pytest.MonkeyPatch, left: dict[int, float], kept: bool
+) -> None:
+    """The FRFs of one hammer point are fitted alone; while those of the other are not, nothing found is no all-clear."""
     first = OfJob([Finding(kind=Kind.UNLIKE, text="little in common")])
-    _, found = first_look._calibrated(source, {"tight": measurement}, "tight", first)
-    assert (found is first) == kept
+    assert (calibrated(monkeypatch, first, left) is first) == kept
+
+
+@pytest.mark.parametrize(("misfit", "factors", "told"), [(2.6, {"part_2": 1.35}, True), (1.4, {"part_2": 1.35}, False), (2.6, {}, False)])
+def test_a_calibration_that_ends_at_a_bound_is_told_unless_the_model_then_fits(
+    monkeypatch: pytest.MonkeyPatch, misfit: float, factors: dict[str, float], told: bool
+) -> None:
+    found = calibrated(monkeypatch, OfJob(), {0: 1.0}, misfit, factors)
+    assert [each.kind for each in found.told] == ([Kind.MATERIAL] if told else [])
+    assert not told or "a rough calibration moves part_2 to 1.35" in found.told[0].text
 
 
 @pytest.mark.parametrize(

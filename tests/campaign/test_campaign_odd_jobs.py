@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 from campaigns import BOX_TRUTH, box
-from looking import measurement, seen
+from looking import measurement, modal, seen
 
 from lrbc_cli.campaign.check import check
 from lrbc_cli.campaign.identification.compared.chains import chain_doubt
-from lrbc_cli.campaign.looking import all_jobs
+from lrbc_cli.campaign.looking import all_jobs, fitted
 from lrbc_cli.campaign.looking.all_jobs import of_one_sensor
 from lrbc_cli.campaign.looking.causes.held import idle_text
 from lrbc_cli.campaign.looking.fitted import at_bounds_text
+from lrbc_cli.campaign.looking.states import Looking
 from lrbc_cli.campaign.reading.inputs import read_as_exported
 from lrbc_cli.config import load_campaign
 from lrbc_cli.updating.statistics.chain.blows import BLOWS
@@ -45,23 +46,15 @@ def test_warmer_and_colder_air_is_told_with_its_temperature(tmp_path: Path, spee
     assert f"% {which} that of the reference job" in text
 
 
-def modal(seed: int = 1, responses: int = 6) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    own = np.sort(rng.uniform(20.0, 700.0, 40))
-    shapes = rng.normal(size=(own.size, responses)) * rng.normal(size=(own.size, 1))
-    s, w = 2j * np.pi * HZ[:, None], 2.0 * np.pi * own
-    return s**2 / (s**2 + 2.0 * 0.01 * w * s + w**2) @ shapes
-
-
 def test_a_record_wrong_in_the_reference_job_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """A sensor at a wrong place is far off in all jobs; one that was overloaded in one job only there."""
     campaign = SimpleNamespace(update=SimpleNamespace(reference="tight"))
     inputs: Any = SimpleNamespace(
         campaign=campaign, responses=[SimpleNamespace(name=f"a{k}", input=0, node=k, direction=3) for k in range(6)]
     )
-    model = modal()
+    model = modal(HZ, responses=6)
     values = model.copy()
-    values[:, 2] = modal(7)[:, 2]
+    values[:, 2] = modal(HZ, 7, 6)[:, 2]
     monkeypatch.setattr(all_jobs.Seen, "of", lambda *_: seen(values, model[None], hz=HZ, inputs=inputs))
     (alone,) = all_jobs.single_responses(inputs, np.array([1.0, 1, 9, 1, 1, 1]), [2], "the model")
     for others, right in ((1.2, True), (9.0, False)):
@@ -75,7 +68,7 @@ def test_a_record_wrong_in_the_reference_job_alone(monkeypatch: pytest.MonkeyPat
 
 def test_springs_without_any_effect() -> None:
     """Two groups: beside one that has an effect the other may be without."""
-    model = modal()
+    model = modal(HZ, responses=6)
     groups = [SimpleNamespace(name=name, kind="stiffness") for name in ("axial", "rocking")]
     parameters: Any = SimpleNamespace(
         initial=np.zeros(2), bounds=np.array([[-3.0, 3.0]] * 2), placed=[(groups[0], slice(0, 1), None), (groups[1], slice(1, 2), None)]
@@ -93,16 +86,21 @@ def test_springs_without_any_effect() -> None:
     assert "the springs of parameters.axial and parameters.rocking have no effect" in text(np.zeros(2), every=True)
 
 
-def test_factors_at_their_bounds_are_named() -> None:
-    right: Any = SimpleNamespace(at_bounds={})
-    assert at_bounds_text(right, 2.6) == ""
-    far: Any = SimpleNamespace(at_bounds={"part_2": 1.35})
+def test_factors_at_their_bounds_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not those of the damping, which a measurement often leaves open."""
+    monkeypatch.setattr(fitted, "multiplied", lambda source, *_: source)
+    monkeypatch.setattr(fitted, "moves_resonances", lambda _, name: not name.startswith("alpha"))
+    names, source = ("part_2", "alpha.structure"), Looking(inputs=SimpleNamespace(), stage=None, kind="port")  # type: ignore[arg-type]
+    known: dict[str, Any] = {"names": names, "model": SimpleNamespace(recipe=None), "bounds": np.log([[0.74, 1.35], [0.1, 10.0]])}
+    problem: Any = SimpleNamespace(parameters=SimpleNamespace(size=0, by_group=lambda _: {}), **known)
+    assert at_bounds_text(fitted._calibrated_by(source, problem, np.log([1.2, 10.0])), 2.6) == ""
+    far = fitted._calibrated_by(source, problem, np.log([1.35, 10.0]))
     assert at_bounds_text(far, 2.6).startswith("a rough calibration moves part_2 to 1.35, the most that it allows, and 2.6 dB are left")
 
 
 def test_the_hammer_hit_twice_at_one_point_only() -> None:
     """Sensors of one hammer point alone show it, so not all responses of the job do."""
-    twice, right = 1.0 + 0.4 * np.exp(-2j * np.pi * HZ * 0.018), modal()
+    twice, right = 1.0 + 0.4 * np.exp(-2j * np.pi * HZ * 0.018), modal(HZ, responses=6)
     statistics = SimpleNamespace(blows=BLOWS, modal=ModalRule())
     responses = [SimpleNamespace(name=f"a{k}") for k in range(6)]
     known: dict[str, Any] = {"responses": responses, "recipe": SimpleNamespace(names=()), "statistics": statistics}
@@ -115,4 +113,4 @@ def test_the_hammer_hit_twice_at_one_point_only() -> None:
         fault = chain_doubt(inputs, measurement(HZ, own * noise), measurement(HZ, tight), "tight")
         assert fault is not None
         assert fault.kind == "blow"
-        assert fault.text.startswith(f"at h2 the hammer probably hit a second time in {where}, 1")
+        assert fault.text.startswith(f"the hammer probably hit a second time at h2 in {where}, 1")

@@ -5,20 +5,11 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import numpy as np
-from looking import measurement, seen
+from looking import measurement, modal, seen
 
 from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings
 
 HZ = np.arange(30.0, 500.0)
-
-
-def modal(seed: int = 1, responses: int = 8) -> np.ndarray:
-    """Accelerances of a structure with modes from 20 to 700 Hz."""
-    rng = np.random.default_rng(seed)
-    own = np.sort(rng.uniform(20.0, 700.0, 40))
-    shapes = rng.normal(size=(own.size, responses)) * rng.normal(size=(own.size, 1))
-    s, w = 2j * np.pi * HZ[:, None], 2.0 * np.pi * own
-    return s**2 / (s**2 + 2.0 * 0.01 * w * s + w**2) @ shapes
 
 
 def without_beginning(values: np.ndarray, time_s: float) -> np.ndarray:
@@ -36,16 +27,16 @@ def told(values: np.ndarray, model: np.ndarray) -> str:
 
 
 def test_responses_that_begin_late_were_cut() -> None:
-    model = modal()
+    model = modal(HZ)
     assert told(model, model) == ""
     assert "begin about 7.4 ms after the blow" in told(without_beginning(model, 0.008), model)
 
 
 def test_responses_that_the_model_has_late_too_are_right() -> None:
     """Sensors far from the hammer: the wave takes its time."""
-    late = modal() * np.exp(-2j * np.pi * HZ * 0.006)[:, None]
+    late = modal(HZ) * np.exp(-2j * np.pi * HZ * 0.006)[:, None]
     assert told(late, late) == ""
-    assert told(late, modal()) != ""
+    assert told(late, modal(HZ)) != ""
 
 
 def found(values: np.ndarray, model: np.ndarray, job: str = "tight", late: tuple[int, ...] = ()) -> list[str]:
@@ -64,7 +55,7 @@ HIGH = 1.0 / (1.0 + np.sqrt(2.0) * 100.0 / (1j * HZ) + (100.0 / (1j * HZ)) ** 2)
 
 
 def test_a_filter_of_all_responses_is_named_with_its_corner() -> None:
-    values = modal()
+    values = modal(HZ)
     model = other_model(values)
     assert found(values, model) == []
     assert found(values[::-1], model) == []
@@ -76,7 +67,7 @@ def test_a_filter_of_all_responses_is_named_with_its_corner() -> None:
 
 
 def test_a_sensor_that_resonates_on_its_mounting_is_named() -> None:
-    values = modal()
+    values = modal(HZ)
     ratio = HZ[:, None] / 300.0
     moved = values.copy()
     moved[:, 2:4] /= 1.0 - ratio**2 + 1j * ratio / 8.0
@@ -90,7 +81,7 @@ def test_a_sensor_that_resonates_on_its_mounting_is_named() -> None:
 
 
 def test_one_filter_of_several_channels_is_told_once() -> None:
-    values = modal()
+    values = modal(HZ)
     channels = np.where(np.isin(np.arange(values.shape[1]) // 2, [0, 1]), HIGH, 1.0)
     (text,) = found(values * channels, other_model(values))
     assert text.startswith("levels of a0, a1, a2, a3 fall below 90.1 to 102 Hz relative to the model")

@@ -11,6 +11,15 @@ from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.states import Seen
 
 
+def modal(hz: np.ndarray, seed: int = 1, responses: int = 8) -> np.ndarray:
+    """Accelerances (F, R) of a structure with modes from 20 to 700 Hz."""
+    rng = np.random.default_rng(seed)
+    own = np.sort(rng.uniform(20.0, 700.0, 40))
+    shapes = rng.normal(size=(own.size, responses)) * rng.normal(size=(own.size, 1))
+    s, w = 2j * np.pi * hz[:, None], 2.0 * np.pi * own
+    return np.asarray(s**2 / (s**2 + 2.0 * 0.01 * w * s + w**2) @ shapes)
+
+
 def measurement(frequency_hz: np.ndarray, values: np.ndarray) -> Measurement:
     """FRFs without coherence, notes or files."""
     none = np.full(values.shape, np.nan)

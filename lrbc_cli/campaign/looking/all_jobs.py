@@ -1,6 +1,7 @@
-"""Combines findings of all jobs: signs and factors that all share are reported once, even if no single job shows each of them clearly.
+"""Combines findings of all jobs (``together``), and finds what only several jobs show: a loose bolt or a wrong record in the reference job.
 
-Wrong hammers, sensors or units are the same in all jobs, but bolts and errors of the model may hide them in some.
+Wrong hammers, sensors or units are the same in all jobs, but bolts and errors of the model may hide them in some. Signs and factors that
+all share are reported once, even if no single job shows each of them clearly.
 """
 
 from __future__ import annotations

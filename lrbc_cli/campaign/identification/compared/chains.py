@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
 
 import numpy as np
 
@@ -116,7 +115,7 @@ def coherence_doubt(
     )
 
 
-def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference: str, *, least: int = 3) -> ChainFault | None:
+def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference: str) -> ChainFault | None:
     """Fault if a job was measured with another window, filter or clock than the reference job, or hit twice; else None.
 
     Parameters
@@ -126,8 +125,6 @@ def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference:
         Measurements of the job and of the reference job; None is returned if their lines differ.
     reference : str
         Name of the reference job.
-    least : int
-        Least number of responses of a hammer point by which it is said to have been hit twice.
     """
     if own.values.shape != tight.values.shape or unlike(own.frequency_hz, tight.frequency_hz):
         return None
@@ -135,14 +132,12 @@ def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference:
     rule = inputs.statistics.blows
     if blow := second_blow(own.frequency_hz, own.values, tight.values, reference, rule):
         return ChainFault("blow", blow)
-    # The hammer may have hit twice at one point only. With fewer responses a loose bolt has slow slopes in common: more periods are needed.
-    rule = replace(rule, periods=2.0 * rule.periods)
     for at, point in enumerate(inputs.excitations):
         which = inputs.input_of == at
-        if least <= which.sum() < which.size:
-            blow = second_blow(own.frequency_hz, own.values[:, which], tight.values[:, which], reference, rule)
-            if blow:
-                return ChainFault("blow", f"at {point} {blow}")
+        if rule.point_responses <= which.sum() < which.size:
+            values = own.values[:, which], tight.values[:, which]
+            if blow := second_blow(own.frequency_hz, *values, reference, rule, point=point):
+                return ChainFault("blow", blow)
     return other_chain(own.frequency_hz, own.values, tight.values, reference, names, inputs.statistics.modal, air=air)
 
 
