@@ -161,6 +161,40 @@ def smoothing_matrix(weights: Sequence[float] | None, count: int, normalised: bo
     return W
 
 
+@dataclass(frozen=True, kw_only=True)
+class Slopes:
+    """Derivatives of the dynamic values ``D_j = c_j(s) kappa_j`` to theta at F lines, by which those of FRFs follow from ``dy/dD_j``.
+
+    Attributes
+    ----------
+    spectra : (F, nt) complex array
+        c_j(s).
+    jacobian : (nt, size) complex array
+        Of the scales kappa; complex, so that no product has to convert it.
+    scales : (nt,) float array
+        kappa.
+    damping : sequence of (int, int array, (F,) complex array)
+        For every p_damp: its index in theta, its terms, and ``d c_j / d p_damp``.
+    """
+
+    spectra: Complexes = field(repr=False)
+    jacobian: Complexes = field(repr=False)
+    scales: Floats = field(repr=False)
+    damping: Sequence[tuple[int, Integers, Complexes]] = field(repr=False)
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return int(self.jacobian.shape[1])
+
+    def of(self, dy: Complexes, lines: slice = slice(None)) -> Complexes:
+        """(f, R, size) derivatives of FRFs to theta from ``dy/dD_j`` (f, R, nt) at some of the lines, chain rule of (35), (36), (A.4)."""
+        J = (dy * self.spectra[lines, None]) @ self.jacobian
+        for at, terms, slope in self.damping:
+            J[:, :, at] = (dy[:, :, terms] @ self.scales[terms]) * slope[lines, None]
+        return np.asarray(J)
+
+
 @dataclass(frozen=True)
 class Parameterisation:
     """The vector of unknowns theta: group by group the log10 values, followed by p_damp if the group has tied damping.
@@ -285,6 +319,15 @@ class Parameterisation:
         D = self.spectra(theta, s) * finite
         D[:, ~np.isfinite(kappa)] = np.inf
         return D
+
+    def slopes(self, theta: Floats, s: Complexes) -> Slopes:
+        """Derivatives of the dynamic values at the lines s to theta, see ``Slopes``."""
+        return Slopes(
+            spectra=self.spectra(theta, s),
+            jacobian=self.scale_jacobian(theta).astype(complex),
+            scales=self.scales(theta),
+            damping=self.damping_spectra(theta, s),
+        )
 
     def polynomial(self, theta: Floats) -> Floats:
         """(nt, 3) coefficients k, c and m of ``D_j(s) = k + s c + s² m``; of a clamped term one is infinite and the others are zero.

@@ -179,12 +179,13 @@ class TestDerivatives:
 
     @pytest.mark.parametrize("seed", range(3))
     def test_dynamic_values_by_the_chain_rule(self, mixed, seed):
-        """dD = c dkappa + kappa dc, as the misfit puts it together."""
+        """dD = c dkappa + kappa dc, as ``Slopes`` puts it together: with one response for each term."""
         s, theta = TestSpectra.S, mixed.initial
         direction = np.random.default_rng(seed).normal(size=mixed.size)
-        J = mixed.spectra(theta, s)[:, :, None] * mixed.scale_jacobian(theta)[None]
-        for at, terms, slope in mixed.damping_spectra(theta, s):
-            J[:, terms, at] += mixed.scales(theta)[terms] * slope[:, None]
+        slopes, each = mixed.slopes(theta, s), np.tile(np.eye(mixed.terms, dtype=complex), (s.size, 1, 1))
+        J = slopes.of(each)
+        assert J.shape == (s.size, mixed.terms, slopes.size)
+        np.testing.assert_array_equal(slopes.of(each[1:], slice(1, None)), J[1:])
         # Real and imaginary parts on one scale: the damping part is a hundredth of the rest.
         check_derivative(lambda t: mixed.dynamic(t, s)[:, :7].imag, J[:, :7].imag, theta, direction, first=0.05)
         check_derivative(lambda t: mixed.dynamic(t, s)[:, :8].real, J[:, :8].real, theta, direction, first=0.05)

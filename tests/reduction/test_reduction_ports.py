@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from systems import beam, chain, csc, dense_ports, direct_frf, duct, fe_model, random_vectors, relative, unit
 
 from lrbc_cli.reduction import threads
-from lrbc_cli.reduction.reduced.ports import port_frf
+from lrbc_cli.reduction.reduced.ports import _sensors, port_frf
 from lrbc_cli.reduction.threads import by_lines, in_chunks, in_turn, side_by_side
 
 S = 2j * np.pi * np.array([13.0, 55.5, 121.0, 240.0, 333.3])
@@ -265,6 +266,42 @@ def test_select_is_the_same_for_fewer_lines_and_responses():
     np.testing.assert_allclose(dy_part, dy[np.ix_(lines, rows)], rtol=1e-11)
     assert part.lines == 2
     np.testing.assert_allclose(part.frequency_hz, [240.0, 13.0])
+
+
+def test_responses_of_one_sensor_share_a_solve():
+    """Three sensors under two inputs are six responses, in any order: three rows, and figures as if each had a row of its own."""
+    K, M = chain(30)
+    rng = np.random.default_rng(7)
+    sensors, loads = random_vectors(30, 3, rng), random_vectors(30, 2, rng)
+    outputs, input_of = sensors[:, [0, 1, 2, 1, 0, 2]], np.array([0, 0, 1, 1, 1, 0])
+    model = fe_model(
+        K, M, loads=loads, outputs=outputs, left=random_vectors(30, 4, rng), damping=(5.0, 3e-6), output_power=[2, 2, 2, 2, 2, 1]
+    )
+    ports = dense_ports(model, S, None, input_of)
+    # The last response is the velocity of sensor 2: another row.
+    np.testing.assert_array_equal(ports.heard, [0, 1, 2, 5])
+    np.testing.assert_array_equal(ports.output_of, [0, 1, 2, 1, 0, 3])
+    every, D = np.arange(6), values(model, 0.3)
+    apart = replace(ports, heard=every, output_of=every)
+    for one, other in (
+        (ports, apart),
+        (ports.select(np.array([4, 1]), np.array([4, 0, 3])), apart.select(np.array([4, 1]), np.array([4, 0, 3]))),
+    ):
+        own = D[[4, 1]] if one.lines == 2 else D
+        for found, expected in zip(one.linearise(own), other.linearise(own), strict=True):
+            np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-14 * np.abs(expected).max())
+        np.testing.assert_allclose(one.evaluate(own), other.evaluate(own), rtol=1e-12)
+    assert ports.select(every[:2], np.array([4, 0, 3])).heard.tolist() == [0, 2]
+    assert np.all(errors(ports.evaluate(D), direct_frf(model, S, D, input_of)) < rounding(model, D))
+
+
+def test_rows_that_differ_at_one_line_are_of_two_sensors():
+    ports = dense_ports(mixed_model(), S, None, np.array(INPUTS["mixed_model"]))
+    H0p = ports.H0p.copy()
+    H0p[:, 1] = H0p[:, 0]
+    assert _sensors(H0p)[0].tolist() == [0, 2, 3]
+    H0p[3, 1, 2] *= 1.0 + 1e-8
+    assert _sensors(H0p)[0].tolist() == [0, 1, 2, 3]
 
 
 def test_no_terms():

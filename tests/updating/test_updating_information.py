@@ -104,7 +104,7 @@ def restricted(model: FrfModel, responses) -> FrfModel:
         s=model.s,
         parameters=model.parameters,
         values=lambda D: model.values(D)[:, responses],
-        linearised=lambda D: tuple(part[:, responses] for part in model.linearised(D)),
+        linearised=lambda *state: tuple(part[:, responses] for part in model.linearised(*state)),
     )
 
 
@@ -224,8 +224,8 @@ def test_a_silent_response_is_worth_nothing():
     model = model_of(system())
     scale = np.array([1.0, 1.0, 1e-14, 0.0, 1.0])
 
-    def slopes(D):
-        y, dy = model.linearised(D)
+    def slopes(*state):
+        y, dy = model.linearised(*state)
         return y * scale, (dy + 1e-3 * np.abs(dy).max()) * np.where(scale > 0, 1.0, 0.0)[:, None]
 
     noisy = replace(model, values=lambda D: model.values(D) * scale, linearised=slopes)

@@ -183,7 +183,7 @@ class TestCost:
         model, parameters = pads_model(THIRDS)
         ports, calls = pads_ports(model).select(np.arange(S.size), ROWS), []
         by = port_model(ports, parameters)
-        object.__setattr__(by, "linearised", lambda D: (calls.append("linearised"), ports.linearise(D))[1])
+        object.__setattr__(by, "linearised", lambda *of: (calls.append("linearised"), ports.linearise(*of))[1])
         object.__setattr__(by, "values", lambda D: (calls.append("values"), ports.evaluate(D))[1])
         here, there = parameters.initial, wavy(parameters)
         y, J = by.sensitivities(here)

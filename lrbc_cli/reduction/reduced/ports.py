@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.model.terms import Slopes
 from lrbc_cli.reduction.threads import by_lines
 
 #: Hpp counts as symmetric if its asymmetry is at most this fraction of its largest entry.
@@ -23,6 +24,9 @@ CLAMPED = 1e-14
 #: An unconstrained motion counts as excited if the loads move it by more than this fraction of its own port: far above rounding errors,
 #: far below a response.
 DRIVEN = 1e-9
+
+#: Rows of H0p are those of one sensor if they differ by at most this fraction of their largest entry at each line: rounding errors.
+SAME_ROW = 1e-12
 
 #: A pivot of at most this many rounding errors (complex product and sum) has no correct digits.
 LOST = 4.0
@@ -48,6 +52,10 @@ class PortFrf:
         Dynamic values that the terms have in H.
     input_of : (R,) int array
         Which input each response belongs to.
+    heard : (O,) int array
+        Responses whose rows of H0p differ, one of each sensor.
+    output_of : (R,) int array
+        Which entry of ``heard`` has the row of each response.
     symmetric : bool
         Hpp is symmetric (it is then made exactly so).
     """
@@ -59,6 +67,8 @@ class PortFrf:
     Hpp: Complexes
     D_ref: Complexes
     input_of: Integers
+    heard: Integers
+    output_of: Integers
     symmetric: bool
 
     @property
@@ -73,6 +83,7 @@ class PortFrf:
 
     def select(self, lines: Integers, responses: Integers) -> PortFrf:
         """The port FRFs of some of the lines and responses (index arrays)."""
+        _, heard, output_of = np.unique(self.output_of[responses], return_index=True, return_inverse=True)
         return PortFrf(
             s=self.s[lines],
             H00=self.H00[np.ix_(lines, responses)],
@@ -81,6 +92,8 @@ class PortFrf:
             Hpp=self.Hpp[lines],
             D_ref=self.D_ref[lines],
             input_of=self.input_of[responses],
+            heard=heard,
+            output_of=output_of,
             symmetric=self.symmetric,
         )
 
@@ -183,34 +196,40 @@ class PortFrf:
         w, v = self._solved_both(self.Hpp, E, F, self.Hp0, heard)
         return self._respond(F, w), -F[:, :, None] * w, -F[:, :, None] * v, E[:, :, None] * w, E[:, :, None] * v
 
-    def linearise(self, D: Complexes) -> tuple[Complexes, Complexes]:
-        """FRFs and their derivatives with respect to every D_j.
+    def linearise(self, D: Complexes, slopes: Slopes | None = None) -> tuple[Complexes, Complexes]:
+        """FRFs and their derivatives with respect to every D_j, or with ``slopes`` to every parameter.
 
         ``dy/dD_j = -[H0p (I + Delta Hpp)⁻¹]_j [(I + Hpp Delta)⁻¹ Hp0]_j``; for a symmetric Hpp both factors need one factorisation, as
-        large as the number of terms that differ from D_ref.
+        large as the number of terms that differ from D_ref. Responses of one sensor to several inputs share the first factor.
 
         Parameters
         ----------
         D : (F, nt) complex array, finite
+        slopes : Slopes or None
 
         Returns
         -------
         y : (F, R) complex array
-        dy : (F, R, nt) complex array
+        dy : (F, R, nt) or (F, R, size) complex array
         """
-        y, dy = np.empty(self.H00.shape, dtype=complex), np.empty(self.H0p.shape, dtype=complex)
+        y = np.empty(self.H00.shape, dtype=complex)
+        dy = np.empty((*y.shape, self.H0p.shape[2] if slopes is None else slopes.size), dtype=complex)
         terms = self._differing(D)
         rest = np.setdiff1d(np.arange(D.shape[1]), terms)
         own = self.among(terms) if rest.size else self
 
         def work(part: slice) -> None:
-            Hpp, Hp0, right = self.Hpp[part], self.Hp0[part], self.H0p[part].transpose(0, 2, 1)
+            Hpp, Hp0, right = self.Hpp[part], self.Hp0[part], self.H0p[part, self.heard].transpose(0, 2, 1)
             E, F = own._split(D[part][:, terms], part)
             w, v = own._solved_both(own.Hpp[part], E, F, Hp0[:, terms], right[:, terms])
             y[part] = own._respond(F, w, part)
             after = -_displacements(Hpp, Hp0, (terms, rest), E, F, w)
             before = _displacements(Hpp.transpose(0, 2, 1), right, (terms, rest), E, F, v)
-            np.multiply(before.transpose(0, 2, 1), after[:, :, self.input_of].transpose(0, 2, 1), out=dy[part])
+            # Contiguous in the terms before responses are repeated.
+            before, after = (np.ascontiguousarray(each.transpose(0, 2, 1)) for each in (before, after))
+            product = before[:, self.output_of]
+            product *= after[:, self.input_of]
+            dy[part] = product if slopes is None else slopes.of(product, part)
 
         by_lines(self.lines, terms.size, 1, work)
         return y, dy
@@ -261,9 +280,8 @@ class PortFrf:
 
     def _respond(self, F: Complexes, w: Complexes, part: slice = slice(None)) -> Complexes:
         """(..., F, R) FRFs from the solution ``w = (E + Hpp F)⁻¹ Hp0``."""
-        y = (self.H0p[part] * F[..., None, :]) @ w
-        rows = np.arange(self.input_of.size)
-        return np.asarray(self.H00[part] - y[..., rows, self.input_of])
+        y = (self.H0p[part, self.heard] * F[..., None, :]) @ w
+        return np.asarray(self.H00[part] - y[..., self.output_of, self.input_of])
 
 
 def _displacements(H: Complexes, B: Complexes, split: tuple[Integers, Integers], E: Floats, F: Complexes, w: Complexes) -> Complexes:
@@ -276,6 +294,18 @@ def _displacements(H: Complexes, B: Complexes, split: tuple[Integers, Integers],
     found[:, terms] = own
     found[:, rest] = B[:, rest] - (H[:, rest[:, None], terms] * F[:, None, :]) @ w
     return found
+
+
+def _sensors(H0p: Complexes) -> tuple[Integers, Integers]:
+    """``heard`` and ``output_of`` of ``PortFrf``: rows of H0p (F, R, nt) that are the same but for rounding errors belong to one sensor."""
+    heard, output_of = list[int](), list[int]()
+    size = SAME_ROW * np.abs(H0p).max(axis=2, initial=0.0)
+    for i in range(H0p.shape[1]):
+        same = (k for k, j in enumerate(heard) if bool((np.abs(H0p[:, i] - H0p[:, j]).max(axis=1, initial=0.0) <= size[:, j]).all()))
+        output_of.append(next(same, len(heard)))
+        if output_of[-1] == len(heard):
+            heard.append(i)
+    return np.array(heard, dtype=np.int64), np.array(output_of, dtype=np.int64)
 
 
 def port_frf(H: Complexes, s: Complexes, D_ref: Complexes, output_power: Integers, input_of: Integers) -> PortFrf:
@@ -307,6 +337,7 @@ def port_frf(H: Complexes, s: Complexes, D_ref: Complexes, output_power: Integer
     symmetric = bool(np.abs(Hpp - Hpp.transpose(0, 2, 1)).max() <= SYMMETRY * scale) if Hpp.size else True
     if symmetric:
         Hpp = 0.5 * (Hpp + Hpp.transpose(0, 2, 1))
+    heard, output_of = _sensors(H0p)
     return PortFrf(
         s=s,
         H00=H00,
@@ -315,5 +346,7 @@ def port_frf(H: Complexes, s: Complexes, D_ref: Complexes, output_power: Integer
         Hpp=np.ascontiguousarray(Hpp),
         D_ref=D_ref,
         input_of=input_of,
+        heard=heard,
+        output_of=output_of,
         symmetric=symmetric,
     )

@@ -76,10 +76,7 @@ class ExtendedFrf:
         own = theta[: P.size]
         found = self.model.linearise(s, P.dynamic(own, s), effects.factors, list(effects.factors), self.offset(theta))
         y, J = found.y, np.zeros((*found.y.shape, self.size), dtype=complex)
-        J[:, :, : P.size] = (found.terms * P.spectra(own, s)[:, None, :]) @ P.scale_jacobian(own)
-        kappa = P.scales(own)
-        for at, terms, slope in P.damping_spectra(own, s):
-            J[:, :, at] = (found.terms[:, :, terms] @ kappa[terms]) * slope[:, None]
+        J[:, :, : P.size] = P.slopes(own, s).of(found.terms)
         factors, shifts = found.factors, found.shifts
         if effects.gains:
             gain = 10.0 ** (np.array([effects.gains.get(i, 0.0) for i in self.responses.tolist()]) / 20.0)

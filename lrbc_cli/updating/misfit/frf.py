@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
-from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.model.terms import Parameterisation, Slopes
 from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.remembered import Remembered
@@ -112,8 +112,8 @@ class FrfModel:
         s of the lines: i omega, or sigma + i omega of smoothed spectra [rad/s].
     parameters : Parameterisation
     values, linearised : callables
-        From the dynamic values D (F, nt) of the terms to the FRFs y (F, R), and to y with dy/dD (F, R, nt). New arrays: they are
-        modified or cached.
+        From the dynamic values D (F, nt) of the terms to the FRFs y (F, R); from D and its slopes to y and dy/dtheta (F, R, size). New
+        arrays: they are modified or cached.
     ports : PortFrf or None
         Given with the port formula, which makes a change of few terms far cheaper than a full evaluation, see ``nearby``.
     """
@@ -121,7 +121,7 @@ class FrfModel:
     s: Complexes
     parameters: Parameterisation
     values: Callable[[Complexes], Complexes]
-    linearised: Callable[[Complexes], tuple[Complexes, Complexes]]
+    linearised: Callable[[Complexes, Slopes], tuple[Complexes, Complexes]]
     ports: PortFrf | None = None
     # A descent begins where another stopped, and weights are computed there: a tenth of all evaluations repeat one of the last states.
     _last: Remembered[tuple[Any, ...]] = field(default_factory=lambda: Remembered(16), repr=False, compare=False)
@@ -205,19 +205,11 @@ class FrfModel:
 
     def _sensitivities(self, theta: Floats, phase: bool) -> tuple[Complexes, Floats | Complexes]:
         P = self.parameters
-        y, relative = self.linearised(P.dynamic(theta, self.s))
+        y, J = self.linearised(P.dynamic(theta, self.s), P.slopes(theta, self.s))
         # Re(conj(H) dH)/|H|² = Re(dH/H). At a zero of an undamped model H is rounding error only: the derivative is set to zero there.
         size = np.abs(y)
-        relative *= np.where(size > np.finfo(float).eps * size.max(axis=0, initial=0.0), DB / y, 0.0)[:, :, None]
-        kappa, chain = P.scales(theta), P.scale_jacobian(theta)
-        damped = {at: (relative[:, :, terms] @ kappa[terms]) * slope[:, None] for at, terms, slope in P.damping_spectra(theta, self.s)}
-        relative *= P.spectra(theta, self.s)[:, None, :]
-        J = relative.real @ chain
-        if phase:
-            J = J + 1j * (relative.imag @ chain)
-        for at, column in damped.items():
-            J[:, :, at] = column if phase else column.real
-        return y, J
+        J *= np.where(size > np.finfo(float).eps * size.max(axis=0, initial=0.0), DB / y, 0.0)[:, :, None]
+        return y, J if phase else np.ascontiguousarray(J.real, dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -260,8 +252,8 @@ def port_model(ports: PortFrf, parameters: Parameterisation) -> FrfModel:
 def reduced_model(model: ReducedModel, s: Complexes, parameters: Parameterisation, responses: NDArray[np.int64]) -> FrfModel:
     """FRFs of some responses by the reduced dynamic stiffness (28), (32): cheaper if there are more terms than reduced DOFs."""
 
-    def linearise(D: Complexes) -> tuple[Complexes, Complexes]:
+    def linearise(D: Complexes, slopes: Slopes) -> tuple[Complexes, Complexes]:
         y, dy = model.linearise(s, D)
-        return y[:, responses], dy[:, responses]
+        return y[:, responses], slopes.of(dy[:, responses])
 
     return FrfModel(s=s, parameters=parameters, values=lambda D: model.evaluate(s, D)[:, responses], linearised=linearise)
