@@ -214,7 +214,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         progress(f"reading the measurement of {name}")
         try:
             measurement = read_measurement(inputs, job, name)
-            selected = select_lines(inputs, measurement, name)
+            selected, _ = select_lines(inputs, measurement, name)
         except LrbcError as error:
             out.errors[name] = error
             lines[name] = [f"{name}: unusable, see its error"]

@@ -170,7 +170,8 @@ def resolve(update: UpdateConfig, facts: Facts) -> Method:
     else:
         reasons["regularisation"] = "no weight is given: it follows from the residuals" if given == "auto" else "as given"
     optimiser = "gauss-newton" if by_bolts else update.method
-    reasons["optimiser"] = "as given" if optimiser == update.method else "bfgs stays in the nearest minimum"
+    kept = "that of the approach" if by_bolts else "as given"
+    reasons["optimiser"] = kept if optimiser == update.method else "bfgs stays in the nearest minimum"
     if optimiser != update.method:
         warnings.append(f"update.method: {update.method} is not used: it needs approach: paper")
     follows = regularisation == "noise"

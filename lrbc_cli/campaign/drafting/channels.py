@@ -83,6 +83,19 @@ def other_names(paths: Sequence[Path], named: Mapping[Path, NamedFile]) -> dict[
     return {one.channel: path for path in paths if (one := named.get(path)) is not None and alike(one.channel) != alike(path.stem)}
 
 
+def struck_at(record: FrfRecord) -> tuple[int | None, int]:
+    """Node and direction of the hammer, by the file."""
+    return record.reference_node, record.reference_direction
+
+
+def address(record: FrfRecord, number: int, quoted: Callable[[str], str], *, several: bool) -> str:
+    """How a record is addressed in a campaign file: by name, node or number; by its hammer point, too, if there are ``several``."""
+    if not several and (record.name or record.response_node is None):
+        return quoted(record.name) if record.name else str(number)
+    struck = f", reference_node: {record.reference_node}, reference_direction: {record.reference_direction}" if several else ""
+    return f"{{node: {record.response_node}, direction: {record.response_direction}{struck}}}"
+
+
 def _is_nameless(record: FrfRecord) -> bool:
     return not record.name.strip() and record.response_node is None
 

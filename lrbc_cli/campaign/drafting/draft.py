@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.campaign.drafting.channels import NamedFile, jobs_of, name_after_files, other_names
+from lrbc_cli.campaign.drafting.channels import NamedFile, address, jobs_of, name_after_files, other_names, struck_at
 from lrbc_cli.campaign.drafting.recognise import FilesFound, MatrixFound
 from lrbc_cli.campaign.drafting.roles import (
     HAMMER,
@@ -99,18 +99,21 @@ class Draft:
         reference, baselines = self._reference(jobs)
         jobs = dict(sorted(jobs.items(), key=lambda job: job[0] != reference))
         record = [entry for path in next(iter(jobs.values()), []) for entry in self.found.measurements[path].records]
-        responses, names = self._responses(record)
+        driven = self._driven(record)
+        if not driven:
+            record = [one for one in record if struck_at(one) == struck_at(record[0])]
+        responses, names = self._responses(record, driven)
         band = self._band(record)
         sections = [
             self._model(band),
             [
                 "# Where it is hit and what is measured: {near: [x, y, z], component:}, {node:, component:}, {dof:} or {vector: file}",
-                *self._hammer(record),
+                *self._hammer(record, driven),
             ],
             ["responses:", *responses],
             ["# What is identified: terms of stiffness at the bolts (`lrbc guide campaign`)", *self._parameters()],
             [f"reduction: {{band: [{band[0]:g}, {band[1]:g}], tolerance: 1.0e-3}}"],
-            self._update(reference, names, baselines),
+            self._update(reference, names, baselines, len(driven)),
             self._calibration(reference),
             ["jobs:" if jobs else "jobs: {}", *[f"  {name}: {self._job(paths)}" for name, paths in jobs.items()]],
         ]
@@ -203,15 +206,25 @@ class Draft:
             self.todo.append("model.dofs: the DOF of each matrix row is not given: add `map:` or `components:`, see `lrbc guide export`")
         return [f"  dofs: {{nodes: {self.path(nodes)}}}"]
 
-    def _hammer(self, records: Sequence[FrfRecord]) -> list[str]:
+    def _driven(self, records: Sequence[FrfRecord]) -> dict[tuple[int | None, int], str]:
+        """Names of several hammer points by the nodes and directions in the files, if all are of the model; else empty."""
+        driven = dict.fromkeys(map(struck_at, records))
+        if len(driven) < 2:
+            return {}
+        if not self._numbered(records) or any(self._at_node(*place) is None for place in driven):
+            self.todo.append(f"excitation: the files contain {len(driven)} hammer points; only the first is used, give the others")
+            return {}
+        return {place: f"h{number}" for number, place in enumerate(driven, start=1)}
+
+    def _hammer(self, records: Sequence[FrfRecord], driven: Mapping[tuple[int | None, int], str]) -> list[str]:
+        if driven:
+            self.recognised.append(f"{len(driven)} hammer points: {', '.join(driven.values())}")
+            return ["excitation:", *[f"  {name}: {self._at_node(*place)}" for place, name in driven.items()]]
         for name, point in self.roles.points.items():
             if HAMMER.search(name):
                 return ["excitation:", f"  {_name(name, 'hammer')}: {self._near(point)}"]
         if self.roles.loads:
             return ["excitation:", f"  hammer: {{vector: {self.matrix(self.roles.loads[0])}}}"]
-        driven = {(r.reference_node, r.reference_direction) for r in records}
-        if len(driven) > 1:
-            self.todo.append(f"excitation: the files contain {len(driven)} excitations; one is used")
         place = self._at_node(records[0].reference_node, records[0].reference_direction) if records and self._numbered(records) else None
         if place is None:
             self.todo.append("excitation.hammer: give its place; no file contains it")
@@ -234,7 +247,7 @@ class Draft:
         there = (self.table.node == node) & (self.table.component == label)
         return f"{{node: {node}, component: {label}}}" if there.sum() == 1 else None
 
-    def _responses(self, records: Sequence[FrfRecord]) -> tuple[list[str], list[str]]:
+    def _responses(self, records: Sequence[FrfRecord], driven: Mapping[tuple[int | None, int], str]) -> tuple[list[str], list[str]]:
         """Lines of the section ``responses``, and the names of the responses that have a place."""
         lines, names, lost = list[str](), list[str](), list[tuple[str, FrfRecord, str]]()
         numbered = bool(records) and self._numbered(records)
@@ -243,8 +256,11 @@ class Draft:
                 response_of(record.name),
                 f"n{record.response_node}-{LABELS[record.response_direction].lower()}" if record.response_node else f"r{number}",
             )
+            struck = driven.get(struck_at(record), "")
+            plain = f"{plain}-{struck}" if struck else plain
             name = plain if plain not in names else f"{plain}-{number}"
-            further = "" if name == record.name else f", record: {_record(record, number)}"
+            further = f", excitation: {struck}" if struck else ""
+            further += "" if name == record.name else f", record: {address(record, number, quoted, several=bool(struck))}"
             names.append(name)
             point = self.roles.point(record.name)
             place = (
@@ -343,7 +359,7 @@ class Draft:
         above = lines[lines > 0]
         return (float(above.min()), float(above.max())) if above.size > 1 else (20.0, 400.0)
 
-    def _update(self, reference: str | None, names: Sequence[str], baselines: Sequence[str]) -> list[str]:
+    def _update(self, reference: str | None, names: Sequence[str], baselines: Sequence[str], points: int) -> list[str]:
         lines = ["update:"]
         lines.append(
             f"  reference: {quoted(reference)}" if reference else "  # reference: tight               # the job with all bolts tight"
@@ -353,9 +369,13 @@ class Draft:
         if reference and baselines:
             lines.append(f"  baselines: [{', '.join(map(quoted, baselines))}]   # further tight states: their scatter moves the threshold")
             self.todo.append(f"update.baselines: {', '.join(baselines)}, chosen by name; check that all bolts are tight there")
-        if len(names) > 3:
-            lines.append(f"  responses: [{', '.join(map(quoted, names[:-1]))}]   # the last one checks the result")
-            self.todo.append(f"update.responses: {names[-1]} is left out as validation channel")
+        # With several hammer points, all records of the last sensor: one alone would be no independent channel.
+        last = [name for name in names if points and name.rpartition("-")[0] == names[-1].rpartition("-")[0]] or list(names[-1:])
+        if len(names) > 3 * max(points, 1):
+            used = [name for name in names if name not in last]
+            lines.append(f"  responses: [{', '.join(map(quoted, used))}]   # the last sensor checks the result")
+            kept = "is left out as validation channel" if len(last) == 1 else "are left out as validation channels"
+            self.todo.append(f"update.responses: {', '.join(last)} {kept}")
         return [*lines, "  loss: soft                        # single outlying lines count little", "  loss_scale: 1.0"]
 
     def _calibration(self, reference: str | None) -> list[str]:
@@ -413,12 +433,6 @@ def quoted(text: str) -> str:
 def _name(text: str, otherwise: str) -> str:
     """A text as a name in the campaign file, without accents."""
     return plain_name(text) or otherwise
-
-
-def _record(record: FrfRecord, number: int) -> str:
-    if record.name or record.response_node is None:
-        return quoted(record.name) if record.name else str(number)
-    return f"{{node: {record.response_node}, direction: {record.response_direction}}}"
 
 
 def _quantity(name: str) -> str | None:

@@ -289,7 +289,8 @@ def units_of(roles: Roles, table: DofTable | None) -> list[str]:
 def holds_springs(path: Path, roles: Roles, table: DofTable | None) -> bool | None:
     """Whether the stiffness matrix contains the springs of a table already; None if unknown.
 
-    Springs between two nodes of separate parts are tested by the coupling entry, springs to ground by the force under a rigid translation.
+    Springs between two nodes of separate parts are tested by the coupling entry, translational ones to ground by the force under a rigid
+    translation.
     """
     if table is None or "stiffness" not in roles.operators:
         return None
@@ -298,8 +299,8 @@ def holds_springs(path: Path, roles: Roles, table: DofTable | None) -> bool | No
     shares = []
     left = {label: K @ (table.component == label).astype(float) for label in COMPONENTS[:3]}
     for k, label in enumerate(springs.component):
-        rows = [at.get((int(node), label)) for node in (springs.node_a[k], springs.node_b[k]) if node is not None]
-        if label not in left or None in rows or not np.array_equal(springs.axes[k], np.eye(3)):
+        rows = [at.get((int(node), str(label))) for node in (springs.node_a[k], springs.node_b[k]) if node is not None]
+        if (len(rows) == 1 and label not in left) or None in rows or not np.array_equal(springs.axes[k], np.eye(3)):
             continue
         held = left[label][rows[0]] if len(rows) == 1 else -K[rows[0], rows[1]]
         shares.append(float(held) / springs.stiffness[k])

@@ -59,8 +59,8 @@ class Job:
         The unknowns are changes relative to the reference job.
     shapes : Shapes
         ``theta = prior + T z``: hats and joints in jobs that follow a reference job, single values otherwise.
-    selected : (m,) int array
-        Lines that enter the cost.
+    selected, near : int arrays
+        Lines that enter the cost, and all lines of the resonances to which they belong.
     sharp : bool
         The lines do not resolve the peaks.
     error : ChangeError or None
@@ -92,7 +92,7 @@ class Job:
         self.tight: Measurement | None = None
         self._values: dict[tuple[str, bool], Complexes] = {}
         told = self.told(name, self.measurement)
-        self.selected = select_lines(inputs, replace(self.measurement, values=told), name)
+        self.selected, self.near = select_lines(inputs, replace(self.measurement, values=told), name)
         self.model = source.model(self.s, self.parameters, self.selected, inputs.used)
         self.sharp = too_wide((self.measurement.frequency_hz, told[:, inputs.used]), rule=self.statistics.resolution) is not None
         self.error = self._change_error()
@@ -402,7 +402,7 @@ class Job:
         Relative to the reference job if there is one. Far from resonances damping matters little, but in a heavily damped structure it
         affects all lines. Without other lines the compared ones are used; no rows if the lines of the reference job differ.
         """
-        rest, used = np.setdiff1d(np.arange(self.s.size), self.selected), self.inputs.used
+        rest, used = np.setdiff1d(np.arange(self.s.size), self.near), self.inputs.used
         rest = rest if rest.size else self.selected
         tight = self.of_reference() if self.against_reference else None
         if self.against_reference and (tight is None or unlike(self.measurement.frequency_hz, tight.frequency_hz)):

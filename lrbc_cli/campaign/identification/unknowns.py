@@ -25,6 +25,7 @@ from lrbc_cli.updating.misfit.cost import penalty_rows
 from lrbc_cli.updating.statistics.lines import resonance_lines
 from lrbc_cli.updating.statistics.priors import ValuePrior
 from lrbc_cli.updating.statistics.saturation import Saturation, saturation
+from lrbc_cli.updating.statistics.thinning import thinned
 from lrbc_cli.updating.unknowns.shapes import Shapes
 
 
@@ -208,8 +209,8 @@ def stored_covariance(parameters: Parameterisation, reference: ReferenceState | 
     return np.zeros(size) if stored is None or stored.shape != size else stored
 
 
-def select_lines(inputs: Inputs, measurement: Measurement, name: str) -> Integers:
-    """(m,) indices of the lines that enter the cost, by ``update.lines``.
+def select_lines(inputs: Inputs, measurement: Measurement, name: str) -> tuple[Integers, Integers]:
+    """Indices of the lines that enter the cost, by ``update.lines``, and of all lines of the resonances to which they belong.
 
     Raises
     ------
@@ -219,7 +220,8 @@ def select_lines(inputs: Inputs, measurement: Measurement, name: str) -> Integer
     lines = inputs.method.lines
     frequency = measurement.frequency_hz
     if isinstance(lines, EveryLine):
-        return np.arange(0, frequency.size, lines.every)
+        chosen = np.arange(0, frequency.size, lines.every)
+        return chosen, chosen
     if isinstance(lines, ListedLines):
         wanted = np.sort(np.array(lines.frequencies, dtype=float))
         distance = np.abs(frequency[None, :] - wanted[:, None])
@@ -235,10 +237,12 @@ def select_lines(inputs: Inputs, measurement: Measurement, name: str) -> Integer
                 found=", ".join(f"{f:g} Hz" for f in wanted[off][:5]),
                 hint="correct update.lines",
             )
-        return np.unique(nearest)
+        return np.unique(nearest), np.unique(nearest)
     if lines == "all":
-        return np.arange(frequency.size)
-    return resonance_lines(frequency, measurement.values[:, inputs.used], inputs.statistics.resonances)
+        return np.arange(frequency.size), np.arange(frequency.size)
+    values, rule = measurement.values[:, inputs.used], inputs.statistics.resonances
+    near = resonance_lines(frequency, values, rule)
+    return thinned(frequency, values, near, rule), near
 
 
 def penalty_of(method: Method, values: ValuePrior, parameters: Parameterisation, shapes: Shapes, against_reference: bool) -> Floats:

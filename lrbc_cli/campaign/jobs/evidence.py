@@ -391,7 +391,8 @@ def remarks(inputs: Inputs, result: Identification) -> list[str]:
     for group, values, at in result.parameters.placed:
         limits = result.saturations.get(group.name)
         config = inputs.campaign.parameters[group.name]
-        if limits is not None and not limits.found and (config.start is None or config.bounds == "auto"):
+        # Said once, with the reference job: all jobs have the same bounds.
+        if result.reference is None and limits is not None and not limits.found and (config.start is None or config.bounds == "auto"):
             low, high = float(group.bounds[:, 0].min()), float(group.bounds[:, 1].max())
             found.append(guessed_text(group.name, replace(limits, lower=low, upper=high), config.start))
         p, bounds = result.solution.theta[values], group.bounds

@@ -56,8 +56,8 @@ def judged(campaign: Campaign, rule: DecisionRule, evidence: Evidence, tight: Co
     warnings += [*evidence.warnings, *suspects(judgement), *contradicted(campaign, name, judgement)]
     warnings += [text for text in [lenient_text(update)] if text]
     unvalidated = [valid.reason] if valid.passed is None else []
-    several = [f"{', '.join(loose) or 'none'} ({share:.2f})" for loose, share in judgement.alternatives]
-    states = [f"states of nearly equal posterior probability, by their loose bolts: {'; or '.join(several)}"] if several else []
+    several = [f"{', '.join(loose) or 'none'} ({share:.2f})" for loose, share in judgement.alternatives if share >= 0.005]
+    states = [f"several states are probable, by their loose bolts: {'; or '.join(several)}"] if len(several) > 1 else []
     status, reason = evidence.status, evidence.reason
     if not valid.explained:
         status, reason = UNEXPLAINED, f"{valid.reason}: no verdicts ({status}: {reason}); {evidence.setting}"

@@ -42,7 +42,7 @@ def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) 
         By job.
     """
     tight = measurements.get(reference or "")
-    found = []
+    found = dict[str, list[str]]()
     for name, own in measurements.items() if tight is not None else ():
         if tight is None or _cut(own, tight):
             continue
@@ -50,11 +50,11 @@ def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) 
         # After a shift by whole lines, those in the band are the same.
         if not (difference := unlike(own.frequency_hz, tight.frequency_hz)):
             if aside:
-                found.append(f"job {name}: its file begins {aside} than that of {reference}, with as many lines. {recount}")
+                found.setdefault(f"its file begins {aside} than that of {reference}, with as many lines. {recount}", []).append(name)
             continue
         counted, other = numbered(own, tight), clocked(own, tight)
-        found.append(
-            f"job {name}: its frequency lines differ from those of {reference} ({difference}). The model discrepancy of "
+        text = (
+            f"its frequency lines differ from those of {reference} ({difference}). The model discrepancy of "
             f"{reference} is not known at its lines, so errors of the model may pass for loose bolts. "
             + (
                 f"Its frequencies are probably the numbers of its lines, counted from {counted}: give the column of the frequencies under "
@@ -68,7 +68,8 @@ def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) 
                 else f"{_lacking(own, tight)}Measure or export it on the lines of {reference}"
             )
         )
-    return found
+        found.setdefault(text, []).append(name)
+    return [f"job {name}: {text}" + (f"; also found in {', '.join(others)}" if others else "") for text, (name, *others) in found.items()]
 
 
 def _cut(own: Measurement, other: Measurement) -> bool:

@@ -232,12 +232,26 @@ def roughly_calibrated(
                 left = {at: Seen.of(one, settings.job, measurement).by_excitation[at] for at, one in alone.items()}
                 least, best = min((value, at) for at, value in left.items())
                 found = alone[best]
+            if least > LEAST_DIFFERENCE:
+                # A sensitivity ten times off outweighs the resonances in a descent that begins far away.
+                found = _calibrated_by(source, problem, _rough_theta(_levelled(source, problem, measurement)))
+                least = Seen.of(found, settings.job, measurement).misfit
     except LrbcError:
         return None
     after = Seen.of(found, settings.job, measurement).misfit
     named = ", ".join(f"{name} {value:.3g}" for name, value in found.factors.items())
     note = f"compared with a rough calibration from {settings.job}, not stored ({named}): level misfit {after:.1f} dB, {before:.1f} before"
     return replace(found, note=note) if least <= LEAST_DIFFERENCE else None
+
+
+def _levelled(source: Looking, problem: FactorProblem, measurement: Measurement) -> FactorProblem:
+    """The calibration problem with the median level of each response moved to that of the model."""
+    s = 2j * np.pi * measurement.frequency_hz
+    above = levels(problem.measured) - levels(source.model(s, problem.parameters, None, problem.responses).frf(problem.parameters.initial))
+    known = np.isfinite(above).any(axis=0)
+    change = np.zeros(known.size)
+    change[known] = np.nanmedian(above[:, known], axis=0)
+    return replace(problem, measured=problem.measured * 10.0 ** (-change / 20.0))
 
 
 def _of_excitation(inputs: Inputs, problem: FactorProblem, at: int) -> FactorProblem:

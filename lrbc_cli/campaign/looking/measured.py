@@ -33,7 +33,8 @@ def of_file(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[Fin
             "number, also of small ones (1.2345e-03)"
         )
         yield Finding(place=file, text=text, kind=Kind.DIGITS, responses=tuple(rounded))
-    if top := normalised(measurement.values):
+    # Magnitudes and phases in degrees that are read as real and imaginary parts have the same largest value, too: half a turn.
+    if (top := normalised(measurement.values)) and not 0.99 * 180.0 <= top <= 180.5:
         text = (
             f"every record has its largest magnitude at {top:.6g}: each was normalised to its own peak, so the levels between sensors are "
             "lost. Export the FRFs as response over force, without normalisation"
@@ -136,8 +137,8 @@ def without_phases(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[
     names = [inputs.responses[i].name for i in sorted({i for found in bare.values() for i in found})]
     files = [inputs.campaign.jobs[name].first.name for name in bare]
     text = (
-        f"no phases: every value of {', '.join(names)} is real and positive. Export complex FRFs (real and imaginary parts, or magnitudes "
-        "with phases): without phases, reversed or exchanged sensors, delays and windows are not found"
+        f"no phases: every value of {', '.join(names)} is real. Check whether columns are shifted, and export complex FRFs (real and "
+        "imaginary parts, or magnitudes with phases): without phases, reversed or exchanged sensors, delays and windows are not found"
     )
     return [Finding(place=", ".join(files), text=text)]
 

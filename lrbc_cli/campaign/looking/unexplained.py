@@ -63,7 +63,7 @@ def placed(seen: Seen, told: list[Finding]) -> list[Finding]:
             return [Finding(text=text, kind=Kind.MATERIAL)]
         # Where springs are at wrong nodes, supports are no cause of their own.
         if seen.reference and Kind.UNLIKE in kinds and not seen.inputs.springs_doubt:
-            told = [replace(each, text=each.text + supports_text(seen)) if each.kind is Kind.UNLIKE else each for each in told]
+            told = [replace(each, text=_before_usual(seen, each.text)) if each.kind is Kind.UNLIKE else each for each in told]
     return _stated(seen, told) if seen.reference else told
 
 
@@ -159,18 +159,29 @@ def little_in_common(seen: Seen, measurements: Mapping[str, Measurement]) -> lis
             text = f"measured and computed FRFs differ: {far}. {tighter}"
             return [Finding(text=text, kind=Kind.NOT_TIGHT)]
         causes = "the springs whose places are warned of may be the reason; otherwise " if inputs.springs_doubt else ""
-        air = "that structure and air are coupled on their whole common surface, " if inputs.model.is_acoustic.any() else ""
-        causes += (
-            "check first the mass sum (units, missing parts), material and thickness of each part, stiffness and units of the springs, "
-            f"{air}supports, damping, places and directions of hammer and sensors (lrbc check --picture); `lrbc calibrate` corrects errors "
-            "of some per cent. Until the model fits, faults of other jobs may stay hidden"
-        )
+        causes += _usual(seen)
         if free := looser(seen, typical):
             causes = f"this is the reference job{free}. Set update.reference to a tight job, or measure it again; otherwise {causes}"
         text = f"measured and computed FRFs have little in common: {far}{softness_text(seen)}. {causes[:1].upper()}{causes[1:]}"
         told = [Finding(text=text, kind=Kind.UNLIKE)]
     # Each on its own: ``placed`` looks for the place of each.
     return told + single_responses(inputs, every, outlying(every), "the model", few=every.size)
+
+
+def _usual(seen: Seen) -> str:
+    """What to check if nothing more is known."""
+    air = "that structure and air are coupled on their whole common surface, " if seen.inputs.model.is_acoustic.any() else ""
+    return (
+        "check first the mass sum (units, missing parts), material and thickness of each part, stiffness and units of the springs, "
+        f"{air}supports, damping, places and directions of hammer and sensors (lrbc check --picture), quantities, units and sensitivities "
+        "of the FRFs; `lrbc calibrate` corrects errors of some per cent. Until the model fits, faults of other jobs may stay hidden"
+    )
+
+
+def _before_usual(seen: Seen, text: str) -> str:
+    """A text with the clause on supports before what to check if nothing more is known."""
+    usual = ". C" + _usual(seen).removeprefix("c")
+    return text.removesuffix(usual) + supports_text(seen) + (usual if text.endswith(usual) else "")
 
 
 def _uneven_text(seen: Seen, *, uneven: float = 1.5) -> str:

@@ -38,6 +38,7 @@ from lrbc_cli.updating.misfit.nuisances import Nuisance
 from lrbc_cli.updating.posterior.information import DETECTABLE, FACTOR, HIDDEN, LOSS, LOSSES, SIGMA_DB, Experiment, Unknowns, experiment
 from lrbc_cli.updating.statistics.lines import resonance_lines
 from lrbc_cli.updating.statistics.noise import Noise
+from lrbc_cli.updating.statistics.thinning import thinned
 from lrbc_cli.updating.unknowns.places import foot
 from lrbc_cli.updating.unknowns.shapes import Shapes, bolt_shapes, joints_of, node_shapes
 
@@ -318,9 +319,10 @@ def _lines(inputs: Inputs, grid: Floats, y: Complexes) -> Integers:
     lines = inputs.method.lines
     if isinstance(lines, EveryLine):
         return np.arange(0, grid.size, lines.every)
-    return (
-        np.arange(grid.size) if isinstance(lines, ListedLines) or lines == "all" else resonance_lines(grid, y, inputs.statistics.resonances)
-    )
+    if isinstance(lines, ListedLines) or lines == "all":
+        return np.arange(grid.size)
+    rule = inputs.statistics.resonances
+    return thinned(grid, y, resonance_lines(grid, y, rule), rule)
 
 
 def _about(inputs: Inputs, parameters: Parameterisation, request: Request) -> About:

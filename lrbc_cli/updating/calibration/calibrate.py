@@ -54,8 +54,8 @@ class FactorProblem:
     measured : (F, U) complex array
     responses : (U,) int array
         Rows of the model to compare with.
-    selected : int array
-        Indices of the lines that are compared unsmoothed.
+    selected, near : int arrays
+        Indices of the lines that are compared unsmoothed, and of all lines of the resonances to which they belong.
     options : ResidualOptions or None
     sigma : (selected, U) float array or None
         Standard deviation of the measured magnitudes [dB].
@@ -77,6 +77,7 @@ class FactorProblem:
     measured: Complexes = field(repr=False)
     responses: Integers = field(repr=False)
     selected: Integers = field(repr=False)
+    near: Integers = field(repr=False)
     options: ResidualOptions | None = None
     sigma: Floats | None = field(default=None, repr=False)
     nuisances: tuple[Nuisance, ...] = ()

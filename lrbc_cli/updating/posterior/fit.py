@@ -17,6 +17,7 @@ from lrbc_cli.updating.misfit.frf import Sensitive
 from lrbc_cli.updating.misfit.nuisances import Nuisance
 from lrbc_cli.updating.search.optimise import HistoryEntry, Objective, Solution, numbered
 from lrbc_cli.updating.statistics.noise import Noise, estimate_noise, widened
+from lrbc_cli.updating.statistics.thinning import ranks
 from lrbc_cli.updating.unknowns.shapes import Shapes
 
 #: Weight of a penalty that is off, where it cannot be zero because other rows are scaled by it.
@@ -121,7 +122,7 @@ def residual_places(misfit: Misfit, selected: NDArray[np.int64], count: int) -> 
 def noise_of(misfit: Misfit, evaluation: Evaluation, selected: NDArray[np.int64]) -> Noise:
     """Noise from the residuals of an evaluation, see ``estimate_noise``, with the coarsening of the misfit."""
     rows = misfit.data_rows(evaluation)
-    line, response = residual_places(misfit, selected, rows)
+    line, response = residual_places(misfit, ranks(selected), rows)
     errors = replace(misfit.errors, coarsening=misfit.coarsening)
     return estimate_noise(evaluation.residual[:rows], evaluation.jacobian[:rows], evaluation.jacobian[rows:], line, response, errors)
 

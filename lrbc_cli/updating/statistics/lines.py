@@ -38,11 +38,18 @@ class Resonances(Checked):
         Lines within this level of the peak belong to it [dB] ... By trial on virtual rigs.
     half_width : float
         ... if they are within this fraction of its frequency, two lines, or its half-power bandwidth. By trial on virtual rigs.
+    followed : float
+        Lines of a resonance are not compared if linear interpolation between others gives each FRF within this fraction of its largest
+        magnitude there (``thinning.thinned``). 0.1 leaves three lines in a half-power bandwidth.
+    least_lines : int
+        ... and this number of lines is left. A choice.
     """
 
     prominence_db: Positive = 2.0
     depth_db: Positive = 15.0
     half_width: Positive = 0.06
+    followed: Share = 0.1
+    least_lines: Count = 5
 
 
 #: The default, for callers that use a part of the package by itself.
@@ -412,14 +419,14 @@ def normalised(measured: Complexes, *, least: int = 3, same: float = 1e-3) -> fl
 
 
 def phaseless(measured: Complexes, rule: Resolution = RESOLUTION) -> list[int]:
-    """Indices of responses with peaks whose values are all real and positive: magnitudes without phase.
+    """Indices of responses with peaks whose values are all real and positive, magnitudes without phase, or real unlike those of others.
 
-    An FRF without damping is real, too, but changes its sign at each resonance.
+    An FRF without damping is real, too, but changes its sign at each resonance; all responses are real then.
     """
-    found = []
+    found, damped = [], bool((np.isfinite(measured) & (measured.imag != 0.0)).any())
     for r, response in enumerate(measured.T):
         known = response[np.isfinite(response) & (response != 0)]
-        if known.size and np.all(known.imag == 0.0) and np.all(known.real > 0.0):
+        if known.size and np.all(known.imag == 0.0) and (damped or np.all(known.real > 0.0)):
             found += [r] if peaks_of(decibel(known), prominence=rule.prominence_db).size else []
     return found
 

@@ -252,7 +252,27 @@ def _unit_text(campaign: Campaign, group: TermGroup, held: Sequence[tuple[bool, 
             f"{'; '.join(kinds)} (`units: {stated.text}` applies to that file too). If that file is right, all of model.stiffness is "
             f"{times:.4g} times what it should be"
         )
-    return _thousands_text(campaign, group, [share for _, share in known])
+    return _thousands_text(campaign, group, [share for _, share in known]) or _times_text(campaign, group, held)
+
+
+def _times_text(campaign: Campaign, group: TermGroup, held: Sequence[tuple[bool, Floats]], *, least: int = 3) -> str | None:
+    """Warning if the matrix contains the springs of a table with a baseline all by one other factor than stated; else None.
+
+    A table in N·m/degree, or of another state, looks like this. A common element would add to each spring another amount.
+    """
+    file, baseline = group.config.select.bushings, group.config.baseline
+    shares = np.concatenate([share for _, share in held]) if held else np.zeros(0)
+    times = float(np.median(shares)) if shares.size else 0.0
+    if file is None or baseline <= 0.0 or shares.size < least or times <= (1.0 + HELD) * baseline:
+        return None
+    if np.any(np.abs(shares / times - 1.0) > HELD):
+        return None
+    degrees = all(turns for turns, share in held if share.size) and abs(times / baseline / np.rad2deg(1.0) - 1.0) < HELD
+    unit = f"the table is probably in {_name(campaign.unit_system, True).replace('rad', 'degree')}" if degrees else "correct one of the two"
+    return (
+        f"parameters {group.name}: the stiffness matrix contains {times:.4g} times the stiffness in {file.name}, not {baseline:g} times as "
+        f"stated: {unit}{f'. Multiply its stiffnesses by {np.rad2deg(1.0):.6g}' if degrees else f', or parameters.{group.name}.baseline'}"
+    )
 
 
 def _thousands_text(campaign: Campaign, group: TermGroup, shares: Sequence[float]) -> str | None:
