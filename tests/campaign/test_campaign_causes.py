@@ -65,5 +65,8 @@ def test_a_file_that_was_counted_from_another_line() -> None:
     (told,) = other_lines("tight", {"tight": job(5, 5), "one": job(4, 6), "two": job(5, 5)})
     assert told.startswith("job one: its file begins 1 Hz higher than that of tight, with as many lines")
     assert told.endswith("correct its frequencies")
+    (told,) = other_lines("tight", {"tight": job(5, 5), "one": job(4, 6), "two": job(5, 5), "three": job(4, 6)})
+    assert told.startswith("job one: its file begins 1 Hz higher")
+    assert told.endswith("; also found in three")
     # Another range is no mistake.
     assert other_lines("tight", {"tight": job(5, 5), "shorter": job(4, 5), "whole": job(5, 150)}) == []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import re
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -15,12 +16,16 @@ import yaml
 from campaigns import ROOT, Folder, Result, box, lrbc
 from systems import chain, csc
 
+from lrbc_cli import load
 from lrbc_cli.campaign.drafting.draft import Draft, draft, quoted
 from lrbc_cli.campaign.drafting.recognise import recognise
 from lrbc_cli.campaign.drafting.roles import edge_near, tight_states
 from lrbc_cli.config import load_campaign
 from lrbc_cli.config.document import parse
+from lrbc_cli.io.layout import TextLayout
 from lrbc_cli.io.matrices.read import read_matrix
+from lrbc_cli.io.uff.read import read_uff
+from lrbc_cli.io.uff.write import write_uff
 from lrbc_cli.model.dofs import DofTable
 
 
@@ -60,6 +65,39 @@ def test_universal_files_and_a_list_of_dofs(tmp_path: Path) -> None:
     assert guessed not in folder.run("check").stdout
     assert folder.config.read_text().startswith("# yaml-language-server: $schema=campaign.schema.json\n")
     assert (folder.path / "campaign.schema.json").is_file()
+
+
+def struck_twice(files: Path, *, known: bool) -> None:
+    """The measurements of the box with a second hammer point, at node 6 or at a node that the model lacks; and a list of terms."""
+    (files / "springs.csv").write_text("dof,bolt\n" + "".join(f"{i},B{i + 1}\n" for i in range(6)))
+    for path in files.glob("*.uff"):
+        first = read_uff(path, TextLayout())
+        again = [replace(record, reference_node=6 if known else 9999, values=2.0 * record.values) for record in first.records]
+        write_uff(path, replace(first, records=(*first.records, *again)))
+
+
+def test_several_hammer_points_by_their_nodes(tmp_path: Path) -> None:
+    files = box(tmp_path / "box").data
+    struck_twice(files, known=True)
+    folder, told = drafted(files, tmp_path / "new")
+    campaign = load_campaign(folder.config)
+    assert [(name, at.node, at.component) for name, at in campaign.excitation.items()] == [("h1", 8, "UZ"), ("h2", 6, "UZ")]
+    assert "2 hammer points: h1, h2" in told.stdout
+    assert list(campaign.responses) == [f"{name}-h{k}" for k in (1, 2) for name in ("mic1", "mic2", "mic3", "acc1")]
+    assert {response.excitation for response in campaign.responses.values()} == {"h1", "h2"}
+    assert campaign.update.responses == tuple(f"{name}-h{k}" for k in (1, 2) for name in ("mic1", "mic2", "mic3"))
+    assert "acc1-h1, acc1-h2 are left out as validation channels" in told.stdout
+    study = load(folder.config)
+    measured = dict(zip(study.responses, study.read("tight").values.T, strict=True))
+    np.testing.assert_allclose(measured["mic1-h2"], 2.0 * measured["mic1-h1"], rtol=1e-5)
+
+
+def test_a_hammer_point_that_the_model_lacks_leaves_its_records_out(tmp_path: Path) -> None:
+    files = box(tmp_path / "box").data
+    struck_twice(files, known=False)
+    folder, told = drafted(files, tmp_path / "new")
+    assert list(load_campaign(folder.config).responses) == ["mic1", "mic2", "mic3", "acc1"]
+    assert "the files contain 2 hammer points; only the first is used, give the others" in told.stdout
 
 
 def test_a_model_of_calculix_in_millimetres(tmp_path: Path) -> None:

@@ -623,6 +623,14 @@ MISTAKES = [
         "Multiply the stiffnesses there by 1000",
     ),
     Mistake(
+        "all bushings too soft by one factor that is no unit",
+        "plate",
+        text("bushings.csv", lambda t: t.replace(",5000\n", ",2500\n").replace(",1000\n", ",500\n")),
+        0,
+        "contains 2 times the stiffness in bushings.csv, not 1 times as stated",
+        "correct one of the two, or parameters.bolts.baseline",
+    ),
+    Mistake(
         "springs in N/m",
         "plate",
         text("bushings.csv", lambda t: t.replace(",5000\n", ",5000000\n").replace(",1000\n", ",1000000\n")),

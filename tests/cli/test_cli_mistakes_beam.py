@@ -306,6 +306,16 @@ def test_a_model_that_is_not_calibrated_is_compared_after_a_rough_calibration(tm
     assert "it would differ by 0.1 dB (near: [0.78, 0, 0], component: UZ)" in wrong
 
 
+def test_a_sensor_ten_times_off_shows_before_any_calibration(tmp_path: Path, cache: Path) -> None:
+    """Its level outweighs the resonances in a descent from afar: nothing but a model with little in common was told."""
+    file = soft(tmp_path)
+    frfs(lambda hz, y: (hz, y * np.where(np.arange(y.shape[1]) == 2, 10.0, 1.0)))(tmp_path)
+    told = lrbc("check", file, "--cache", cache).stdout
+    assert "little in common" not in told
+    assert "job ref: probably not in the model's units: a3: measured over computed" in told
+    assert "jobs.ref.scale: {a3: 0.1}; also found in loose" in told
+
+
 def warned(file: Path, cache: Path) -> str:
     told = lrbc("check", file, "--cache", cache).stdout.partition("\nwarnings\n")[2]
     return "".join(line for line in told.splitlines(keepends=True) if "lines too far apart" not in line)

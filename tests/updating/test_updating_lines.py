@@ -264,6 +264,11 @@ def test_peaks_count_by_the_rule_of_the_campaign() -> None:
     assert phaseless(magnitudes) == [0, 1, 2]
     assert phaseless(magnitudes, Resolution(prominence_db=100.0)) == []
     assert phaseless(modal(MODES, SHAPES)) == []
+    # Without any damping all are real; one that alone is real has lost its imaginary part.
+    assert phaseless(modal([60.3, 131.2, 250.4], SHAPES, loss=0.0)) == []
+    shifted = modal(MODES, SHAPES)
+    shifted[:, 2] = shifted[:, 2].real
+    assert phaseless(shifted) == [2]
     few = np.array([40, 41])
     empty, count = missed(F, magnitudes, few)
     assert 0 < empty == count - 1
