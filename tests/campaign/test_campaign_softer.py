@@ -1,0 +1,42 @@
+"""A state in which all bolts are a little looser is neither of the two kinds between which verdicts decide: a warning says so."""
+
+from __future__ import annotations
+
+import pytest
+
+from lrbc_cli.campaign.jobs.judging import softer
+from lrbc_cli.updating.judging.decide import BoltVerdict, Judgement, Validity
+from lrbc_cli.updating.judging.rule import LOOSE, TIGHT
+
+VALID = Validity(passed=True, compared=None, misfit_db=1.0, limit_db=3.0, reason="")
+
+
+def state(*changes: float | None, loose: tuple[float, ...] = (), threshold: float = -0.35) -> Judgement:
+    own = [BoltVerdict(name=f"B{k}", verdict=TIGHT, change=change, threshold=threshold) for k, change in enumerate(changes)]
+    gone = [BoltVerdict(name=f"L{k}", verdict=LOOSE, change=change, threshold=threshold) for k, change in enumerate(loose)]
+    return Judgement(validity=VALID, bolts=(*own, *gone), implausible=())
+
+
+def test_all_bolts_softer() -> None:
+    """As on a skid whose 14 joints were hand-tight: one was called loose, one tight with -0.48 decades."""
+    (text,) = softer(state(-0.13, -0.2, -0.29, -0.31, -0.4, -0.1, -0.33, loose=(-0.85,)))
+    assert text.startswith(
+        "all 7 bolts that are not judged loose are softer than in the reference job, half of them by 0.29 decades and more"
+    )
+    assert "Verdicts on single bolts may be wrong" in text
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        state(-0.13, -0.2, -0.29, 0.01, -0.31, -0.4, -0.33),
+        state(-0.03, -0.05, -0.02, -0.1, -0.07, -0.17, -0.3),
+        state(-0.3, -0.4, -0.3, -0.4, -0.3),
+        state(None, None, None, None, None, None, -0.3),
+        state(-0.13, -0.2, -0.29, -0.31, -0.4, -0.1, -0.33, threshold=-1.0),
+        state(loose=(-0.5, -0.6, -0.7, -0.8, -0.9, -1.0)),
+    ],
+    ids=["one is stiffer", "little more than scatter", "few bolts", "few with values", "a wide scatter of tight states", "all loose"],
+)
+def test_states_that_are_decided(other: Judgement) -> None:
+    assert softer(other) == []
