@@ -272,7 +272,7 @@ def _lifted(inputs: Inputs, fit: FactorFit) -> FactorFit:
         raise NumericalError(f"the calibration from job {require_calibration(inputs).job} failed: {fit.solution.reason}")
     if problem.gains is not None:
         return fit
-    rest = np.setdiff1d(np.arange(problem.frequency_hz.size), problem.near)
+    rest = np.setdiff1d(np.arange(problem.frequency_hz.size), problem.selected)
     model = problem.frf(2j * np.pi * problem.frequency_hz[rest]) if rest.size else None
 
     def above(theta: Floats) -> Floats:
@@ -312,7 +312,7 @@ def first_problem(source: FrfSource, measurement: Measurement) -> tuple[FactorPr
     settings, used = require_calibration(inputs), inputs.used
     parameters, _ = parameterise(inputs, source, 2j * np.pi * measurement.frequency_hz)
     values = without_noise(inputs, settings.job, measurement)
-    selected, near = select_lines(inputs, replace(measurement, values=values), settings.job)
+    few, selected = select_lines(inputs, replace(measurement, values=values), settings.job)
     sigma, notes = line_sigma(inputs, measurement, inputs.campaign.jobs[settings.job], selected)
     problem = FactorProblem(
         model=affine_model(inputs, stage),
@@ -324,7 +324,7 @@ def first_problem(source: FrfSource, measurement: Measurement) -> tuple[FactorPr
         measured=values[:, used],
         responses=used,
         selected=selected,
-        near=near,
+        few=np.flatnonzero(np.isin(selected, few)),
         options=inputs.method.residual,
         sigma=sigma,
         nuisances=hits_of(inputs),

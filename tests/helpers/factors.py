@@ -85,6 +85,5 @@ def measured(model: FeModel, recipe: Recipe, factors: dict[str, float], theta: n
 def problem(model: AffineModel, values: np.ndarray, names: tuple[str, ...], **options) -> FactorProblem:
     """All lines and responses."""
     used = np.arange(values.shape[1])
-    every = np.arange(FREQUENCY.size)
-    settings = {"base": {}, "hold": False, "parameters": springs(), "selected": every, "near": every} | options
+    settings = {"base": {}, "hold": False, "parameters": springs(), "selected": np.arange(FREQUENCY.size)} | options
     return FactorProblem(model=model, names=names, frequency_hz=FREQUENCY, measured=values[:, used], responses=used, **settings)
