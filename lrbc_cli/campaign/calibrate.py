@@ -324,7 +324,7 @@ def first_problem(source: FrfSource, measurement: Measurement) -> tuple[FactorPr
         measured=values[:, used],
         responses=used,
         selected=selected,
-        few=np.flatnonzero(np.isin(selected, few)),
+        few=np.flatnonzero(np.isin(selected, few)) if few.size < selected.size else None,
         options=inputs.method.residual,
         sigma=sigma,
         nuisances=hits_of(inputs),

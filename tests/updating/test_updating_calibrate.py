@@ -127,6 +127,22 @@ class TestRecovery:
         assert [stage.width_hz for stage in fit.stages[:3]] == [16.0, 4.0, 0.0]
         np.testing.assert_allclose(fit.solution.theta[:SPRINGS], TIGHT, atol=0.1)
 
+    def test_searched_on_few_lines_identified_on_all(self):
+        """The end is that of all lines, and no worse under their cost than that of a search on all of them."""
+        model, recipe = duct_model()
+        names = ("stiffness.structure", "mass.acoustic", "beta.structure")
+        values = measured(model, recipe, dict(zip(names, (1.05, 0.97, 0.7), strict=True)), TIGHT, 0.01)
+        whole = problem(affine(model, recipe), values, names)
+        few = problem(affine(model, recipe), values, names, few=np.arange(0, FREQUENCY.size, 3), sigma=np.full(values.shape, 0.1))
+        assert few.thinned().selected.size == few.thinned().sigma.shape[0] == np.arange(0, FREQUENCY.size, 3).size
+        assert whole.thinned() is whole
+        fits = [fit_factors(one) for one in (whole, few)]
+        assert fits[1].noise.sigma == pytest.approx(fits[0].noise.sigma, rel=0.05)
+        cost = whole.misfit(fits[0].noise.variance, soft=True)
+        assert cost(fits[1].solution.theta).total <= 1.01 * cost(fits[0].solution.theta).total
+        for name in names:
+            assert fits[1].factors[name] == pytest.approx(fits[0].factors[name], rel=0.3 * fits[0].spread[name] + 1e-3), name
+
     @pytest.mark.parametrize("levels", [(2.5, 5.5), pytest.param((6.0, 3.0), marks=pytest.mark.slow)])
     def test_groups_that_are_off_by_different_amounts(self, levels):
         """Springs that start at 4.5; from there, and with all of them alike, the descents end elsewhere."""

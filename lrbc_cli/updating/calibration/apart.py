@@ -1,4 +1,4 @@
-"""Identifiability of calibration factors: groups of which a measurement determines only a combination, and notes on them."""
+"""Identifiability of calibration factors: groups of which a measurement determines only a combination, factors at bounds, notes on both."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lrbc_cli.arrays import Floats
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.updating.misfit.nuisances import Nuisance
 from lrbc_cli.updating.normal import NORMAL_95
 from lrbc_cli.updating.statistics.priors import CALIBRATION_PRIOR, CalibrationPrior
 
@@ -131,3 +133,20 @@ def apart_notes(groups: Sequence[tuple[tuple[str, ...], bool]], damping: Sequenc
                 )
         notes.append(text)
     return notes
+
+
+def at_bounds(P: Parameterisation, scalars: Sequence[Nuisance], theta: Floats, *, hold: bool) -> list[str]:
+    """Notes on factors and damping exponents that end at their bounds; ``hold``: the boundary was not identified."""
+    found = []
+    for scalar, value in zip(scalars, theta[P.size :], strict=True):
+        if not scalar.bounds[0] < value < scalar.bounds[1]:
+            found.append(
+                f"{scalar.name}: at its bound {scalar.effect(value - scalar.mean):.4g}: the measurement does not determine it, or its "
+                "start value is too far away (then give one nearer to it)"
+            )
+    for group, _, at in P.placed:
+        if at is not None and group.damping is not None and not hold:
+            low, high = group.damping.bounds
+            if not low < theta[at] < high:
+                found.append(f"{group.name}: the damping exponent is at its bound {theta[at]:g}, the FRFs do not determine it")
+    return found

@@ -17,7 +17,7 @@ from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.factors import FIELDS, LOSS, Recipe
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.reduced.affine import AffineModel
-from lrbc_cli.updating.calibration.apart import Losses, apart_notes, indistinguishable
+from lrbc_cli.updating.calibration.apart import Losses, apart_notes, at_bounds, indistinguishable
 from lrbc_cli.updating.misfit.cost import Misfit, penalty_rows
 from lrbc_cli.updating.misfit.extended import ExtendedFrf
 from lrbc_cli.updating.misfit.nuisances import ModelFactor, Nuisance, estimates
@@ -329,12 +329,14 @@ def fit_factors(
             solution = _joint_by_joint(sought, solution, stages, max_iterations)
         places += [end.theta for end in ends.values()]
     noise = Noise(sigma=problem.statistics.calibration.first_sigma_db, factor=1.0)
-    if solution.status != "failed":
-        solution, noise = _weighed(problem, solution, places, stages, descent=(tolerance, max_iterations), change=change, rounds=rounds)
+    # Between few lines and all of them, a descent leaves valleys that belong to one of the two costs only.
+    for one in (problem,) if sought is problem or start is not None else (problem, sought, problem):
+        if solution.status != "failed":
+            solution, noise = _weighed(one, solution, places, stages, descent=(tolerance, max_iterations), change=change, rounds=rounds)
     J = solution.evaluation.jacobian
     covariance = _covariance(problem, J, noise)
     damping = problem.losses(solution.theta, covariance)
-    notes += [*_apart(problem, J, noise, damping), *_remarks(problem, solution.theta)]
+    notes += [*_apart(problem, J, noise, damping), *at_bounds(problem.parameters, problem.scalars, solution.theta, hold=problem.hold)]
     return FactorFit(problem=problem, solution=solution, noise=noise, covariance=covariance, stages=tuple(stages), notes=tuple(notes))
 
 
@@ -443,17 +445,3 @@ def _apart(problem: FactorProblem, jacobian: Floats, noise: Noise, damping: Sequ
     std = np.array([scalar.std for scalar in problem.scalars[:count]])
     precision = rows[:, other].T @ rows[:, other]
     return apart_notes(indistinguishable(problem.names, data, std, precision, problem.statistics.calibration), damping)
-
-
-def _remarks(problem: FactorProblem, theta: Floats) -> Sequence[str]:
-    found = []
-    P, scalars = problem.parameters, problem.scalars
-    for scalar, value in zip(scalars, theta[P.size :], strict=True):
-        if not scalar.bounds[0] < value < scalar.bounds[1]:
-            found.append(f"{scalar.name}: at its bound {scalar.effect(value - scalar.mean):.4g}, the measurement does not determine it")
-    for group, _, at in P.placed:
-        if at is not None and group.damping is not None and not problem.hold:
-            low, high = group.damping.bounds
-            if not low < theta[at] < high:
-                found.append(f"{group.name}: the damping exponent is at its bound {theta[at]:g}, the FRFs do not determine it")
-    return found
