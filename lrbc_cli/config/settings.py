@@ -147,7 +147,8 @@ class UpdateConfig(Strict):
     )
     lines: Lines = Field(
         default="resonances",
-        description="Lines to fit: resonances (of the measurement), all, {every: n} or {list: [Hz, ...]}.",
+        description="Lines to fit: resonances (of the measurement, without lines that follow from their neighbours), all, {every: n} or "
+        "{list: [Hz, ...]}.",
     )
     approach: Literal["bolts", "paper"] | None = Field(
         default=None,
