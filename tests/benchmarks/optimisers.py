@@ -146,7 +146,7 @@ def misfit_of(study: lrbc.Study, name: str) -> tuple[Misfit, Floats, Floats]:
     assert method.approach == "paper"
     assert isinstance(method.regularisation, float)
     parameters = study.parameters(measurement.frequency_hz)
-    selected = select_lines(inputs, measurement, name)
+    selected, _ = select_lines(inputs, measurement, name)
     sigma, _ = line_sigma(inputs, measurement, inputs.campaign.jobs[name], selected)
     misfit = Misfit(
         model=study.source.model(2j * np.pi * measurement.frequency_hz, parameters, selected, inputs.used),

@@ -77,7 +77,7 @@ def test_the_scatter_of_repeats_is_a_weight(box: Folder) -> None:
     inputs = box.inputs("update.regularisation=auto")
     job = inputs.campaign.jobs["loose"]
     measurement = read_measurement(inputs, job, "loose")
-    selected = select_lines(inputs, measurement, "loose")
+    selected, _ = select_lines(inputs, measurement, "loose")
     sigma, notes = line_sigma(inputs, measurement, job, selected)
     assert notes == ()
     assert sigma is not None
@@ -116,7 +116,7 @@ def test_coherence_is_a_weight(box: Folder) -> None:
     inputs = box.inputs("update.regularisation=auto", "jobs.loose.averages=3")
     job = inputs.campaign.jobs["loose"]
     measurement = read_measurement(inputs, job, "loose")
-    selected = select_lines(inputs, measurement, "loose")
+    selected, _ = select_lines(inputs, measurement, "loose")
     sigma, notes = line_sigma(inputs, measurement, job, selected)
     assert sigma is not None
     np.testing.assert_allclose(sigma[:, 0], coherence_sigma(g2[selected], 3), rtol=1e-6)
@@ -150,7 +150,7 @@ def test_noise_is_weighed_where_it_is_known(box: Folder) -> None:
     inputs = box.inputs("update.regularisation=auto")
     job = inputs.campaign.jobs["loose"]
     measurement = read_measurement(inputs, job, "loose")
-    selected = select_lines(inputs, measurement, "loose")
+    selected, _ = select_lines(inputs, measurement, "loose")
     sigma, _ = line_sigma(inputs, measurement, job, selected)
     np.testing.assert_allclose(sigma, coherence_sigma(np.full((selected.size, inputs.used.size), 0.9), job.averages), rtol=1e-6)
     # One average has no coherence; a weight of one's own for the prior leaves nothing to weigh the noise against.
