@@ -192,7 +192,7 @@ def misfit_of(inputs: Inputs, stage: ReductionStage, job: str, *, every_line: bo
     measurement = read_measurement(inputs, inputs.campaign.jobs[job], job)
     s = 2j * np.pi * measurement.frequency_hz
     parameters, _ = parameterise(inputs, source, s)
-    lines = np.arange(s.size) if every_line else select_lines(inputs, measurement, job)
+    lines = np.arange(s.size) if every_line else select_lines(inputs, measurement, job)[0]
     model = source.model(s, parameters, lines, inputs.used)
     measured = measurement.values[np.ix_(lines, inputs.used)]
     eta = inputs.campaign.update.regularisation

@@ -140,7 +140,7 @@ def test_no_coherence_is_not_a_bad_one(box: Folder, written: float) -> None:
     inputs = box.inputs("update.regularisation=auto", "jobs.loose.frf=data/loose.h5")
     job = inputs.campaign.jobs["loose"]
     measurement = read_measurement(inputs, job, "loose")
-    assert line_sigma(inputs, measurement, job, select_lines(inputs, measurement, "loose")) == (None, ())
+    assert line_sigma(inputs, measurement, job, select_lines(inputs, measurement, "loose")[0]) == (None, ())
 
 
 def test_noise_is_weighed_where_it_is_known(box: Folder) -> None:
