@@ -5,7 +5,7 @@ The verdicts themselves: ``updating/judging`` and guide page *statistics*, secti
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from statistics import median
 from typing import Any
@@ -54,7 +54,12 @@ def judged(campaign: Campaign, rule: DecisionRule, evidence: Evidence, tight: Co
     judgement = judge(evidence, rule, role_of(update, name), tight.scatter, tight.reference)
     valid = judgement.validity
     warnings = [] if valid.explained else [f"the model does not explain the measurement: {valid.reason}; {evidence.setting}"]
-    warnings += [*evidence.warnings, *suspects(judgement), *contradicted(campaign, name, judgement), *softer(judgement)]
+    warnings += [
+        *evidence.warnings,
+        *suspects(judgement),
+        *contradicted(campaign, name, judgement),
+        *softer(judgement, {bolt.name for bolt in evidence.bolts if bolt.joint}),
+    ]
     warnings += [text for text in [lenient_text(update)] if text]
     unvalidated = [valid.reason] if valid.passed is None else []
     several = [f"{', '.join(loose) or 'none'} ({share:.2f})" for loose, share in judgement.alternatives if share >= 0.005]
@@ -143,28 +148,31 @@ def suspects(judgement: Judgement) -> list[str]:
     ]
 
 
-def softer(judgement: Judgement, *, least: int = 6, share: float = 0.5) -> list[str]:
-    """Warning if all bolts that are not judged loose are softer than in the reference job, by much more than they scatter; else empty.
+def softer(judgement: Judgement, joints: Collection[str], *, least: int = 6, share: float = 0.5) -> list[str]:
+    """Warning if all joints that are not judged loose are softer than in the reference job, by much more than they scatter; else empty.
 
     Such a state is neither of the two kinds of bolts between which a verdict decides. In 247 jobs of virtual rigs and of four structures
-    it is told of one, in which all joints were hand-tight.
+    it is told of one, in which all joints were hand-tight. Along an edge the neighbours of a gap take part of its change.
 
     Parameters
     ----------
     judgement : Judgement
+    joints : collection of str
+        Bolts that own their springs.
     least : int
-        Least number of such bolts, each of which could have either sign by chance.
+        Least number of such joints, each of which could have either sign by chance.
     share : float
         Of the threshold of a loose bolt, which their median change must exceed.
     """
-    rest = [bolt for bolt in judgement.bolts if bolt.verdict != LOOSE and bolt.change is not None and bolt.threshold is not None]
+    rest = [bolt for bolt in judgement.bolts if bolt.name in joints and bolt.verdict != LOOSE]
+    rest = [bolt for bolt in rest if bolt.change is not None and bolt.threshold is not None]
     changes, limits = [bolt.change or 0.0 for bolt in rest], [bolt.threshold or 0.0 for bolt in rest]
     if len(rest) < least or max(changes) >= 0.0 or median(changes) > share * median(limits):
         return []
     return [
-        f"all {len(rest)} bolts that are not judged loose are softer than in the reference job, half of them by {-median(changes):.2f} "
-        "decades and more: all were tightened less, or something else changed (temperature, supports). Verdicts on single bolts may be "
-        "wrong then. Tighten all bolts, and measure again"
+        f"all {len(rest)} joints that are not judged loose are softer than in the reference job, half of them by {-median(changes):.2f} "
+        "decades and more: all were tightened less, or something else changed (temperature, supports). Verdicts on single joints may be "
+        "wrong then. Tighten all of them, and measure again"
     ]
 
 
