@@ -19,7 +19,7 @@ from lrbc_cli.updating.judging.rule import DecisionRule
 from lrbc_cli.updating.statistics.chain.blows import BlowRule
 from lrbc_cli.updating.statistics.chain.modal import ModalRule
 from lrbc_cli.updating.statistics.error_model import ErrorModel
-from lrbc_cli.updating.statistics.lines import Resolution
+from lrbc_cli.updating.statistics.lines import Resolution, Resonances
 from lrbc_cli.updating.statistics.model import ValidationChannels
 from lrbc_cli.updating.statistics.priors import BoltPrior, ValuePrior
 
@@ -97,7 +97,7 @@ def test_a_wrong_topic_lists_the_pages() -> None:
 
 
 #: Classes whose fields the page on the statistical model lists.
-LISTED = (ErrorModel, BoltPrior, ValuePrior, DecisionRule, ValidationChannels, Resolution, ModalRule, BlowRule)
+LISTED = (ErrorModel, BoltPrior, ValuePrior, DecisionRule, ValidationChannels, Resolution, ModalRule, BlowRule, Resonances)
 
 
 def test_the_statistics_page_has_every_number_with_its_default() -> None:
