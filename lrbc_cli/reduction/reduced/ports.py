@@ -298,10 +298,14 @@ def _displacements(H: Complexes, B: Complexes, split: tuple[Integers, Integers],
 
 def _sensors(H0p: Complexes) -> tuple[Integers, Integers]:
     """``heard`` and ``output_of`` of ``PortFrf``: rows of H0p (F, R, nt) that are the same but for rounding errors belong to one sensor."""
+    magnitude = np.abs(H0p)
+    allowed, sums = SAME_ROW * magnitude.max(axis=2, initial=0.0), magnitude.sum(axis=(0, 2))
+    # Sums of the same rows differ by no more than this, which leaves few to compare.
+    reach = H0p.shape[2] * allowed.sum(axis=0)
     heard, output_of = list[int](), list[int]()
-    size = SAME_ROW * np.abs(H0p).max(axis=2, initial=0.0)
     for i in range(H0p.shape[1]):
-        same = (k for k, j in enumerate(heard) if bool((np.abs(H0p[:, i] - H0p[:, j]).max(axis=1, initial=0.0) <= size[:, j]).all()))
+        near = np.flatnonzero(np.abs(sums[heard] - sums[i]) <= reach[heard]).tolist() if heard else []
+        same = (k for k in near if bool((np.abs(H0p[:, i] - H0p[:, heard[k]]).max(axis=1, initial=0.0) <= allowed[:, heard[k]]).all()))
         output_of.append(next(same, len(heard)))
         if output_of[-1] == len(heard):
             heard.append(i)
