@@ -100,6 +100,36 @@ def test_a_hammer_point_that_the_model_lacks_leaves_its_records_out(tmp_path: Pa
     assert "the files contain 2 hammer points; only the first is used, give the others" in told.stdout
 
 
+def test_records_without_names_keep_their_numbers_in_the_file(tmp_path: Path) -> None:
+    """Records 1, 3, 5 ... are those of the first hammer point, and were numbered 1, 2, 3 ... where only that one is used."""
+    files = box(tmp_path / "box").data
+    struck_twice(files, known=False)
+    for path in files.glob("*.uff"):
+        frf = read_uff(path, TextLayout())
+        half = len(frf.records) // 2
+        mixed = [record for pair in zip(frf.records[:half], frf.records[half:], strict=True) for record in pair]
+        write_uff(path, replace(frf, records=tuple(replace(record, name="", response_node=None) for record in mixed)))
+    folder, told = drafted(files, tmp_path / "new")
+    assert re.findall(r"record: (\d+)", folder.config.read_text()) == ["1", "3", "5", "7"]
+    assert "only the first is used" in told.stdout
+
+
+def test_a_record_that_is_there_twice_is_addressed_by_its_number(tmp_path: Path) -> None:
+    files = box(tmp_path / "box").data
+    struck_twice(files, known=True)
+    for path in files.glob("*.uff"):
+        frf = read_uff(path, TextLayout())
+        write_uff(path, replace(frf, records=(*frf.records, frf.records[0])))
+    folder, _ = drafted(files, tmp_path / "new")
+    campaign = load_campaign(folder.config)
+    assert list(campaign.responses)[-1] == "mic1-h1-9"
+    # The last sensor is that of the copy, too.
+    assert campaign.update.responses == tuple(f"{name}-h{k}" for k in (1, 2) for name in ("mic2", "mic3", "acc1"))
+    study = load(folder.config)
+    measured = dict(zip(study.responses, study.read("tight").values.T, strict=True))
+    np.testing.assert_allclose(measured["mic1-h1-9"], measured["mic1-h1"], rtol=1e-12)
+
+
 def test_a_model_of_calculix_in_millimetres(tmp_path: Path) -> None:
     """All that the sample's own campaign file says of its files is found, but the damping."""
     made = draft(tmp_path / "new", recognise(ROOT / "data_samples" / "plate"))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -58,6 +60,32 @@ def test_a_sharp_peak_of_one_response_keeps_all_lines():
     assert thinned(f, H, near).size < 0.5 * near.size
     H[:, 1] += 0.5 * np.abs(H[:, 1]).max() * 1j / (1 + 1j * (f - 203.0) / 0.3)
     np.testing.assert_array_equal(thinned(f, H, near), near)
+
+
+@pytest.mark.parametrize("level_db", [-8.0, -10.0, -14.0])
+def test_a_low_narrow_peak_beside_a_high_wide_one_keeps_lines(level_db):
+    """Within 10 % of the high peak, interpolation missed most of the low one: one of its five lines was left."""
+    f = np.arange(60.0, 160.0, 0.1)
+    high = modes(f, 0.02, at=(100.0,), shapes=((1.0,),))
+    low = modes(f, 0.004, at=(107.0,), shapes=((1.0,),))
+    H = high / np.abs(high).max() + 10 ** (level_db / 20) * low / np.abs(low).max()
+    near = resonance_lines(f, H)
+    assert near[0] < 400
+    assert near[-1] > 475
+    kept = thinned(f, H, near)
+    assert np.count_nonzero(np.abs(f[kept] - 107.0) <= 0.5 * 0.004 * 107.0 + 0.05) >= 3
+
+
+def test_few_lines_whatever_the_rule():
+    few = 1.0 + 0.01 * np.arange(5)[:, None] + 0j
+    for least in (1, 2, 5):
+        rule = replace(RESONANCES, least_lines=least)
+        for count in (1, 2, 3, 5):
+            kept = thinned(np.arange(100.0, 100.0 + count), few[:count], np.arange(count), rule)
+            assert kept[0] == 0
+            assert kept[-1] == count - 1
+            silent = np.full((count, 1), np.nan + 0j)
+            assert thinned(np.arange(100.0, 100.0 + count), silent, np.arange(count), rule).size
 
 
 def test_noise_and_gaps_keep_lines():

@@ -88,8 +88,13 @@ def struck_at(record: FrfRecord) -> tuple[int | None, int]:
     return record.reference_node, record.reference_direction
 
 
-def address(record: FrfRecord, number: int, quoted: Callable[[str], str], *, several: bool) -> str:
-    """How a record is addressed in a campaign file: by name, node or number; by its hammer point, too, if there are ``several``."""
+def address(record: FrfRecord, number: int, quoted: Callable[[str], str], *, several: bool, alone: bool) -> str:
+    """How a record is addressed in a campaign file: by name, node or number; by its hammer point, too, if there are ``several``.
+
+    By its number, too, if it is not ``alone`` with its nodes.
+    """
+    if several and not alone:
+        return str(number)
     if not several and (record.name or record.response_node is None):
         return quoted(record.name) if record.name else str(number)
     struck = f", reference_node: {record.reference_node}, reference_direction: {record.reference_direction}" if several else ""

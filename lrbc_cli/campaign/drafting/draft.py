@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -100,20 +101,19 @@ class Draft:
         jobs = dict(sorted(jobs.items(), key=lambda job: job[0] != reference))
         record = [entry for path in next(iter(jobs.values()), []) for entry in self.found.measurements[path].records]
         driven = self._driven(record)
-        if not driven:
-            record = [one for one in record if struck_at(one) == struck_at(record[0])]
-        responses, names = self._responses(record, driven)
+        kept = {number: one for number, one in enumerate(record, start=1) if driven or struck_at(one) == struck_at(record[0])}
+        responses, names, sensors = self._responses(kept, driven)
         band = self._band(record)
         sections = [
             self._model(band),
             [
                 "# Where it is hit and what is measured: {near: [x, y, z], component:}, {node:, component:}, {dof:} or {vector: file}",
-                *self._hammer(record, driven),
+                *self._hammer(list(kept.values()), driven),
             ],
             ["responses:", *responses],
             ["# What is identified: terms of stiffness at the bolts (`lrbc guide campaign`)", *self._parameters()],
             [f"reduction: {{band: [{band[0]:g}, {band[1]:g}], tolerance: 1.0e-3}}"],
-            self._update(reference, names, baselines, len(driven)),
+            self._update(reference, names, baselines, sensors),
             self._calibration(reference),
             ["jobs:" if jobs else "jobs: {}", *[f"  {name}: {self._job(paths)}" for name, paths in jobs.items()]],
         ]
@@ -247,20 +247,25 @@ class Draft:
         there = (self.table.node == node) & (self.table.component == label)
         return f"{{node: {node}, component: {label}}}" if there.sum() == 1 else None
 
-    def _responses(self, records: Sequence[FrfRecord], driven: Mapping[tuple[int | None, int], str]) -> tuple[list[str], list[str]]:
-        """Lines of the section ``responses``, and the names of the responses that have a place."""
-        lines, names, lost = list[str](), list[str](), list[tuple[str, FrfRecord, str]]()
-        numbered = bool(records) and self._numbered(records)
-        for number, record in enumerate(records, start=1):
+    def _responses(
+        self, records: Mapping[int, FrfRecord], driven: Mapping[tuple[int | None, int], str]
+    ) -> tuple[list[str], list[str], dict[str, str]]:
+        """Lines of the section ``responses``, names of the responses that have a place, and the sensor of each, from numbered records."""
+        lines, names, lost, sensors = list[str](), list[str](), list[tuple[str, FrfRecord, str]](), dict[str, str]()
+        numbered = bool(records) and self._numbered(list(records.values()))
+        several = Counter((one.response_node, one.response_direction, *struck_at(one)) for one in records.values())
+        for number, record in records.items():
             plain = _name(
                 response_of(record.name),
                 f"n{record.response_node}-{LABELS[record.response_direction].lower()}" if record.response_node else f"r{number}",
             )
             struck = driven.get(struck_at(record), "")
-            plain = f"{plain}-{struck}" if struck else plain
-            name = plain if plain not in names else f"{plain}-{number}"
+            name = f"{plain}-{struck}" if struck else plain
+            name = name if name not in names else f"{name}-{number}"
+            sensors[name] = plain if struck else name
+            alone = several[record.response_node, record.response_direction, *struck_at(record)] == 1
             further = f", excitation: {struck}" if struck else ""
-            further += "" if name == record.name else f", record: {address(record, number, quoted, several=bool(struck))}"
+            further += "" if name == record.name else f", record: {address(record, number, quoted, several=bool(struck), alone=alone)}"
             names.append(name)
             point = self.roles.point(record.name)
             place = (
@@ -300,7 +305,7 @@ class Draft:
             self.todo.append("responses: no FRF file was found; `lrbc guide formats` lists what is read")
             lines = [f"  response1: {NOWHERE}   # to do"]
         self.recognised += [f"{len(names)} responses: {', '.join(names)}"] if names else []
-        return lines, [name for name in names if name not in {entry[0] for entry in lost}]
+        return lines, [name for name in names if name not in {entry[0] for entry in lost}], sensors
 
     def _parameters(self) -> list[str]:
         groups = [(_name(path.stem, "bushings"), self._bushings(path)) for path in self.found.of("bushings")]
@@ -359,7 +364,7 @@ class Draft:
         above = lines[lines > 0]
         return (float(above.min()), float(above.max())) if above.size > 1 else (20.0, 400.0)
 
-    def _update(self, reference: str | None, names: Sequence[str], baselines: Sequence[str], points: int) -> list[str]:
+    def _update(self, reference: str | None, names: Sequence[str], baselines: Sequence[str], sensors: Mapping[str, str]) -> list[str]:
         lines = ["update:"]
         lines.append(
             f"  reference: {quoted(reference)}" if reference else "  # reference: tight               # the job with all bolts tight"
@@ -370,8 +375,8 @@ class Draft:
             lines.append(f"  baselines: [{', '.join(map(quoted, baselines))}]   # further tight states: their scatter moves the threshold")
             self.todo.append(f"update.baselines: {', '.join(baselines)}, chosen by name; check that all bolts are tight there")
         # With several hammer points, all records of the last sensor: one alone would be no independent channel.
-        last = [name for name in names if points and name.rpartition("-")[0] == names[-1].rpartition("-")[0]] or list(names[-1:])
-        if len(names) > 3 * max(points, 1):
+        last = [name for name in names if sensors[name] == sensors[names[-1]]]
+        if len({sensors[name] for name in names}) > 3:
             used = [name for name in names if name not in last]
             lines.append(f"  responses: [{', '.join(map(quoted, used))}]   # the last sensor checks the result")
             kept = "is left out as validation channel" if len(last) == 1 else "are left out as validation channels"

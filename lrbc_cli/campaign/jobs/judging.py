@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass
+from math import isfinite
 from statistics import median
 from typing import Any
 
@@ -16,7 +17,7 @@ from lrbc_cli.results.job import Alternative, Bolt, JobRecord, TakenAsTight, Val
 from lrbc_cli.updating.judging.decide import BASELINE, JOB, REFERENCE, BoltVerdict, Judgement, Role, judge, scatter_of
 from lrbc_cli.updating.judging.evidence import VALIDATION, Evidence
 from lrbc_cli.updating.judging.reference import ReferenceState
-from lrbc_cli.updating.judging.rule import LOOSE, TIGHT, DecisionRule, TightScatter
+from lrbc_cli.updating.judging.rule import LOOSE, TIGHT, UNDECIDED, DecisionRule, TightScatter
 
 #: Status of a job whose measurement the model does not explain.
 UNEXPLAINED = "unexplained"
@@ -164,8 +165,8 @@ def softer(judgement: Judgement, joints: Collection[str], *, least: int = 6, sha
     share : float
         Of the threshold of a loose bolt, which their median change must exceed.
     """
-    rest = [bolt for bolt in judgement.bolts if bolt.name in joints and bolt.verdict != LOOSE]
-    rest = [bolt for bolt in rest if bolt.change is not None and bolt.threshold is not None]
+    rest = [bolt for bolt in judgement.bolts if bolt.name in joints and bolt.verdict in (TIGHT, UNDECIDED)]
+    rest = [bolt for bolt in rest if bolt.threshold is not None and bolt.change is not None and isfinite(bolt.change)]
     changes, limits = [bolt.change or 0.0 for bolt in rest], [bolt.threshold or 0.0 for bolt in rest]
     if len(rest) < least or max(changes) >= 0.0 or median(changes) > share * median(limits):
         return []

@@ -40,7 +40,7 @@ class Resonances(Checked):
         ... if they are within this fraction of its frequency, two lines, or its half-power bandwidth. By trial on virtual rigs.
     followed : float
         Lines of a resonance are not compared if linear interpolation between others gives each FRF within this fraction of its largest
-        magnitude there (``thinning.thinned``). 0.1 leaves three lines in a half-power bandwidth.
+        magnitude there, at lower peaks of theirs (``thinning.thinned``). 0.1 leaves three lines in a half-power bandwidth.
     least_lines : int
         ... and this number of lines is left. A choice.
     """

@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.updating.peaks import peaks_of
+from lrbc_cli.updating.statistics.decibels import decibel
 from lrbc_cli.updating.statistics.lines import RESONANCES, Resonances
 
 
@@ -41,8 +43,14 @@ def thinned(frequency_hz: Floats, measured: Complexes, lines: Integers, rule: Re
 def _run(frequency_hz: Floats, H: Complexes, run: Integers, rule: Resonances) -> Integers:
     """Lines of one run of neighbouring lines that are kept, see ``thinned``."""
     known, kept, step = np.isfinite(H), run, 2
-    allowed = rule.followed * np.where(known, np.abs(H), 0.0).max(axis=0)
-    while (run.size - 1) // step + 1 >= rule.least_lines:
+    size = np.where(known, np.abs(H), 0.0)
+    allowed = np.tile(rule.followed * size.max(axis=0), (run.size, 1))
+    # A lower peak beside a high one has a tolerance of its own; below the tolerance of the high one there is none.
+    for r in np.flatnonzero(known.all(axis=0) & (size > 0.0).all(axis=0)).tolist():
+        peaks = peaks_of(decibel(H[:, r]), prominence=rule.prominence_db)
+        peaks = peaks[size[peaks, r] > allowed[peaks, r]]
+        allowed[peaks, r] = rule.followed * size[peaks, r]
+    while (run.size - 1) // step + 1 >= max(rule.least_lines, 3):
         nodes = np.union1d(np.arange(0, run.size, step), run.size - 1)
         before = np.clip(np.searchsorted(nodes, np.arange(run.size), side="right") - 1, 0, nodes.size - 2)
         first, last = nodes[before], nodes[before + 1]

@@ -268,7 +268,11 @@ def _times_text(campaign: Campaign, group: TermGroup, held: Sequence[tuple[bool,
     if np.any(np.abs(shares / times - 1.0) > HELD):
         return None
     degrees = all(turns for turns, share in held if share.size) and abs(times / baseline / np.rad2deg(1.0) - 1.0) < HELD
-    unit = f"the table is probably in {_name(campaign.unit_system, True).replace('rad', 'degree')}" if degrees else "correct one of the two"
+    unit = (
+        f"the table is probably in {_name(campaign.unit_system, True).replace('rad', 'degree')}"
+        if degrees
+        else "correct that table, the matrix"
+    )
     return (
         f"parameters {group.name}: the stiffness matrix contains {times:.4g} times the stiffness in {file.name}, not {baseline:g} times as "
         f"stated: {unit}{f'. Multiply its stiffnesses by {np.rad2deg(1.0):.6g}' if degrees else f', or parameters.{group.name}.baseline'}"
