@@ -628,7 +628,7 @@ MISTAKES = [
         text("bushings.csv", lambda t: t.replace(",5000\n", ",2500\n").replace(",1000\n", ",500\n")),
         0,
         "contains 2 times the stiffness in bushings.csv, not 1 times as stated",
-        "correct one of the two, or parameters.bolts.baseline",
+        "correct that table, the matrix, or parameters.bolts.baseline",
     ),
     Mistake(
         "springs in N/m",
