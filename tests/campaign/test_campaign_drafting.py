@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import re
 import zipfile
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,6 +28,7 @@ from lrbc_cli.io.matrices.read import read_matrix
 from lrbc_cli.io.uff.read import read_uff
 from lrbc_cli.io.uff.write import write_uff
 from lrbc_cli.model.dofs import DofTable
+from lrbc_cli.model.frf import FrfRecord
 
 
 def drafted(files: Path, folder: Path) -> tuple[Folder, Result]:
@@ -67,13 +69,18 @@ def test_universal_files_and_a_list_of_dofs(tmp_path: Path) -> None:
     assert (folder.path / "campaign.schema.json").is_file()
 
 
+def rewritten(files: Path, change: Callable[[tuple[FrfRecord, ...]], Iterable[FrfRecord]]) -> None:
+    """The measurements with other records."""
+    for path in files.glob("*.uff"):
+        frf = read_uff(path, TextLayout())
+        write_uff(path, replace(frf, records=tuple(change(frf.records))))
+
+
 def struck_twice(files: Path, *, known: bool) -> None:
     """The measurements of the box with a second hammer point, at node 6 or at a node that the model lacks; and a list of terms."""
     (files / "springs.csv").write_text("dof,bolt\n" + "".join(f"{i},B{i + 1}\n" for i in range(6)))
-    for path in files.glob("*.uff"):
-        first = read_uff(path, TextLayout())
-        again = [replace(record, reference_node=6 if known else 9999, values=2.0 * record.values) for record in first.records]
-        write_uff(path, replace(first, records=(*first.records, *again)))
+    node = 6 if known else 9999
+    rewritten(files, lambda own: (*own, *(replace(record, reference_node=node, values=2.0 * record.values) for record in own)))
 
 
 def test_several_hammer_points_by_their_nodes(tmp_path: Path) -> None:
@@ -104,11 +111,7 @@ def test_records_without_names_keep_their_numbers_in_the_file(tmp_path: Path) ->
     """Records 1, 3, 5 ... are those of the first hammer point, and were numbered 1, 2, 3 ... where only that one is used."""
     files = box(tmp_path / "box").data
     struck_twice(files, known=False)
-    for path in files.glob("*.uff"):
-        frf = read_uff(path, TextLayout())
-        half = len(frf.records) // 2
-        mixed = [record for pair in zip(frf.records[:half], frf.records[half:], strict=True) for record in pair]
-        write_uff(path, replace(frf, records=tuple(replace(record, name="", response_node=None) for record in mixed)))
+    rewritten(files, lambda own: (replace(own[k], name="", response_node=None) for k in np.arange(8).reshape(2, 4).T.ravel()))
     folder, told = drafted(files, tmp_path / "new")
     assert re.findall(r"record: (\d+)", folder.config.read_text()) == ["1", "3", "5", "7"]
     assert "only the first is used" in told.stdout
@@ -117,9 +120,7 @@ def test_records_without_names_keep_their_numbers_in_the_file(tmp_path: Path) ->
 def test_a_record_that_is_there_twice_is_addressed_by_its_number(tmp_path: Path) -> None:
     files = box(tmp_path / "box").data
     struck_twice(files, known=True)
-    for path in files.glob("*.uff"):
-        frf = read_uff(path, TextLayout())
-        write_uff(path, replace(frf, records=(*frf.records, frf.records[0])))
+    rewritten(files, lambda own: (*own, own[0]))
     folder, _ = drafted(files, tmp_path / "new")
     campaign = load_campaign(folder.config)
     assert list(campaign.responses)[-1] == "mic1-h1-9"

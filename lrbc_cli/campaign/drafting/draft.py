@@ -225,7 +225,7 @@ class Draft:
                 return ["excitation:", f"  {_name(name, 'hammer')}: {self._near(point)}"]
         if self.roles.loads:
             return ["excitation:", f"  hammer: {{vector: {self.matrix(self.roles.loads[0])}}}"]
-        place = self._at_node(records[0].reference_node, records[0].reference_direction) if records and self._numbered(records) else None
+        place = self._at_node(*struck_at(records[0])) if records and self._numbered(records) else None
         if place is None:
             self.todo.append("excitation.hammer: give its place; no file contains it")
         return ["excitation:", f"  hammer: {place or NOWHERE}" + ("" if place else "   # to do: its place")]

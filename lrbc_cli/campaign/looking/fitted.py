@@ -186,7 +186,7 @@ def _rough_theta(problem: FactorProblem, *, lines: int = 150, size: int = 120, l
     """
     work = (size / problem.model.base.size) ** 3
     at = spaced(problem.selected.size, int(np.clip(lines * work, least, lines)))
-    few = replace(problem, selected=problem.selected[at], sigma=None if problem.sigma is None else problem.sigma[at])
+    few = replace(problem, selected=problem.selected[at], sigma=None if problem.sigma is None else problem.sigma[at], few=None)
     return descents(few, few.start, far=True, limit=iterations, soft=True)[0].theta
 
 
