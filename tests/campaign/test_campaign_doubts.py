@@ -304,6 +304,19 @@ def test_exchanged_sensors_are_told_by_update_too(frame: Folder) -> None:
     assert tree["validity"]["passed"] is not True
 
 
+def test_one_response_without_phases_is_told_by_update_too(frame: Folder) -> None:
+    path = frame.data / "frf" / "loose-2.csv"
+    head, *rows = path.read_text().splitlines()
+    values = np.array([row.split(",") for row in rows], dtype=float)
+    values[:, 3:5] = np.column_stack([np.hypot(*values[:, 3:5].T), np.zeros(len(values))])
+    np.savetxt(path, values, delimiter=",", header=head, comments="")
+    tree = update(frame, "loose-2").json["results"]["loose-2"]
+    (told,) = [text for text in tree["warnings"] if "no phases" in text]
+    assert told.startswith("loose-2.csv: no phases: every value of acc2 is real")
+    # Magnitudes are compared, so the verdicts stand.
+    assert [bolt["name"] for bolt in tree["bolts"] if bolt["verdict"] == "loose"] == ["B3", "B4"]
+
+
 @pytest.mark.slow
 def test_velocities_for_accelerations(frame: Folder) -> None:
     tree = frame.tree()

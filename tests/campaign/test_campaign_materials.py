@@ -58,15 +58,27 @@ def test_the_units_are_those_of_the_campaign(frame: Folder) -> None:
     assert material_cause(campaign.unit_system, "damping", 10.0) is None
 
 
-@pytest.mark.parametrize(("bare", "told"), [(0, ""), (1, ""), (2, "2 of 20 nodes have no mass in any direction (0, 1)"), (20, "20 of 20")])
-def test_a_part_without_a_density(bare: int, told: str) -> None:
-    """One node of twenty carries a constraint; rotations, and directions of their own, need no mass."""
+@pytest.mark.parametrize(
+    ("bare", "told"),
+    [
+        ([], ""),
+        ([0], ""),
+        # Nodes of rigid links: each has mass beside it.
+        ([0, 3, 4, 7, 8, 11, 12], ""),
+        ([5, 6, 7], "3 of 20 nodes have no mass in any direction (5, 6, 7)"),
+        ([5, 6, 7, 11], "3 of 20 nodes have no mass in any direction (5, 6, 7)"),
+        (list(range(20)), "20 of 20"),
+    ],
+)
+def test_a_part_without_a_density(bare: list[int], told: str) -> None:
+    """A chain of 20 nodes; rotations, and directions of their own, need no mass."""
     node = np.repeat(np.arange(20), 3)
     component = np.tile(np.array(["UX", "UZ", "ROTX"]), 20)
     mass = np.where(component == "UZ", 1.0, 0.0)
-    mass[node < bare] = 0.0
+    mass[np.isin(node, bare)] = 0.0
     dofs: Any = SimpleNamespace(node=node, component=component)
-    model: Any = SimpleNamespace(M=sp.diags_array(mass).tocsc())
+    chain = sp.diags_array([np.full(19, -1.0), np.full(20, 2.0), np.full(19, -1.0)], offsets=[-1, 0, 1])
+    model: Any = SimpleNamespace(M=sp.diags_array(mass).tocsc(), K=sp.kron(chain, np.ones((3, 3))).tocsc())
     (text,) = list(massless_part(model, dofs)) or [""]
     assert told in text
     assert bool(text) is bool(told)

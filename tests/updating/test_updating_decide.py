@@ -375,7 +375,7 @@ class TestValidity:
         assert near.passed
         assert far.passed is None
         assert far.explained
-        assert "the reference job has a misfit of 2.34 dB" in far.unvalidated
+        assert "a change from the reference job (misfit 2.34 dB)" in far.unvalidated
         assert "may be wrong by 3.31 dB, above 3 dB" in far.unvalidated
 
     @pytest.mark.parametrize(

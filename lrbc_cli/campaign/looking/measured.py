@@ -9,6 +9,7 @@ import numpy as np
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared.chains import chain_doubt, coherence_doubt, noise_doubt, soft_tip
+from lrbc_cli.campaign.identification.compared.doubts import phaseless_text
 from lrbc_cli.campaign.identification.compared.offsets import sensor_of
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -136,11 +137,7 @@ def without_phases(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[
         return []
     names = [inputs.responses[i].name for i in sorted({i for found in bare.values() for i in found})]
     files = [inputs.campaign.jobs[name].first.name for name in bare]
-    text = (
-        f"no phases: every value of {', '.join(names)} is real. Check whether columns are shifted, and export complex FRFs (real and "
-        "imaginary parts, or magnitudes with phases): without phases, reversed or exchanged sensors, delays and windows are not found"
-    )
-    return [Finding(place=", ".join(files), text=text)]
+    return [Finding(place=", ".join(files), text=phaseless_text(names))]
 
 
 def other_chains(

@@ -118,8 +118,8 @@ class DecisionRule(Checked):
         if both <= self.validated_misfit:
             return ""
         return (
-            f"the reference job has a misfit of {before:.2f} dB, so a change from it (the difference of two such states) may be wrong by "
-            f"{both:.2f} dB, above {self.validated_misfit:g} dB: improve model or calibration"
+            f"a change from the reference job (misfit {before:.2f} dB) may be wrong by {both:.2f} dB, above {self.validated_misfit:g} dB: "
+            "improve model or calibration"
         )
 
     def word(self, probability: float) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import DecisionRule
 from lrbc_cli.updating.normal import NORMAL_95
 from lrbc_cli.updating.statistics.decibels import coherence_sigma
-from lrbc_cli.updating.statistics.lines import too_wide
+from lrbc_cli.updating.statistics.lines import phaseless, too_wide
 
 #: Misfit over noise that is no chance with hundreds of lines: with the right model and optimum, the misfit is the noise.
 FAR_ABOVE_NOISE = 3.0
@@ -142,6 +142,14 @@ def worsened(initial_db: float | None, final_db: float | None, noise_db: float |
     return f"the mean misfit of the responses used rose from {initial_db:.2f} dB at the start values to {final_db:.2f} dB over all lines"
 
 
+def phaseless_text(names: Iterable[str]) -> str:
+    """Text on responses without phases, by their names."""
+    return (
+        f"no phases: every value of {', '.join(names)} is real. Check whether columns are shifted, and export complex FRFs (real and "
+        "imaginary parts, or magnitudes with phases): without phases, reversed or exchanged sensors, delays and windows are not found"
+    )
+
+
 def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, float | None]) -> tuple[list[str], str, list[Doubt]]:
     """Warnings of a job, text on what was compared and on constant factors, and doubts that prevent its validation.
 
@@ -172,6 +180,8 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     found = [*([swapped] if swapped else []), *map(str, units)]
     if gains is not None and kinds_of(units).isdisjoint({Kind.UNITS, Kind.PLACES}):
         found.append((gain_text if gains.shared else level_text)(inputs, result.name, gains))
+    if bare := phaseless(result.measurement.values, inputs.statistics.resolution):
+        found.append(f"{job.first.name}: {phaseless_text(inputs.responses[i].name for i in bare)}")
     noise = noise_level(inputs, result.measurement, job)
     # In a relative comparison the model discrepancy cancels, so the misfit need not reach the noise.
     further = [None if result.relative or misfit[1] is None else unreached(misfit[1], noise, reference), worsened(*misfit, noise)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from lrbc_cli.errors import listing
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
@@ -71,12 +72,20 @@ def _name(known: Mapping[str, float], size: float) -> str | None:
 
 
 def massless_part(model: FeModel, dofs: DofTable | None, *, least: float = 0.1) -> Iterator[str]:
-    """Warning if at least the share ``least`` of the nodes has no mass; a few massless nodes are normal, as they carry constraints."""
+    """Warning if parts without mass have at least the share ``least`` of the nodes.
+
+    Of a part, at least one node is surrounded by others without mass: rigid links and springs have massless nodes too, but single ones.
+    """
     if dofs is None:
         return
     moves = np.isin(dofs.component, COMPONENTS[:3])
     nodes = np.unique(dofs.node[moves])
     bare = np.setdiff1d(nodes, dofs.node[moves & (abs(model.M).sum(axis=0) > 0.0)])
+    light = np.isin(dofs.node, bare)
+    own, joined = np.flatnonzero(light), abs(model.K.tocsr()[light])
+    beside = np.unique(dofs.node[own[joined @ np.where(light, 0.0, 1.0) > 0.0]])
+    _, part = connected_components(joined[:, own], directed=False)
+    bare = np.unique(dofs.node[own[np.isin(part, part[~np.isin(dofs.node[own], beside)])]])
     if bare.size and bare.size >= least * nodes.size:
         yield (
             f"model.mass: {bare.size} of {nodes.size} nodes have no mass in any direction ({listing([str(node) for node in bare], 4)}): "
