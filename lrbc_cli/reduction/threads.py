@@ -1,4 +1,4 @@
-"""Two threads for work on small dense matrices: the lines of one evaluation are shared, or independent tasks run at the same time."""
+"""Threads for work on small dense matrices: the lines of one evaluation are shared, or independent tasks run at the same time."""
 
 from __future__ import annotations
 
@@ -18,15 +18,18 @@ from threadpoolctl import ThreadpoolController
 T = TypeVar("T")
 R = TypeVar("R")
 
-#: Two threads are used if lines x states x terms³ is at least THREADED (smaller work is done before a thread has started). Up to MOST_TERMS
-#: terms LAPACK does not use threads of its own.
+#: Two threads are used if lines x states x terms³ is at least THREADED (smaller work is done before a thread has started), n threads if it
+#: is n/2 times as much. Up to MOST_TERMS terms LAPACK does not use threads of its own.
 THREADED, MOST_TERMS = 2e6, 128
 
 #: Bytes of the matrices that are solved in one batch, so that they stay in the cache of a core.
 CACHED = 2_000_000
 
-#: Whether this work runs in one of two parallel threads already, and must not start further ones.
-_beside: ContextVar[bool] = ContextVar("beside", default=False)
+#: Most threads of one piece of work: beyond, they wait for the interpreter.
+MOST_THREADS = 8
+
+#: Number of threads that this work may use: the share of the cores that other work leaves it, one inside parallel threads.
+_share: ContextVar[int] = ContextVar("share", default=MOST_THREADS)
 
 
 def cores() -> int:
@@ -35,8 +38,13 @@ def cores() -> int:
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
+def threads() -> int:
+    """Number of threads that this work may use."""
+    return min(cores(), _share.get())
+
+
 def side_by_side(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
-    """Results of ``work`` for independent items, two items at a time.
+    """Results of ``work`` for independent items, as many at a time as this work may use threads.
 
     Parameters
     ----------
@@ -50,7 +58,7 @@ def side_by_side(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
         In the order of the items, independent of the threads.
     """
     todo = list(items)
-    if len(todo) < 2 or cores() < 2 or _beside.get():
+    if len(todo) < 2 or threads() < 2:
         return [work(item) for item in todo]
 
     settings = np.geterr()
@@ -59,7 +67,7 @@ def side_by_side(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
         with np.errstate(**settings):
             return work(item)
 
-    pool = ThreadPoolExecutor(2)
+    pool = ThreadPoolExecutor(min(threads(), len(todo)))
     try:
         with single_threaded(), in_turn():
             # Each task has the context of the caller; before NumPy 2 the floating-point error settings belonged to a thread.
@@ -69,17 +77,27 @@ def side_by_side(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
 
 
 @contextmanager
-def in_turn() -> Iterator[None]:
-    """Context without parallel threads, for work that has threads of its own or needs much memory."""
-    token = _beside.set(True)
+def at_most(count: int) -> Iterator[None]:
+    """Context in which work uses no more than ``count`` threads, for instance beside other work."""
+    token = _share.set(max(1, min(count, _share.get())))
     try:
         yield
     finally:
-        _beside.reset(token)
+        _share.reset(token)
+
+
+def sharing(workers: int) -> ThreadPoolExecutor:
+    """Pool of ``workers`` threads that share the cores: what runs in one of them uses that share."""
+    return ThreadPoolExecutor(workers, initializer=_share.set, initargs=(max(1, threads() // workers),))
+
+
+def in_turn() -> AbstractContextManager[None]:
+    """Context without parallel threads, for work that has threads of its own or needs much memory."""
+    return at_most(1)
 
 
 def by_lines(lines: int, terms: int, states: int, work: Callable[[slice], None]) -> None:
-    """Run ``work`` on slices of lines small enough for the cache of a core, in two threads if that is faster.
+    """Run ``work`` on slices of lines small enough for the cache of a core, in several threads if that is faster.
 
     Parameters
     ----------
@@ -91,10 +109,10 @@ def by_lines(lines: int, terms: int, states: int, work: Callable[[slice], None])
     Raises
     ------
     Exception
-        Any exception of ``work``, after both threads have ended.
+        Any exception of ``work``, after all threads have ended.
     """
-    shared = lines * states * float(terms) ** 3 >= THREADED and cores() > 1 and not _beside.get()
-    count = max(-(-lines * states * terms**2 * np.dtype(complex).itemsize // CACHED), 2 if shared else 1)
+    most = int(min(threads(), 2.0 * lines * states * float(terms) ** 3 // THREADED)) if THREADED else threads()
+    count = max(-(-lines * states * terms**2 * np.dtype(complex).itemsize // CACHED), most, 1)
     ends = np.linspace(0, lines, min(count, lines) + 1).round().astype(int).tolist()
     slices = [slice(first, last) for first, last in pairwise(ends)]
 
@@ -102,25 +120,28 @@ def by_lines(lines: int, terms: int, states: int, work: Callable[[slice], None])
         for part in parts:
             work(part)
 
-    if not shared or len(slices) < 2:
+    most = min(most, len(slices))
+    if most < 2:
         some(slices)
         return
     settings, failed = np.geterr(), list[BaseException]()
 
-    def first() -> None:
+    def beside(first: int) -> None:
         try:
             with np.errstate(**settings):
-                some(slices[::2])
+                some(slices[first::most])
         except Exception as error:
             failed.append(error)
 
     with single_threaded() if terms > MOST_TERMS else nullcontext():
-        helper = Thread(target=first, daemon=True)
-        helper.start()
+        helpers = [Thread(target=beside, args=(first,), daemon=True) for first in range(1, most)]
+        for helper in helpers:
+            helper.start()
         try:
-            some(slices[1::2])
+            some(slices[::most])
         finally:
-            helper.join()
+            for helper in helpers:
+                helper.join()
     if failed:
         raise failed[0]
 
@@ -140,7 +161,7 @@ def single_threaded() -> AbstractContextManager[object]:
 def in_chunks(count: int, work: Callable[[slice], None], *, chunk: int = 16, workers: int = 2) -> None:
     """Run ``work`` on slices of ``chunk`` lines in ``workers`` threads with one BLAS thread each (small dense solves release the GIL)."""
     slices = [slice(at, min(at + chunk, count)) for at in range(0, count, chunk)]
-    if _beside.get():
+    if threads() < 2:
         for part in slices:
             work(part)
         return

@@ -374,16 +374,18 @@ def solved(A: np.ndarray, B: np.ndarray) -> np.ndarray:
 
 
 class TestThreads:
-    """Lines solved by two threads, in slices that a cache holds, are those of one."""
+    """Lines solved by several threads, in slices that a cache holds, are those of one."""
 
+    @pytest.mark.parametrize("cores", [2, 5])
     @pytest.mark.parametrize("cached", [1, 9 * 9 * 16 * 4, 2_000_000])
-    @pytest.mark.parametrize("threaded", [0.0, 1e9])
-    def test_the_same_to_the_last_bit(self, cached: int, threaded: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    @pytest.mark.parametrize("threaded", [0.0, 2.5e4, 1e9])
+    def test_the_same_to_the_last_bit(self, cached: int, threaded: float, cores: int, monkeypatch: pytest.MonkeyPatch) -> None:
         rng = np.random.default_rng(0)
         A, B = (rng.normal(size=(41, 9, k)) + 1j * rng.normal(size=(41, 9, k)) for k in (9, 3))
         expected = np.linalg.solve(A, B)
         monkeypatch.setattr(threads, "THREADED", threaded)
         monkeypatch.setattr(threads, "CACHED", cached)
+        monkeypatch.setattr(threads, "cores", lambda: cores)
         np.testing.assert_array_equal(solved(A, B), expected)
 
     @pytest.mark.parametrize("lines", [0, 1, 2])
@@ -409,8 +411,10 @@ class TestThreads:
         with np.errstate(divide="raise"), pytest.raises(FloatingPointError):
             by_lines(4, 3, 1, work)
 
-    def test_pieces_of_work_side_by_side(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    @pytest.mark.parametrize("cores", [2, 4])
+    def test_pieces_of_work_side_by_side(self, cores: int, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(threads, "THREADED", 0.0)
+        monkeypatch.setattr(threads, "cores", lambda: cores)
         rng = np.random.default_rng(1)
         A = rng.normal(size=(7, 40, 6, 6)) + 0j
         expected = np.linalg.solve(A, np.ones((7, 40, 6, 1)))
@@ -423,7 +427,22 @@ class TestThreads:
         found = side_by_side(work, range(7))
         np.testing.assert_array_equal([x for x, _ in found], expected)
         # What one of them solves does not begin threads of its own.
-        assert max(count for _, count in found) <= begun + 2
+        assert max(count for _, count in found) <= begun + cores
+
+    def test_jobs_share_the_cores(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Three jobs on eight cores use two threads each; what they run side by side uses one."""
+        monkeypatch.setattr(threads, "cores", lambda: 8)
+
+        def job(_: int) -> tuple[int, list[int]]:
+            return threads.threads(), side_by_side(lambda _: threads.threads(), range(3))
+
+        with threads.sharing(3) as pool:
+            assert list(pool.map(job, range(5))) == [(2, [1, 1, 1])] * 5
+        assert threads.threads() == 8
+        with threads.at_most(2), threads.sharing(4) as pool:
+            assert pool.submit(threads.threads).result() == 1
+        with threads.at_most(0):
+            assert threads.threads() == 1
 
     def test_the_caller_sets_what_is_an_error(self) -> None:
         with np.errstate(divide="raise"), pytest.raises(FloatingPointError):

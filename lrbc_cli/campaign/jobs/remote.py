@@ -21,6 +21,7 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.errors import ConfigError, DataError, LrbcError, on_one_line
 from lrbc_cli.io.reader_process import START_SECONDS
+from lrbc_cli.reduction.threads import at_most
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.version import __version__
 
@@ -87,7 +88,9 @@ def _identified(source: FrfSource, name: str, reference: ReferenceState | None, 
     # Imported here because judging anew does not need it.
     from lrbc_cli.campaign.identification.identify import identify
 
-    return identify(source.inputs, source, name, reference, measured)
+    # A machine has a worker for every two cores (guide, machines).
+    with at_most(2):
+        return identify(source.inputs, source, name, reference, measured)
 
 
 def _measured(inputs: Inputs, name: str) -> dict[str, Measurement]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Collection, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -28,6 +28,7 @@ from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, obtain_so
 from lrbc_cli.campaign.structure import structure_of
 from lrbc_cli.errors import DataError, LrbcError, NumericalError, on_one_line
 from lrbc_cli.io.atomic import changed_meanwhile, remove_leftovers
+from lrbc_cli.reduction.threads import sharing
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job, sealed, write
 
@@ -202,7 +203,7 @@ class _Run:
                 self._done(name, partial(self._identified, source, name))
             return
         # Threads suffice: most time is spent in dense linear algebra, which releases the interpreter lock.
-        pool = ThreadPoolExecutor(min(self.workers, len(names)))
+        pool = sharing(min(self.workers, len(names)))
         pending: dict[Future[JobRecord], str] = {pool.submit(self._identified, source, name): name for name in names}
         try:
             while pending:

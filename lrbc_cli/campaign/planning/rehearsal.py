@@ -7,7 +7,6 @@ a Gaussian. Here only the errors that are drawn are linearised; they are those t
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +26,7 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.config import JobConfig
 from lrbc_cli.errors import DataError, NumericalError
-from lrbc_cli.reduction.threads import cores
+from lrbc_cli.reduction.threads import cores, sharing
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job
 from lrbc_cli.updating.judging.decide import BASELINE, JOB, judge, scatter_of
@@ -316,7 +315,7 @@ def rehearse(
     found: dict[tuple[int, float], list[Draw]] = {case: [] for case in wanted}
     tasks = [(draw, *case) for draw in range(draws) for case in wanted]
     # Threads as in ``run_jobs``. Every draw has its own seed, so the order does not matter.
-    pool = ThreadPoolExecutor(min(MOST_WORKERS, cores()))
+    pool = sharing(min(MOST_WORKERS, cores()))
     try:
         wanted_tight = sorted({(draw + bolt) % REFERENCES for draw, bolt, _ in tasks})
         tight = dict(zip(wanted_tight, pool.map(rehearsal.tight, wanted_tight), strict=True))
