@@ -52,10 +52,17 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
     groups = [{k: v for k, v in group.items() if k != "select"} for group in resolved["parameters"].values()]
     # As for jobs (``identity``): which terms share a value.
     shared = [group.parameter for group in inputs.groups if group.count < group.parameter.size]
+    # Which bolts own values, and where these lie: neighbours are alike beforehand.
+    placed = [each for group in inputs.groups for each in (group.bolt, group.xyz) if each is not None]
     return {
         "model": digest(*[reduced[name] for name in ("operators", "groups", "loads", "outputs")], list(inputs.model.extras)),
         "terms": digest(
-            reduced["terms"], list(resolved["parameters"]), groups, [(group.beta, group.loss_factor) for group in inputs.groups], *shared
+            reduced["terms"],
+            list(resolved["parameters"]),
+            groups,
+            [(group.beta, group.loss_factor) for group in inputs.groups],
+            *shared,
+            *placed,
         ),
         "band": digest(reduced["band"], reduced["tolerance"]),
         "measurement": measured(inputs),
@@ -81,7 +88,7 @@ def measured(inputs: Inputs, content: Callable[[Path], str | None] = file_hash) 
         [content(file) for file in job.all_files],
         about_measurement(resolved, job, campaign.calibration.job),
         {name: value.get("record") for name, value in resolved["responses"].items()},
-        [[response.name, response.quantity] for response in inputs.responses],
+        inputs.addresses,
     )
 
 

@@ -17,6 +17,7 @@ from lrbc_cli.config.settings import JobConfig, MeasuredFile
 from lrbc_cli.config.structure import FileRecordRef
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
+from lrbc_cli.io.frf_common import alike
 from lrbc_cli.method.rule import RULE
 from lrbc_cli.results.store import versions
 from lrbc_cli.version import __version__
@@ -55,6 +56,11 @@ def about_measurement(resolved: Mapping[str, Any], job: JobConfig, name: str) ->
     own = [entry.format.model_dump(mode="json", exclude_unset=True) if isinstance(entry, MeasuredFile) else {} for entry in job.entries]
     if any(own):
         found["formats"] = own
+    # A record or a coherence without a name has that of its file; other names of files do not matter.
+    stated = [value.get("record") for value in resolved["responses"].values()]
+    wanted = {alike(name) for name in (*resolved["responses"], *stated, *found["records"].values()) if isinstance(name, str)}
+    if named := {at: file.stem for at, file in enumerate(job.all_files) if alike(file.stem) in wanted}:
+        found["names"] = named
     return found
 
 
@@ -71,7 +77,7 @@ STAGES = {
     "reduction": ("model", "reduction", "campaign/reduced"),
     "identification": (
         *("updating", "io", "method", "campaign/reading", "campaign/identification"),
-        *("campaign/calibrate.py", "campaign/calibration.py", "campaign/jobs/evidence.py"),
+        *("campaign/calibrate.py", "campaign/calibration.py", "campaign/jobs/evidence.py", "campaign/jobs/finished.py", "results/job.py"),
     ),
     "judgement": _JUDGING,
 }

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from lrbc_cli.campaign.beside import outlived, passed_over
+from lrbc_cli.campaign.beside import of_earlier_files, outlived, passed_over
 from lrbc_cli.campaign.documents import require_own_output
 from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.cli.common import progress, say_json
@@ -49,11 +49,12 @@ def report(
     require_own_output(campaign)
     require_inputs_apart(campaign)
     workers = min(2, cores())
-    expected, gone = list(campaign.jobs), outlived(campaign)
+    expected, gone, earlier = list(campaign.jobs), outlived(campaign), of_earlier_files(campaign)
     page = write_report(
         campaign.output,
         jobs=jobs or None,
         expected=expected,
+        earlier=earlier,
         passed_over=[*passed_over(campaign), *gone],
         workers=workers,
         figures=figures,
@@ -68,7 +69,7 @@ def report(
         say(summary_text(campaign.output, jobs or None), finding=True)
         for name in missing_jobs(campaign.output, jobs or None, expected):
             say(f"{name}: {NO_RESULT}", finding=True)
-        for text in gone:
+        for text in [*(f"{name}: {why}" for name, why in earlier.items()), *gone]:
             say(text)
         say(f"report: {page}")
     return min((error.exit_code for error in unreadable.values()), default=0)

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import webbrowser
+from collections.abc import Callable
 from pathlib import Path
 
 import click
 
-from lrbc_cli.campaign.beside import passed_over
+from lrbc_cli.campaign.beside import of_earlier_files, outlived, passed_over
 from lrbc_cli.campaign.jobs.plans import choose_jobs
 from lrbc_cli.cli.common import load, progress, say_json, tell_calibration
 from lrbc_cli.cli.options import accept_tolerance_option, calibration_option, campaign_options
 from lrbc_cli.cli.terminal import complain, remark, say
 from lrbc_cli.cli.update import FAIL_HELP, finished, outcome_tree, tell_clearance, tell_troubles
+from lrbc_cli.config import Campaign
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.reduction.threads import cores
 from lrbc_cli.report.old import outdating
@@ -63,8 +65,7 @@ def run(
     tell_troubles(outcome)
     code, page = outcome.exit_code(fail_on_loose), None
     try:
-        expected, beside = list(inputs.campaign.jobs), passed_over(inputs.campaign)
-        page = write_report(output, expected=expected, passed_over=beside, workers=min(2, cores()), progress=tell)
+        page = _page(inputs.campaign, tell)
         wrong = [*read_results(output).unreadable.values()]
     except LrbcError as error:
         wrong = [error]
@@ -87,3 +88,15 @@ def run(
     if opened and page is not None and not webbrowser.open(page.resolve().as_uri()):
         remark(f"no browser could be opened; open {page}", kind="warning")
     return code
+
+
+def _page(campaign: Campaign, tell: Callable[[str], None]) -> Path:
+    """Write the report of all jobs; it says of which measurements that are no longer there results are."""
+    return write_report(
+        campaign.output,
+        expected=list(campaign.jobs),
+        earlier=of_earlier_files(campaign),
+        passed_over=[*passed_over(campaign), *outlived(campaign)],
+        workers=min(2, cores()),
+        progress=tell,
+    )

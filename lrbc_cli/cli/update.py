@@ -20,7 +20,7 @@ from lrbc_cli.config import Campaign, load_campaign
 from lrbc_cli.errors import listing
 from lrbc_cli.report.old import outdating
 from lrbc_cli.report.summary import summary_of
-from lrbc_cli.updating.judging.clearance import once_more, open_groups, sentence
+from lrbc_cli.updating.judging.clearance import open_groups, sentence
 
 if TYPE_CHECKING:
     from lrbc_cli.campaign.reading.inputs import Inputs
@@ -145,7 +145,7 @@ def tell_troubles(outcome: Outcome) -> None:
         for name, record in outcome.results.items():
             for warning in record.warnings:
                 remark(f"job {name}: {warning}", kind="warning")
-        for name, problem in once_more(outcome.findings).items():
+        for name, problem in outcome.copies.items():
             remark(f"job {name}: {problem}", kind="warning")
         for text in [*([outcome.unseen] if outcome.unseen else []), *outcome.beside]:
             remark(text, kind="warning")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
@@ -11,8 +12,10 @@ from lrbc_cli.campaign.beside import unseen
 from lrbc_cli.cli.common import cache_folder, progress, tell_calibration
 from lrbc_cli.cli.options import accept_tolerance_option, calibration_option, campaign_options
 from lrbc_cli.cli.terminal import remark, say
+from lrbc_cli.config import Campaign
 from lrbc_cli.config.watch import WatchConfig
-from lrbc_cli.updating.judging.clearance import not_clear
+from lrbc_cli.errors import listing
+from lrbc_cli.updating.judging.clearance import JobFinding, not_clear
 from lrbc_cli.watch.loop import Pace, Watch
 from lrbc_cli.watch.session import Session, WatchSettings
 from lrbc_cli.watch.verdict import Hook, Verdict
@@ -92,9 +95,17 @@ def watch(
         return 5
     if not fail_on_loose:
         return 0
-    if any(found.assumed is None and found.named("loose") for found in run.findings.values()):
+    return _clearance(run.findings, session.campaign)
+
+
+def _clearance(findings: Mapping[str, JobFinding], campaign: Campaign) -> int:
+    """Exit code of ``--fail-on-loose`` for the findings of the measured jobs."""
+    if any(found.assumed is None and found.named("loose") for found in findings.values()):
         return 6
-    return 7 if not_clear(run.findings) or unseen(session.campaign) else 0
+    lacking = [name for name in campaign.jobs if name not in findings]
+    if lacking:
+        remark(f"no all-clear: {listing(lacking)} {'is' if len(lacking) == 1 else 'are'} not measured", kind="warning")
+    return 7 if lacking or not_clear(findings) or unseen(campaign) else 0
 
 
 def _begin(watched: WatchConfig | None, page: Path, once: bool) -> None:

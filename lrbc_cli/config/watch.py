@@ -14,7 +14,7 @@ from lrbc_cli.config.fields import FilePath, Name, Strict, check_unique, problem
 
 #: Endings of measurement files that analysers write.
 MEASURED = {
-    *(".uff", ".unv", ".bunv", ".ufb", ".uf58", ".csv", ".txt", ".asc", ".ascii", ".dat", ".frf", ".h5", ".hdf5", ".mat"),
+    *(".uff", ".unv", ".bunv", ".ufb", ".uf58", ".u58", ".58", ".csv", ".txt", ".asc", ".ascii", ".dat", ".frf", ".h5", ".hdf5", ".mat"),
     *(".npz", ".tdms", ".lvm", ".xls", ".xlsx", ".npy"),
 }
 
@@ -95,7 +95,8 @@ class WatchConfig(Strict):
                 yield f"{shown(path)} in {self.folder} is not judged: its name is not UTF-8. Rename it"
                 continue
             if path.is_dir():
-                first = next((file for file in _below(path, output) if self._matches(file) and file not in mine), None)
+                below = (file for file in _below(path, output) if file.suffix.lower() in MEASURED or self._matches(file))
+                first = next((file for file in below if file not in mine), None)
                 if first is not None and not unspeakable(first):
                     yield (
                         f"{first.relative_to(self.folder)} in {self.folder} lies in a sub-folder: it is not judged, nor is anything else "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from lrbc_cli.report.drawing.chart import Chart
 from lrbc_cli.results.job import Job, JobRecord
@@ -12,6 +13,7 @@ from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.structure import StructureRecord
 from lrbc_cli.results.tables import Frf
+from lrbc_cli.updating.judging.clearance import once_more
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,8 +32,8 @@ class Content:
 
     ``unreadable`` has the errors of results that cannot be read, by job.
 
-    ``unusable`` has the errors in the measurement files of jobs, whose result may be that of an earlier measurement; ``passed_over`` has
-    messages on files in the watched folder that belong to no job.
+    ``unusable`` has the errors in the measurement files of jobs, whose result may be that of an earlier measurement; ``earlier`` says of
+    other jobs why their result is; ``passed_over`` has messages on files in the watched folder that belong to no job.
     """
 
     campaign: CampaignRecord
@@ -53,12 +55,18 @@ class Content:
     missing: Sequence[str] = ()
     unreadable: Mapping[str, str] = field(default_factory=dict)
     unusable: Mapping[str, str] = field(default_factory=dict)
+    earlier: Mapping[str, str] = field(default_factory=dict)
     passed_over: Sequence[str] = ()
 
     @property
     def along_edges(self) -> bool:
         """Whether any group lies along an edge; otherwise all values are those of joints."""
         return any(group.arc_length is not None for job in self.done for group in job.parameters.values())
+
+    @cached_property
+    def copies(self) -> dict[str, str]:
+        """Messages on jobs with the measurement of another job."""
+        return once_more({job.job: job.finding for job in self.jobs})
 
     @property
     def done(self) -> list[JobRecord]:

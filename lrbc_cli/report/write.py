@@ -53,6 +53,7 @@ def write_report(
     jobs: Sequence[str] | None = None,
     expected: Sequence[str] = (),
     unusable: Mapping[str, str] = MappingProxyType({}),
+    earlier: Mapping[str, str] = MappingProxyType({}),
     passed_over: Sequence[str] = (),
     workers: int = 2,
     draw: bool = True,
@@ -61,9 +62,7 @@ def write_report(
     halt: Callable[[], bool] = lambda: False,
     progress: Callable[[str], None] | None = None,
 ) -> Path:
-    """Draw all figures and write ``report.html``, from result files only; it names the jobs whose results cannot be read.
-
-    Figures whose content has not changed since they were drawn are not drawn again.
+    """Draw the figures whose content has changed and write ``report.html``, from result files only; it names jobs that cannot be read.
 
     Parameters
     ----------
@@ -71,8 +70,8 @@ def write_report(
         The campaign's output folder.
     jobs, expected
         Names of the jobs to show (None: all with results), and of all jobs of the campaign file, to list those without a result.
-    unusable, passed_over
-        Errors in the measurement files by job, and messages on files that belong to no job or are gone.
+    unusable, earlier, passed_over
+        By job, errors in its files, and why its result is that of an earlier measurement; messages on files that belong to no job.
     workers
         Number of processes that draw figures.
     figures
@@ -100,7 +99,7 @@ def write_report(
     """
     say = progress or (lambda line: None)
     content, tasks = _contents(output, jobs, expected, draw=draw)
-    content = dataclasses.replace(content, unusable=unusable, passed_over=passed_over)
+    content = dataclasses.replace(content, unusable=unusable, earlier=earlier, passed_over=passed_over)
     if draw:
         tasks += [(chart, file.with_suffix(f".{kind}")) for kind in figures for chart, file in tasks]
     page = output / "report.html"

@@ -265,7 +265,7 @@ class Watch:
         for other in new:
             record = outcome.results.get(other) or read_job(session.output, other)
             if record is not None:
-                self._out(verdict_of(record, self.findings))
+                self._out(verdict_of(record, self.findings, session.rests_on(other), unseen=bool(self._passed_over)))
         for other, problem in once_more(self.findings).items():
             self._once(f"{other}: {problem}")
         if name in session.tight:

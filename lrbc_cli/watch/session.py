@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from lrbc_cli.campaign.beside import outlived
+from lrbc_cli.campaign.beside import of_earlier_files, outlived
 from lrbc_cli.campaign.calibrate import run_calibration
 from lrbc_cli.campaign.calibration import with_stored_calibration
 from lrbc_cli.campaign.documents import require_own_output
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines
+from lrbc_cli.campaign.jobs.plans import needs
 from lrbc_cli.campaign.jobs.run import run_jobs
 from lrbc_cli.campaign.jobs.standing import Outcome
 from lrbc_cli.campaign.protect import require_inputs_apart
@@ -84,6 +85,11 @@ class Session:
     def needed(self, name: str) -> tuple[str, ...]:
         """Jobs without which a job cannot be judged: those of ``tight`` except baselines, which may be missing."""
         return tuple(other for other in self.tight if other != name and other not in self.campaign.update.baselines)
+
+    def rests_on(self, name: str) -> tuple[str, ...]:
+        """Reference job and baselines with which a job is compared."""
+        reference, baselines = needs(self.campaign, name)
+        return baselines if reference is None else (reference, *baselines)
 
     def reload(self) -> None:
         """Read the campaign again: new or removed jobs are taken over; if anything else changed, the model is read again too.
@@ -171,6 +177,8 @@ class Session:
             self.output,
             expected=list(self.campaign.jobs),
             unusable={name: from_folder(text, here) for name, text in unusable.items()},
+            # Changed files are judged anew.
+            earlier={name: why for name, why in of_earlier_files(self.campaign, contents=False).items() if name not in unusable},
             passed_over=[*(from_folder(text, here) for text in passed_over), *outlived(self.campaign)],
             workers=1,
             live=live,

@@ -6,13 +6,13 @@ import os
 import shlex
 import shutil
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from lrbc_cli.errors import ConfigError, on_one_line
 from lrbc_cli.results.job import Job
-from lrbc_cli.updating.judging.clearance import FINISHED, JobFinding, not_clear, once_more
+from lrbc_cli.updating.judging.clearance import FINISHED, JobFinding, not_clear
 
 #: Time limit of a hook [s].
 PATIENCE = 30.0
@@ -42,15 +42,27 @@ class Verdict:
         return asdict(self)
 
 
-def verdict_of(record: Job, known: Mapping[str, JobFinding]) -> Verdict:
-    """Verdict on a job with a result or a failure; the findings of the other jobs (`known`) show whether it was measured twice."""
+def verdict_of(record: Job, known: Mapping[str, JobFinding], tight: Collection[str] = (), *, unseen: bool = False) -> Verdict:
+    """Verdict on a job with a result or a failure.
+
+    Parameters
+    ----------
+    record : Job
+    known : mapping
+        Findings of the other jobs, which show whether it was measured twice.
+    tight : collection of str
+        Reference job and baselines on which it rests: as for ``lrbc update --job``, there is no all-clear beside open points of these.
+    unseen : bool
+        There are measurements that belong to no job, and no all-clear.
+    """
     found = record.finding
     if found.status not in FINISHED:
         word, code = found.status, 5 if found.status == "failed" else 7
     elif found.named("loose") and found.assumed is None:
         word, code = "loose", 6
     else:
-        clear = not not_clear({record.job: found}) and record.job not in once_more({**known, record.job: found})
+        own = {name: known[name] for name in tight if name in known} | {record.job: found}
+        clear = not unseen and not not_clear(own, known)
         word, code = found.assumed or ("tight" if clear else "inconclusive"), 0 if clear else 7
     return Verdict(job=record.job, verdict=word, exit_code=code, sentence=record.sentence)
 

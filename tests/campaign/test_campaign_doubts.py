@@ -266,6 +266,24 @@ def test_a_measurement_alone_that_is_not_explained(frame: Folder) -> None:
     assert known.endswith("the fault is probably in this measurement: probably noise")
 
 
+@pytest.mark.parametrize(
+    ("far", "told"),
+    [
+        ({"a1": 5.0}, "All FRFs of one sensor (a1-h1, a1-h2, a1-h3, ... (4 in all)) are far off (misfit 5.0 dB, of the others 1.5 dB): "),
+        ({"h2": 5.0}, "All FRFs of one hammer point (a1-h2, a2-h2, a3-h2) are far off"),
+        ({"a1": 2.5}, "No response stands out"),
+        ({"a1-h1": 9.0}, "Only a1-h1 is far off"),
+    ],
+)
+def test_one_sensor_or_hammer_point_is_far_off_in_all_its_frfs(far: dict[str, float], told: str) -> None:
+    """Three sensors at four hammer points; a moved sensor was called noise."""
+    names = [(f"a{k}", f"h{h}") for h in range(1, 5) for k in range(1, 4)]
+    responses = [SimpleNamespace(name=f"{a}-{h}", node=int(a[1]), direction=3, input=int(h[1]) - 1) for a, h in names]
+    misfits = np.array([far.get(a, far.get(h, far.get(f"{a}-{h}", 1.5))) for a, h in names])
+    inputs: Any = SimpleNamespace(responses=responses)
+    assert told in own_fault_text(inputs, misfits, "tight")
+
+
 @pytest.mark.parametrize(("used", "held_out", "said"), [(0.4, None, False), (2.0, 2.1, False), (1.0, 2.6, True), (2.6, None, True)])
 def test_the_hammer_is_not_suspected_beside_a_reference_job_that_is_explained_coarsely(
     used: float, held_out: float | None, said: bool

@@ -99,6 +99,43 @@ def test_several_hammer_points_by_their_nodes(tmp_path: Path) -> None:
     np.testing.assert_allclose(measured["mic1-h2"], 2.0 * measured["mic1-h1"], rtol=1e-5)
 
 
+@pytest.mark.parametrize("pattern", ["{state}/H{k}.uff", "{state}_H{k}.uff", "H{k}-{state}.uff"])
+def test_files_of_one_hammer_point_each_are_a_job_together(pattern: str, tmp_path: Path) -> None:
+    """Three sensors, four points of a roving hammer; one point is missing in one state."""
+    files = box(tmp_path / "box").data
+    struck_twice(files, known=True)
+    for path in list(files.rglob("*.uff")):
+        frf, state = read_uff(path, TextLayout()), path.stem
+        path.unlink()
+        for k, node in enumerate((8, 6, 5, 7), start=1):
+            own = tuple(replace(record, reference_node=node, values=k * record.values) for record in frf.records[:3])
+            to = path.parent / pattern.format(state=state, k=k)
+            if (state, k) != ("loose", 3):
+                to.parent.mkdir(exist_ok=True)
+                write_uff(to, replace(frf, records=own))
+    folder, told = drafted(files, tmp_path / "new")
+    campaign = load_campaign(folder.config)
+    assert {name: len(job.all_files) for name, job in campaign.jobs.items()} == {"tight": 4, "loose": 3}
+    assert [at.node for at in campaign.excitation.values()] == [8, 6, 5, 7]
+    assert campaign.update.reference == "tight"
+    # No sensor can be spared, but a hammer point.
+    assert campaign.update.responses == tuple(f"mic{i}-h{k}" for k in (1, 2, 3) for i in (1, 2, 3))
+    assert "mic1-h4, mic2-h4, mic3-h4 are left out as validation channels" in told.stdout
+    study = load(folder.config)
+    measured = dict(zip(study.responses, study.read("tight").values.T, strict=True))
+    np.testing.assert_allclose(measured["mic1-h4"], 4.0 * measured["mic1-h1"], rtol=1e-5)
+    assert study.read("loose").values.shape[1] == 12
+
+
+def test_states_of_one_folder_that_name_different_hammer_points_stay_jobs(tmp_path: Path) -> None:
+    files = box(tmp_path / "box").data
+    for path, node in zip(sorted(files.rglob("*.uff")), (8, 6), strict=True):
+        frf = read_uff(path, TextLayout())
+        write_uff(path, replace(frf, records=tuple(replace(record, reference_node=node) for record in frf.records)))
+    made = draft(tmp_path / "new", recognise(files))
+    assert set(yaml.safe_load(made.text())["jobs"]) == {"tight", "loose"}
+
+
 def test_a_hammer_point_that_the_model_lacks_leaves_its_records_out(tmp_path: Path) -> None:
     files = box(tmp_path / "box").data
     struck_twice(files, known=False)

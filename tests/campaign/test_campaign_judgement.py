@@ -188,7 +188,9 @@ def test_the_reference_file_once_more_clears_nothing(tmp_path: Path) -> None:
     assert validity["reason"].startswith(f"{again};")
     assert any("contains the measurement of tight again" in note for note in folder.result("loose")["notes"])
     # This is a box without validation channels: all reasons are told.
-    assert f"({again}; there are no validation channels)" in done.stdout
+    # The job states removed bolts, too.
+    stated = "bolts are stated to be missing, but judged tight"
+    assert f"({again}; there are no validation channels; {stated})" in done.stdout
 
 
 def test_loose_bolts_of_the_reference_job_are_seen_there(tmp_path: Path) -> None:
@@ -231,6 +233,12 @@ def rewritten(change: Callable[[FrfRecord], FrfRecord]) -> Callable[[Folder], No
     return put
 
 
+def one_cut(record: FrfRecord) -> FrfRecord:
+    """The first response ends early; all others, and with them the axis of the job, are whole."""
+    whole = replace(record, values=record.values * (1.0 + 0.005 * np.random.default_rng(7).normal(size=record.values.size)), coherence=None)
+    return cut(record) if record.name == "mic1" else whole
+
+
 def cut(record: FrfRecord) -> FrfRecord:
     n = int(0.9 * record.frequency_hz.size)
     noise = 1.0 + 0.005 * np.random.default_rng(n).normal(size=n)
@@ -242,6 +250,7 @@ def cut(record: FrfRecord) -> FrfRecord:
     [
         (lambda record: replace(record, values=record.values * (1 + 1e-9)), "it has the numbers of the measurement of tight"),
         (cut, "its lines reach from 20 to 360 Hz, those of tight from 20 to 400 Hz; check whether it is complete"),
+        (one_cut, "mic1 lacks a part of the lines of tight; check whether the files are complete"),
     ],
 )
 def test_what_is_no_measurement_of_its_own_or_not_whole_clears_nothing(

@@ -65,12 +65,13 @@ def name_after_files(found: FilesFound) -> dict[Path, NamedFile]:
 
 
 def jobs_of(found: FilesFound, named: Mapping[Path, NamedFile]) -> dict[str, list[Path]]:
-    """Files of each job: one file, or all files with a single record of the same state."""
+    """Files of each job: one file, all files with a single record of the same state, or those of the hammer points of a state."""
     states: dict[tuple[Path, str], list[Path]] = {}
+    hits = _by_hammer(found)
     for path, frf in found.measurements.items():
         one = named.get(path)
         key = (path.parent, _state_of(path, frf.records)) if one is None else (one.folder, one.state)
-        states.setdefault(key, []).append(path)
+        states.setdefault(hits.get(path, key), []).append(path)
     jobs: dict[str, list[Path]] = {}
     for (parent, state), paths in states.items():
         name = state if len(paths) > 1 or paths[0] in named else paths[0].stem
@@ -99,6 +100,49 @@ def address(record: FrfRecord, number: int, quoted: Callable[[str], str], *, sev
         return quoted(record.name) if record.name else str(number)
     struck = f", reference_node: {record.reference_node}, reference_direction: {record.reference_direction}" if several else ""
     return f"{{node: {record.response_node}, direction: {record.response_direction}{struck}}}"
+
+
+def _by_hammer(found: FilesFound) -> dict[Path, tuple[Path, str]]:
+    """Folder and state of files of a roving hammer, one for each hammer point: ``tight/H01.uff``, ``tight_H01.uff`` or ``H01_tight.uff``.
+
+    All records of such a file name the same node and direction of the hammer.
+    """
+    struck: dict[Path, tuple[int | None, int]] = {}
+    for path, frf in found.measurements.items():
+        places = set(map(struck_at, frf.records))
+        if len(places) == 1 and (place := places.pop())[0] is not None:
+            struck[path] = place
+    folders: dict[Path, list[Path]] = {}
+    for path in struck:
+        folders.setdefault(path.parent, []).append(path)
+    names, states = _called(found, folders), dict[Path, tuple[Path, str]]()
+    for folder, paths in folders.items():
+        places = {struck[path] for path in paths}
+        if len(places) < 2:
+            continue
+        if len(places) == len(paths) and not any(_is_state(path.stem) for path in paths):
+            states |= {path: (folder, names[folder]) for path in paths}
+        else:
+            states |= {path: (folder, state) for path, state in _without_hit(paths, struck).items()}
+    return states
+
+
+def _without_hit(paths: Sequence[Path], struck: Mapping[Path, tuple[int | None, int]]) -> dict[Path, str]:
+    """States in the names of files such as ``tight_H01``, whose other parts stand for one hammer point each; empty if there is no such."""
+    for at in _DIVISIONS:
+        for last in (True, False):
+            states, hits = dict[Path, str](), set[tuple[str, tuple[int | None, int]]]()
+            for path in paths:
+                cuts = list(_SEPARATORS.finditer(path.stem))
+                if at < len(cuts) and -at <= len(cuts):
+                    left, right = path.stem[: cuts[at].start()], path.stem[cuts[at].end() :]
+                    state, hit = (left, right) if last else (right, left)
+                    states[path] = state
+                    hits.add((hit, struck[path]))
+            once = len({hit for hit, _ in hits}) == len({place for _, place in hits}) == len(hits) > 1
+            if len(states) == len(paths) and once and len({(states[path], struck[path]) for path in paths}) == len(paths):
+                return states
+    return {}
 
 
 def _is_nameless(record: FrfRecord) -> bool:

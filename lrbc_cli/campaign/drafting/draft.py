@@ -374,13 +374,17 @@ class Draft:
         if reference and baselines:
             lines.append(f"  baselines: [{', '.join(map(quoted, baselines))}]   # further tight states: their scatter moves the threshold")
             self.todo.append(f"update.baselines: {', '.join(baselines)}, chosen by name; check that all bolts are tight there")
-        # With several hammer points, all records of the last sensor: one alone would be no independent channel.
-        last = [name for name in names if sensors[name] == sensors[names[-1]]]
-        if len({sensors[name] for name in names}) > 3:
+        # With several hammer points, all records of the last sensor, or of the last point: one alone would be no independent channel.
+        hits = {name: name.removeprefix(sensors[name]) for name in names}
+        for kind, of in (("sensor", sensors), ("hammer point", hits)):
+            if len({of[name] for name in names}) <= 3:
+                continue
+            last = [name for name in names if of[name] == of[names[-1]]]
             used = [name for name in names if name not in last]
-            lines.append(f"  responses: [{', '.join(map(quoted, used))}]   # the last sensor checks the result")
+            lines.append(f"  responses: [{', '.join(map(quoted, used))}]   # the last {kind} checks the result")
             kept = "is left out as validation channel" if len(last) == 1 else "are left out as validation channels"
             self.todo.append(f"update.responses: {', '.join(last)} {kept}")
+            break
         return [*lines, "  loss: soft                        # single outlying lines count little", "  loss_scale: 1.0"]
 
     def _calibration(self, reference: str | None) -> list[str]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.compared.chains import chain_doubt
+from lrbc_cli.campaign.identification.compared.complete import shares
 from lrbc_cli.campaign.identification.compared.copies import copied_text
 from lrbc_cli.campaign.identification.compared.doubts import doubts
 from lrbc_cli.campaign.identification.correlate import mean_of
@@ -21,7 +22,7 @@ from lrbc_cli.campaign.identification.weights import validation_channels, withou
 from lrbc_cli.campaign.jobs.identity import compared_baselines
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misplaced_bolts
-from lrbc_cli.errors import LrbcError
+from lrbc_cli.errors import LrbcError, listing
 from lrbc_cli.model.terms import LN10, ParameterGroup
 from lrbc_cli.updating.judging.evidence import (
     USED,
@@ -153,6 +154,10 @@ def _doubts(inputs: Inputs, result: Identification) -> Iterator[Doubt]:
     if within.mean() < limits.least_span:
         whole = f"{tight.frequency_hz[0]:g} to {tight.frequency_hz[-1]:g} Hz"
         text = f"its lines reach from {axis[0]:g} to {axis[-1]:g} Hz, those of {reference.job} from {whole}; check whether it is complete"
+        yield Doubt(kind="incomplete", text=text)
+    elif (cut := np.flatnonzero(shares(own, tight)[inputs.used] < limits.least_span)).size:
+        names = listing([inputs.responses[i].name for i in inputs.used[cut]])
+        text = f"{names} lack{'s' if cut.size == 1 else ''} a part of the lines of {reference.job}; check whether the files are complete"
         yield Doubt(kind="incomplete", text=text)
     if strange := interpolated(own.values, inputs.statistics.resolution):
         yield Doubt(kind="interpolated", text=strange)

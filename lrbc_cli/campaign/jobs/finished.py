@@ -152,7 +152,7 @@ def _judged(
         provenance=provenance,
         correlation=correlation,
         modes=modes_record(inputs, stage, result),
-        **judged(campaign, inputs.method.rule, evidence, tight),
+        **judged(campaign, inputs.method.rule, evidence, tight, provenance.certificate),
     )
 
 

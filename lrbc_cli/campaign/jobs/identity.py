@@ -97,9 +97,7 @@ def _own(inputs: Inputs, model: Mapping[str, str], name: str) -> dict[str, str]:
         "bolts": digest(None if inputs.bolts is None else (inputs.bolts.name, inputs.bolts.xyz.tolist())),
         "settings": digest(inputs.method.digest, campaign.update.reference == name),
         "statistics": inputs.method.statistics.digest(),
-        "responses": digest(
-            {key: value.get("record") for key, value in resolved["responses"].items()}, [[r.name, r.quantity] for r in inputs.responses]
-        ),
+        "responses": digest({key: value.get("record") for key, value in resolved["responses"].items()}, inputs.addresses),
         "measurement": measured(campaign, name),
     }
 

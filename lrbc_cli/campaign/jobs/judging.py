@@ -13,7 +13,7 @@ from typing import Any
 
 from lrbc_cli.campaign.reading.doubts.settings import lenient_text
 from lrbc_cli.config import Campaign, UpdateConfig
-from lrbc_cli.results.job import Alternative, Bolt, JobRecord, TakenAsTight, ValidityRecord
+from lrbc_cli.results.job import Alternative, Bolt, Certificate, JobRecord, TakenAsTight, ValidityRecord
 from lrbc_cli.updating.judging.decide import BASELINE, JOB, REFERENCE, BoltVerdict, Judgement, Role, judge, scatter_of
 from lrbc_cli.updating.judging.evidence import VALIDATION, Evidence
 from lrbc_cli.updating.judging.reference import ReferenceState
@@ -49,18 +49,22 @@ def role_of(update: UpdateConfig, name: str) -> Role:
     return REFERENCE if name == update.reference else BASELINE if name in update.baselines else JOB
 
 
-def judged(campaign: Campaign, rule: DecisionRule, evidence: Evidence, tight: ComparedWith) -> dict[str, Any]:
-    """The fields of ``JobRecord`` that judging gives."""
+def judged(
+    campaign: Campaign, rule: DecisionRule, evidence: Evidence, tight: ComparedWith, certificate: Certificate | None
+) -> dict[str, Any]:
+    """The fields of ``JobRecord`` that judging gives; ``certificate``: of the reduced model, if there is one."""
     name, update = evidence.job, campaign.update
     judgement = judge(evidence, rule, role_of(update, name), tight.scatter, tight.reference)
-    valid = judgement.validity
-    warnings = [] if valid.explained else [f"the model does not explain the measurement: {valid.reason}; {evidence.setting}"]
-    warnings += [
-        *evidence.warnings,
-        *suspects(judgement),
-        *contradicted(campaign, name, judgement),
-        *softer(judgement, {bolt.name for bolt in evidence.bolts if bolt.joint}),
+    against = contradicted(campaign, name, judgement)
+    soft = softer(judgement, {bolt.name for bolt in evidence.bolts if bolt.joint})
+    doubts = [
+        *(["bolts are stated to be missing, but judged tight"] if against else []),
+        *(["all joints are softer than in the reference job"] if soft else []),
+        *([inaccurate] if (inaccurate := missed(certificate)) else []),
     ]
+    valid = judgement.validity.doubted("; ".join(doubts), last=True)
+    warnings = [] if valid.explained else [f"the model does not explain the measurement: {valid.reason}; {evidence.setting}"]
+    warnings += [*evidence.warnings, *suspects(judgement), *against, *soft]
     warnings += [text for text in [lenient_text(update)] if text]
     unvalidated = [valid.reason] if valid.passed is None else []
     several = [f"{', '.join(loose) or 'none'} ({share:.2f})" for loose, share in judgement.alternatives if share >= 0.005]
@@ -99,7 +103,15 @@ def judged_anew(
     """
     prior = None if stored.prior is None else stored.prior.model_copy(update={"scatter": tight.scatter.rms})
     about = stored.provenance.model_copy(update={"configuration": campaign.resolved(), **provenance})
-    return stored.model_copy(update=judged(campaign, rule, evidence, tight) | {"prior": prior, "provenance": about})
+    fields = judged(campaign, rule, evidence, tight, stored.provenance.certificate)
+    return stored.model_copy(update=fields | {"prior": prior, "provenance": about})
+
+
+def missed(certificate: Certificate | None) -> str:
+    """That the reduced model misses its tolerance (``--accept-tolerance``), with its error; empty if it does not."""
+    if certificate is None or certificate.reached is not False:
+        return ""
+    return f"the reduced model has an error of {certificate.worst:.2g}, above the tolerance of {certificate.tolerance:g}"
 
 
 def bolt_records(campaign: Campaign, evidence: Evidence, judgement: Judgement) -> tuple[Bolt, ...]:

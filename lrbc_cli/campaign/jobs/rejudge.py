@@ -15,7 +15,7 @@ from lrbc_cli.campaign.digests import content_of, origin, surroundings
 from lrbc_cli.campaign.jobs.identity import Identity
 from lrbc_cli.campaign.jobs.judging import ComparedWith, judged_anew
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, decided, needs, settled
-from lrbc_cli.campaign.jobs.standing import Outcome, rests_on
+from lrbc_cli.campaign.jobs.standing import Outcome, rests_on, stored_findings
 from lrbc_cli.campaign.jobs.table import write_table
 from lrbc_cli.campaign.protect import input_files
 from lrbc_cli.config import Campaign
@@ -128,7 +128,9 @@ def judge_finished(campaign: Campaign, found: Standing, *, all_jobs: bool, progr
                 keep(plan, outcome, progress)
     finally:
         write_table(campaign.output, list(campaign.jobs), outcome.results)
-    outcome.unseen, outcome.beside = (unseen(campaign), unnamed(campaign)) if all_jobs else ("", [])
+    outcome.unseen, outcome.beside = unseen(campaign), unnamed(campaign) if all_jobs else []
+    own = {p.name for p in found.plans}
+    outcome.others = stored_findings(campaign.output, [name for name in campaign.jobs if name not in own])
     return outcome
 
 

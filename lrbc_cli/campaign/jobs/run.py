@@ -20,7 +20,7 @@ from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, needs, plan, sett
 from lrbc_cli.campaign.jobs.rejudge import judge_one, keep
 from lrbc_cli.campaign.jobs.remote import Cluster
 from lrbc_cli.campaign.jobs.results import write_campaign, write_failure, write_reduction, write_result
-from lrbc_cli.campaign.jobs.standing import Outcome, rests_on
+from lrbc_cli.campaign.jobs.standing import Outcome, rests_on, stored_findings
 from lrbc_cli.campaign.jobs.table import write_table
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
@@ -81,8 +81,11 @@ def run_jobs(
     names = [name for name in choose_jobs(inputs.campaign, wanted) if name not in missing]
     parts = cache.key_parts(inputs) if source is None else source.parts
     outcome, stage = _Run(inputs, folder, plan(inputs, parts, names, force), progress, remote).all(accept, workers, source)
-    outcome.unseen = "" if wanted else unseen(inputs.campaign)
+    outcome.unseen = unseen(inputs.campaign)
     outcome.beside = [] if wanted else unnamed(inputs.campaign)
+    if source is None:
+        # `lrbc watch`, which calls this for each job, knows the findings of the others.
+        outcome.others = stored_findings(inputs.campaign.output, [name for name in inputs.campaign.jobs if name not in names])
     return outcome, stage
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,8 @@ from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.results.fields import plain
 from lrbc_cli.results.job import JobRecord, RestsOn
-from lrbc_cli.results.store import versions
-from lrbc_cli.updating.judging.clearance import JobFinding, not_clear
+from lrbc_cli.results.store import read_job, versions
+from lrbc_cli.updating.judging.clearance import JobFinding, not_clear, once_more
 from lrbc_cli.updating.judging.reference import ReferenceState
 
 #: Files beside ``result.json``, which holds their hashes; ``shapes.json`` is added if shapes can be drawn.
@@ -85,6 +86,16 @@ def findings_of(records: Mapping[str, JobRecord], names: Iterable[str]) -> dict[
     return {name: records[name].finding if name in records else JobFinding(status="failed") for name in names}
 
 
+def stored_findings(output: Path, names: Iterable[str]) -> dict[str, JobFinding]:
+    """Findings of jobs with a stored result that can be read."""
+    found = {}
+    for name in names:
+        with suppress(DataError):
+            if (job := read_job(output, name)) is not None:
+                found[name] = job.finding
+    return found
+
+
 @dataclass(kw_only=True)
 class Outcome:
     """Outcome of one call for all its jobs.
@@ -101,6 +112,8 @@ class Outcome:
         Reason why there may be measurements that this call did not find; empty if none.
     beside : list of str
         Measurement files that no job names, in words.
+    others : dict
+        Stored findings of the jobs of the campaign that are not of this call.
     """
 
     results: dict[str, JobRecord] = field(default_factory=dict)
@@ -110,6 +123,12 @@ class Outcome:
     errors: dict[str, LrbcError] = field(default_factory=dict)
     unseen: str = ""
     beside: list[str] = field(default_factory=list)
+    others: dict[str, JobFinding] = field(default_factory=dict)
+
+    @property
+    def copies(self) -> dict[str, str]:
+        """Messages on jobs with the measurement of another job."""
+        return once_more(self.findings, self.others)
 
     @property
     def loose(self) -> bool:
@@ -129,7 +148,7 @@ class Outcome:
     @property
     def not_clear(self) -> dict[str, list[str]]:
         """Reasons why these jobs give no all-clear, by job; empty if they do."""
-        found = not_clear(self.findings)
+        found = not_clear(self.findings, self.others)
         if self.unseen:
             found.setdefault("", []).append(self.unseen)
         return found

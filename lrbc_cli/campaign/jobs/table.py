@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from lrbc_cli.errors import DataError, on_one_line
-from lrbc_cli.results.job import FailedJob, JobRecord
+from lrbc_cli.results.job import FailedJob, Job, JobRecord
 from lrbc_cli.results.store import read_job
 from lrbc_cli.results.tables import write_csv
-from lrbc_cli.updating.judging.clearance import sentence
+from lrbc_cli.updating.judging.clearance import once_more, sentence
 
 CAMPAIGN_COLUMNS = [
     "job",
@@ -48,11 +49,13 @@ def write_table(output: Path, jobs: Sequence[str], known: Mapping[str, JobRecord
         Results in memory, by job; others are read.
     """
     rows: list[list[str | float | None]] = []
+    found: dict[str, Job] = {}
     for name in jobs:
-        try:
-            job = known.get(name) or read_job(output, name)
-        except DataError:
-            continue
+        with suppress(DataError):
+            if (stored := known.get(name) or read_job(output, name)) is not None:
+                found[name] = stored
+    again = once_more({name: job.finding for name, job in found.items()})
+    for name, job in found.items():
         if isinstance(job, FailedJob):
             rows.append([name, "failed", *[None] * (len(CAMPAIGN_COLUMNS) - 4), on_one_line(job.reason), sentence(job.finding)])
         if not isinstance(job, JobRecord):
@@ -81,7 +84,7 @@ def write_table(output: Path, jobs: Sequence[str], known: Mapping[str, JobRecord
                 job.line_evaluations,
                 job.seconds["total"],
                 on_one_line(job.reason),
-                sentence(job.finding),
+                "; ".join([sentence(job.finding), *([again[name]] if name in again else [])]),
             ]
         )
     write_csv(output / "campaign.csv", CAMPAIGN_COLUMNS, rows)

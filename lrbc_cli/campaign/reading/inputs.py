@@ -174,6 +174,11 @@ class Inputs:
         return np.array([response.input for response in self.responses], dtype=np.int64)
 
     @property
+    def addresses(self) -> list[tuple[object, ...]]:
+        """Quantity of each response and what its record is found by: its name, node and direction, and those of its excitation."""
+        return [(r.name, r.quantity, r.node, r.direction, *self.excitation_points[r.input]) for r in self.responses]
+
+    @property
     def used(self) -> NDArray[np.int64]:
         """Indices of the responses that enter the cost."""
         names = self.method.responses

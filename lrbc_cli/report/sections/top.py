@@ -27,6 +27,9 @@ UNREADABLE = "no verdict: its result cannot be read"
 CANNOT_BE_USED = "no verdict: its files cannot be used"
 EARLIER = "result of an earlier measurement; the present files cannot be used"
 
+#: Text for a job whose files are gone or were replaced since it was identified.
+REPLACED = "result of an earlier measurement, see below"
+
 #: Number of sentences shown; further ones are folded away.
 _SENTENCES = 24
 
@@ -62,19 +65,21 @@ def header(content: Content, written: datetime, live: Markup | None = None) -> M
 
 def _sentence(content: Content, job: Job) -> Markup:
     text = job.sentence.removeprefix(job.job)
-    text += f" ({EARLIER})" if job.job in content.unusable else ""
+    text += f" ({EARLIER})" if job.job in content.unusable else f" ({REPLACED})" if job.job in content.earlier else ""
+    if problem := content.copies.get(job.job):
+        text += f"; {problem}"
     return tag("li", tag("a", job.job, href=f"#{content.anchors[job.job]}"), text)
 
 
 def _files(content: Content) -> Markup | None:
     """List of results that cannot be read, measurements that cannot be used and files that belong to no job, with advice."""
-    wrong = [*content.unreadable.items(), *content.unusable.items()]
+    wrong = [*content.unreadable.items(), *content.unusable.items(), *content.earlier.items()]
     lines = [f"{name}: {problem}" for name, problem in wrong] + list(content.passed_over)
     if not lines:
         return None
     return tag(
         "div",
-        tag("p", "Files that cannot be read, were not judged, or no longer exist:"),
+        tag("p", "Files that cannot be read, were not judged, were replaced, or no longer exist:"),
         tag("ul", *(tag("li", line) for line in lines)),
         class_="warning",
     )
@@ -104,8 +109,13 @@ def campaign_sentence(content: Content) -> str:
         "without verdict": len(compared) - len(judged),
         "without result": len(missing),
         "with files that cannot be used": sum(job.job in content.unusable for job in compared),
+        "with results of earlier measurements": sum(job.job in content.earlier for job in content.jobs),
         "not validated": sum(not job.validated for job in judged),
         "with inconclusive bolts": sum(bool(job.names("undecided")) for job in judged),
+        "with bolts that may be loose together": sum(bool(job.finding.together) for job in judged),
+        "without records of some responses": sum(bool(job.finding.missing) for job in content.done),
+        "taken as tight although bolts are probably loose": sum(bool(job.finding.doubtful) for job in content.done),
+        "with the measurement of another job": len(content.copies),
     }
     open_points = [f"{what}: {count}" for what, count in counts.items() if count]
     return text + (f" Jobs {', '.join(open_points)}." if open_points else "")

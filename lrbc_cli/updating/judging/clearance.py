@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 #: States of a job that may have verdicts.
 FINISHED = ("converged", "stopped")
@@ -115,14 +116,14 @@ def open_points(job: JobFinding) -> list[str]:
     return points
 
 
-def once_more(jobs: Mapping[str, JobFinding]) -> dict[str, str]:
-    """Messages on jobs with the same measurement as another job, by job; a copy of the reference job is already not validated.
+def once_more(jobs: Mapping[str, JobFinding], others: Mapping[str, JobFinding] = MappingProxyType({})) -> dict[str, str]:
+    """Messages on jobs with the same measurement as another job or one of ``others``; a copy of the reference job is not validated anyway.
 
     Measurements whose figures all differ by no more than ``copied_db`` are the same, even if written with other digits.
     """
-    known = {name: job for name, job in jobs.items() if job.measurement and job.assumed != "reference"}
+    known = {name: job for name, job in {**others, **jobs}.items() if job.measurement and job.assumed != "reference"}
     found = {}
-    for name, job in known.items():
+    for name, job in ((name, job) for name, job in known.items() if name in jobs):
         same = [other for other in known if other != name and _one(job, known[other])]
         if same:
             found[name] = f"the same measurement as {_names(same)}: check whether another file was meant"
@@ -134,13 +135,14 @@ def _one(job: JobFinding, other: JobFinding) -> bool:
     return len(own) == len(figures) and all(abs(a - b) <= job.copied_db for a, b in zip(own, figures, strict=True))
 
 
-def not_clear(jobs: Mapping[str, JobFinding]) -> dict[str, list[str]]:
+def not_clear(jobs: Mapping[str, JobFinding], others: Mapping[str, JobFinding] = MappingProxyType({})) -> dict[str, list[str]]:
     """Reasons why the jobs are no all-clear, by job; under an empty name if no job was compared with the reference job.
 
-    Empty exactly if every bolt that can be judged is tight in every job, all jobs are validated, and one was compared.
+    Empty exactly if every bolt that can be judged is tight in every job, all jobs are validated, none has the measurement of another one
+    (of ``others`` neither), and one was compared.
     """
     found = {name: points for name, job in jobs.items() if (points := open_points(job))}
-    for name, problem in once_more(jobs).items():
+    for name, problem in once_more(jobs, others).items():
         found.setdefault(name, []).append(problem)
     if not any(job.assumed is None for job in jobs.values()):
         found[""] = ["no job was compared with the reference job"]
@@ -174,6 +176,8 @@ def sentence(job: JobFinding) -> str:
         text = f"no loose bolt found, but none is judged tight: {', '.join(counts)}"
     if job.doubtful:
         text += f"; but {_names(job.doubtful)} {_doubt(job)}"
+    if job.missing:
+        text += f"; no record of {_names(job.missing)}"
     return text if job.validated else f"{text} ({_unvalidated(job)})"
 
 

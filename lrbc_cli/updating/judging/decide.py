@@ -69,6 +69,15 @@ class Validity:
         """Whether the bolts may be judged."""
         return self.passed is not False
 
+    def doubted(self, why: str, *, last: bool = False) -> Validity:
+        """The same, judged but not validated for this reason, too (before or after the others); unchanged if not explained."""
+        if not self.explained or not why:
+            return self
+        known = [self.unvalidated] if self.unvalidated else []
+        reasons = "; ".join([*known, why] if last else [why, *known])
+        rest = self.reason.removeprefix(f"not validated: {self.unvalidated}; ") if known else self.reason
+        return replace(self, passed=None, unvalidated=reasons, reason=f"not validated: {reasons}; {rest}")
+
 
 @dataclass(frozen=True, kw_only=True)
 class BoltVerdict:
@@ -222,8 +231,7 @@ def judge(
         else:
             # Without a loose bolt no change is certain enough to explain the apparent fault of the measurement.
             why = f"{'; '.join(evidence.reasons(explained=True))}; the change identified would explain it, but no bolt is judged loose"
-        reasons = "; ".join([why, *([valid.unvalidated] if valid.unvalidated else [])])
-        valid = replace(valid, passed=None, unvalidated=reasons, reason=f"not validated: {why}; {valid.reason}")
+        valid = valid.doubted(why)
     several = _alternatives(evidence, found) if valid.explained and role == JOB else ()
     return Judgement(validity=valid, bolts=found, implausible=rises, alternatives=several, fallen=fallen)
 

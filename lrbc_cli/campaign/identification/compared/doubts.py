@@ -16,6 +16,7 @@ from lrbc_cli.campaign.identification.compared.offsets import (
     largest_text,
     offset_findings,
     quantities_of,
+    sensor_of,
     sizes_text,
 )
 from lrbc_cli.campaign.identification.found import Identification
@@ -23,7 +24,7 @@ from lrbc_cli.campaign.identification.gains import Gains
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import DataError, listing
 from lrbc_cli.updating.comparison.scale import grouped, misses_unit
 from lrbc_cli.updating.judging.evidence import Doubt
 from lrbc_cli.updating.judging.reference import ReferenceState
@@ -62,7 +63,9 @@ def own_fault_text(inputs: Inputs, misfits: Floats, reference: str, known: str =
     alone = outlying(misfits)
     names = ", ".join(inputs.responses[i].name for i in alone)
     typical = float(np.nanmedian(misfits))
-    if not alone:
+    if end := _one_end(inputs, misfits):
+        what = end
+    elif not alone:
         what = "No response stands out: check whether the hammer was at another point or in another direction, or a window was applied."
     else:
         lie, far = "is" if len(alone) == 1 else "are", misfits[alone].min()
@@ -72,6 +75,29 @@ def own_fault_text(inputs: Inputs, misfits: Floats, reference: str, known: str =
         f"{reference} is explained, so the fault is probably in this measurement. {what} Measure it again. If the result is the same, the "
         "structure changed by more than the model can follow: joints that hardly hold, a part that is missing"
     )
+
+
+def _one_end(inputs: Inputs, misfits: Floats, *, least: int = 3, times: float = 2.0) -> str:
+    """Text on a sensor, or a hammer point, all of whose FRFs are far off, from mean misfits [dB]; empty if there is none.
+
+    It and the others need ``least`` FRFs; half of its own are ``times`` as far off as the others are in the median, the rest farther than
+    these.
+    """
+    sensors = [sensor_of(inputs, i) for i in range(misfits.size)]
+    hits = [response.input for response in inputs.responses]
+    moved, elsewhere = "check whether it was overloaded, moved, turned or exchanged", "check whether the hammer hit elsewhere"
+    known = np.isfinite(misfits)
+    for kind, of, advice in (("sensor", sensors, moved), ("hammer point", hits, elsewhere)):
+        for one in dict.fromkeys(of):
+            own = known & [each == one for each in of]
+            others = known & ~own
+            if min(own.sum(), others.sum()) < least:
+                continue
+            far, usual = float(np.median(misfits[own])), float(np.median(misfits[others]))
+            if far >= times * usual and misfits[own].min() > usual:
+                names = listing([inputs.responses[i].name for i in np.flatnonzero(own)], 3)
+                return f"All FRFs of one {kind} ({names}) are far off (misfit {far:.1f} dB, of the others {usual:.1f} dB): {advice}."
+    return ""
 
 
 def coarse_text(reference: ReferenceState, rule: DecisionRule) -> str:
@@ -172,6 +198,10 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     compared = f"{compared_text(inputs, result)}; {largest_text(inputs, offsets, result.misfit_final)}"
     if reference is not None and reference.explained:
         wide = too_wide((result.measurement.frequency_hz, result.measurement.values[:, inputs.used]), rule=inputs.statistics.resolution)
+        # What the reference job shows, too, is no fault of this measurement alone.
+        known = None if result.tight is None else (result.tight.frequency_hz, result.tight.values[:, inputs.used])
+        if known is not None and too_wide(known, rule=inputs.statistics.resolution) is not None:
+            wide = None
         fault = "exchanged sensors" if swapped else "a factor or a phase, see the warnings" if units else wide and wide.text
         fault = fault or _levels_off(inputs, result, reference.job)
         coarse = "" if fault else coarse_text(reference, inputs.method.rule)
