@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib.resources import files
@@ -56,10 +57,12 @@ def about_measurement(resolved: Mapping[str, Any], job: JobConfig, name: str) ->
     own = [entry.format.model_dump(mode="json", exclude_unset=True) if isinstance(entry, MeasuredFile) else {} for entry in job.entries]
     if any(own):
         found["formats"] = own
-    # A record or a coherence without a name has that of its file; other names of files do not matter.
+    # A record or a coherence without a name has that of its file, and names in several files end with that; others do not matter.
     stated = [value.get("record") for value in resolved["responses"].values()]
     wanted = {alike(name) for name in (*resolved["responses"], *stated, *found["records"].values()) if isinstance(name, str)}
-    if named := {at: file.stem for at, file in enumerate(job.all_files) if alike(file.stem) in wanted}:
+    stems = {at: file.stem for at, file in enumerate(job.all_files)}
+    words = {at: [stem, *(re.split(r"[\s_.-]+", stem) if len(stems) > 1 else ())] for at, stem in stems.items()}
+    if named := {at: stems[at] for at in stems if any(name.endswith(alike(word)) for name in wanted for word in words[at] if word)}:
         found["names"] = named
     return found
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from campaigns import Folder
 
+from lrbc_cli.campaign.identification.matching import parted as parted_names
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.io.frf import read_frf, write_frf
@@ -133,6 +134,43 @@ def test_records_by_number_file_and_the_name_of_the_file(box: Folder) -> None:
     text = refused(box)
     assert "this is not one of the job's files" in text
     assert "jobs.loose.records.mic1.file" in text
+
+
+@pytest.mark.parametrize("pattern", ["loose_{}.uff", "{}-loose.uff", "{}.uff"])
+def test_records_of_the_same_name_in_several_files(pattern: str, box: Folder) -> None:
+    """A roving hammer without node numbers: the file says where it hit."""
+    a, b, c, d = (replace(r, name=name, response_node=None) for r, name in zip(records_of(box), ("mic", "mic", "mic", "acc"), strict=True))
+    whole = measured(box).values
+    files = [put(box, pattern.format(k), *own) for k, own in enumerate(((a, d), (b,), (c,)), start=1)]
+    set_job(box, frf=files, records={"acc1": "acc"})
+    np.testing.assert_allclose(measured(box).values, whole, rtol=1e-11)
+    assert box.run("update", "--job", "loose").code == 0
+    # Files of exchanged names are other records.
+    one, two = (box.path / file for file in files[:2])
+    content = one.read_bytes(), two.read_bytes()
+    one.write_bytes(content[1])
+    two.write_bytes(content[0])
+    set_job(box, frf=[files[1], files[0], files[2]])
+    assert "loose: runs (changed: its measurement)" in box.run("update", "--job", "loose", "--dry-run").stdout
+    np.testing.assert_allclose(measured(box).values, whole[:, [1, 0, 2, 3]], rtol=1e-11)
+    # Of one that is lacking, those without a response are named so that they can be copied.
+    set_job(box, frf=files, records={"acc1": "acc", "mic1": "mic-4"})
+    assert "expected: name mic-4" in refused(box)
+
+
+@pytest.mark.parametrize(
+    ("names", "parts"),
+    [
+        (["tight_H01", "tight_H02"], ["H01", "H02"]),
+        (["H01 tight", "H02 tight"], ["H01", "H02"]),
+        (["a-1-x", "a-2-x"], ["1", "2"]),
+        (["H1", "H2"], ["H1", "H2"]),
+        (["run_1", "run_1_h2"], ["", "h2"]),
+    ],
+)
+def test_the_part_that_files_do_not_share(names: list[str], parts: list[str]) -> None:
+    files = [f"data/{name}.csv" for name in names]
+    assert list(parted_names(files).values()) == parts
 
 
 def test_results_do_not_rest_on_the_paths_of_files(box: Folder) -> None:

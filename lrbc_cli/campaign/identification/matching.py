@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,9 @@ from lrbc_cli.io.frf_common import alike
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
 Wanted = str | int | RecordRef | FileRecordRef
+
+#: Separators of the words in the name of a file.
+WORDS = re.compile(r"[\s_.-]+")
 
 #: Least share of the responses used that a job must have to be identified without the others.
 LEAST_USED = 0.5
@@ -65,9 +70,29 @@ def named(record: FrfRecord, name: str) -> bool:
     return record.name.strip().lower() == name.strip().lower()
 
 
-def _asked(wanted: Wanted) -> Callable[[FrfRecord], bool]:
+def parted(files: Iterable[str]) -> dict[str, str]:
+    """The part of the name of each file that the others do not share, by words at its begin and end: ``H01`` of ``tight_H01.csv``."""
+    words = {file: WORDS.split(Path(file).stem) for file in dict.fromkeys(files)}
+    least = min(map(len, words.values()), default=0)
+    columns = list(zip(*(own[:least] for own in words.values()), strict=True))
+    ends = list(zip(*(own[::-1][:least] for own in words.values()), strict=True))
+    first = next((k for k, column in enumerate(columns) if len(set(column)) > 1), least)
+    last = next((k for k, column in enumerate(ends) if len(set(column)) > 1), 0)
+    return {file: "-".join(own[first : len(own) - last]) for file, own in words.items()}
+
+
+def with_files(frf: FrfSet) -> dict[int, str]:
+    """Names of records that several files of a job contain, each with the part of its file: ``A1-H01``; by the identity of the record."""
+    parts, often = parted(record.file for record in frf.records), Counter(alike(record.name) for record in frf.records)
+    return {id(r): f"{r.name}-{parts[r.file]}" for r in frf.records if r.name and often[alike(r.name)] > 1} if len(parts) > 1 else {}
+
+
+def _asked(wanted: Wanted, frf: FrfSet) -> Callable[[FrfRecord], bool]:
     """Test whether a record is the one that the campaign names."""
     if isinstance(wanted, str):
+        if not any(named(r, wanted) for r in frf.records):
+            full = with_files(frf)
+            return lambda r: id(r) in full and alike(full[id(r)]) == alike(wanted)
         return lambda r: named(r, wanted)
     if isinstance(wanted, int):
         return lambda r: r.number == wanted
@@ -127,8 +152,8 @@ def match_record(response: Response, wanted: Wanted | None, frf: FrfSet, inputs:
         return _one([r for r in frf.records if fits(r)], how, response, frf, inputs)
 
     if wanted is not None:
-        return one(_asked(wanted), _wanted_text(wanted))
-    found = one(_asked(response.name), f"name {response.name}")
+        return one(_asked(wanted, frf), _wanted_text(wanted))
+    found = one(_asked(response.name, frf), f"name {response.name}")
     if found is not None:
         return found
     if response.node is None:
@@ -269,8 +294,9 @@ def _require_used(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRe
 
 
 def unmatched(records: Sequence[FrfRecord | None], frf: FrfSet) -> list[str]:
-    """Names of the records that belong to no response."""
-    return [record.name for record in frf.records if record.name and not any(record is other for other in records)]
+    """Names of the records that belong to no response, with parts of their files where several have the same."""
+    rest = [record for record in frf.records if record.name and not any(record is other for other in records)]
+    return [with_files(frf).get(id(record), record.name) for record in rest]
 
 
 def _which(lacking: Sequence[Response], spare: Sequence[str]) -> str:
