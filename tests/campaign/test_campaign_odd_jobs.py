@@ -103,7 +103,8 @@ def test_the_hammer_hit_twice_at_one_point_only() -> None:
     twice, right = 1.0 + 0.4 * np.exp(-2j * np.pi * HZ * 0.018), modal(HZ, responses=6)
     statistics = SimpleNamespace(blows=BLOWS, modal=ModalRule())
     responses = [SimpleNamespace(name=f"a{k}") for k in range(6)]
-    known: dict[str, Any] = {"responses": responses, "recipe": SimpleNamespace(names=()), "statistics": statistics}
+    campaign = SimpleNamespace(update=SimpleNamespace(baselines=()))
+    known: dict[str, Any] = {"responses": responses, "recipe": SimpleNamespace(names=()), "statistics": statistics, "campaign": campaign}
     inputs: Any = SimpleNamespace(excitations=("h1", "h2"), input_of=np.repeat([0, 1], 3), **known)
     noise = 10.0 ** (np.random.default_rng(3).normal(0.0, 0.5, right.shape) / 20.0)
     struck = right.copy()

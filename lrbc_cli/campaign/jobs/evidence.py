@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.compared.chains import chain_doubt
 from lrbc_cli.campaign.identification.compared.complete import shares
 from lrbc_cli.campaign.identification.compared.copies import copied_text
@@ -170,18 +170,18 @@ def _doubts(inputs: Inputs, result: Identification) -> Iterator[Doubt]:
     wide = too_wide(*zip(axes, (values[:, inputs.used] for values in quiet), strict=True), rule=inputs.statistics.resolution)
     if wide is not None:
         yield Doubt(kind="resolution", text=f"in {result.name} and {reference.job} {wide.text}")
-    yield from _other_chain(inputs, own, tight, result.expected, reference.job)
+    if (told := chain_doubt(inputs, own, tight, reference.job, job=result.name)) is not None:
+        yield Doubt(kind="chain", text=told.text, explained=_explained(inputs, own, tight, result, reference.job))
 
 
-def _other_chain(inputs: Inputs, own: Measurement, tight: Measurement, expected: Complexes | None, reference: str) -> Iterator[Doubt]:
-    """Sign of another measuring chain than in the reference job.
+def _explained(inputs: Inputs, own: Measurement, tight: Measurement, result: Identification, reference: str) -> bool:
+    """Whether the sign of another measuring chain disappears once the identified change is taken into account.
 
-    Bolts that change much, or that hold a structure of few modes, move all resonances nearly alike. So another chain must also show after
-    the identified change is taken into account.
+    Bolts that change much, or that hold a structure of few modes, move all resonances nearly alike.
     """
-    if (told := chain_doubt(inputs, own, tight, reference)) is not None:
-        explained = expected is not None and chain_doubt(inputs, own, replace(tight, values=expected), reference) is None
-        yield Doubt(kind="chain", text=told.text, explained=explained)
+    if result.expected is None:
+        return False
+    return chain_doubt(inputs, own, replace(tight, values=result.expected), reference, job=result.name) is None
 
 
 def copied_baseline(inputs: Inputs, name: str, own: Measurement | None = None) -> str | None:

@@ -156,7 +156,7 @@ def other_chains(
             continue
         place = f"job {name}"
         doubtful = not {name, reference}.isdisjoint(other_quantity)
-        fault = chain_doubt(inputs, own, tight, reference)
+        fault = chain_doubt(inputs, own, tight, reference, job=name)
         turned = name in reversed_sign and fault is not None and fault.kind == "filter"
         if fault is not None and not turned and not (doubtful and fault.kind in ("lines", "clock")):
             text = f"{fault.text} (lrbc update says it again unless loose bolts explain it)"

@@ -115,7 +115,7 @@ def coherence_doubt(
     )
 
 
-def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference: str) -> ChainFault | None:
+def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference: str, *, job: str = "") -> ChainFault | None:
     """Fault if a job was measured with another window, filter or clock than the reference job, or hit twice; else None.
 
     Parameters
@@ -123,8 +123,8 @@ def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference:
     inputs : Inputs
     own, tight : Measurement
         Measurements of the job and of the reference job; None is returned if their lines differ.
-    reference : str
-        Name of the reference job.
+    reference, job : str
+        Names of the reference job, and of the job, which may be a baseline.
     """
     if own.values.shape != tight.values.shape or unlike(own.frequency_hz, tight.frequency_hz):
         return None
@@ -138,7 +138,8 @@ def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference:
             values = own.values[:, which], tight.values[:, which]
             if blow := second_blow(own.frequency_hz, *values, reference, rule, point=point):
                 return ChainFault("blow", blow)
-    return other_chain(own.frequency_hz, own.values, tight.values, reference, names, inputs.statistics.modal, air=air)
+    loosened = job not in inputs.campaign.update.baselines
+    return other_chain(own.frequency_hz, own.values, tight.values, reference, names, inputs.statistics.modal, air=air, loosened=loosened)
 
 
 def soft_tip(own: Measurement, *, low: float = 0.75, share: float = 0.9, least: float = 0.1) -> tuple[float, float] | None:

@@ -194,7 +194,15 @@ class ChainFault(NamedTuple):
 
 
 def other_chain(
-    frequency_hz: Floats, own: Complexes, tight: Complexes, reference: str, names: list[str], rule: ModalRule = MODAL, *, air: bool = False
+    frequency_hz: Floats,
+    own: Complexes,
+    tight: Complexes,
+    reference: str,
+    names: list[str],
+    rule: ModalRule = MODAL,
+    *,
+    air: bool = False,
+    loosened: bool = True,
 ) -> ChainFault | None:
     """Whether a job was measured with another window, clock or filter than the reference job, as its modes show; None if not.
 
@@ -211,6 +219,8 @@ def other_chain(
     rule : ModalRule
     air : bool
         Whether there are modes of air, whose frequencies depend on its temperature.
+    loosened : bool
+        Whether bolts may be looser than in the reference job, which lowers some modes: not in a baseline.
     """
     steps = np.diff(frequency_hz)
     if not evenly(frequency_hz):
@@ -227,7 +237,7 @@ def other_chain(
         return ChainFault("window", text)
     if text := _moved(*frequencies, step, reference, rule):
         return ChainFault("lines", text)
-    if text := _clock(*frequencies, reference, rule, least):
+    if text := _clock(*frequencies, reference, rule, least, loosened=loosened):
         return ChainFault("clock", text)
     text = _filter(one, other, reference, [name for name, there in zip(names, held, strict=True) if there], rule)
     return None if text is None else ChainFault("filter", text)
@@ -293,15 +303,17 @@ def _moved(own: Floats, tight: Floats, step: float, reference: str, rule: ModalR
     )
 
 
-def _clock(own: Floats, tight: Floats, reference: str, rule: ModalRule, least: float) -> str | None:
-    """Message if the frequencies of the same modes [Hz] differ by a factor, in the upper half, since loosened bolts lower some modes."""
+def _clock(own: Floats, tight: Floats, reference: str, rule: ModalRule, least: float, *, loosened: bool) -> str | None:
+    """Message if frequencies of the same modes [Hz] differ by a factor, in the upper half, since ``loosened`` bolts lower some modes."""
     if own.size < rule.clocked:
         return None
     share = np.sort(own / tight - 1.0)[::-1]
     upper = share[: max(rule.least, (share.size + 1) // 2)]
     typical = float(np.median(upper))
     alike = np.abs(share - typical) <= rule.together * abs(typical)
-    least = least if alike.sum() >= rule.clocked else max(least, rule.clock_in_air)
+    if alike.sum() < rule.clocked:
+        # With all bolts tight, so few modes agree by chance only.
+        least = max(least, rule.clock_in_air) if loosened else np.inf
     if abs(typical) < least or not alike[: upper.size].all():
         return None
     return (
