@@ -112,6 +112,20 @@ def test_models_that_are_right_are_not_doubted(kind):
     assert places_doubt(K[:, kept][kept], table(xyz[30 // len(labels) :], labels), "dofs.csv") is None
 
 
+def test_coordinates_of_a_small_model_in_another_order(monkeypatch):
+    """27 nodes, joined to coordinates that were sorted as text: 1, 10, 11 ... 2, 20 ..."""
+    monkeypatch.setitem(globals(), "SHAPE", (3, 3, 3))
+    xyz, labels = places(), COMPONENTS[:6]
+    K = frame(xyz)
+    assert places_doubt(K, table(xyz, labels), "dofs.csv") is None
+    held = sp.csc_array(sp.diags_array(np.where(np.arange(6 * len(xyz)) < 18, K.diagonal().max(), 0.0)))
+    assert places_doubt(sp.csc_array(K + held), table(xyz, labels), "dofs.csv") is None
+    order = sorted(range(1, len(xyz) + 1), key=str)
+    text = places_doubt(K, table(xyz[np.argsort(order)], labels), "dofs.csv")
+    assert text is not None
+    assert text.startswith("the coordinates of the nodes are probably not those of the stiffness matrix")
+
+
 def test_rounding_of_rotated_elements_is_no_stiffness():
     """Two rows of beams that bend and twist; what they lack in their plane an FE program may keep as rounding, and a rotation loads it."""
     xyz = np.array([[0.1 * k, y, 0.0] for y in (0.0, 0.2) for k in range(60)])
