@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import webbrowser
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import click
@@ -21,6 +22,7 @@ from lrbc_cli.report.old import outdating
 from lrbc_cli.report.reading import read_results
 from lrbc_cli.report.write import write_report
 from lrbc_cli.study import Study
+from lrbc_cli.watch.lock import at_work
 
 
 @click.command()
@@ -60,7 +62,7 @@ def run(
     inputs = study.inputs
     tell_calibration(inputs.calibration, wanted=calibration)
     output = inputs.campaign.output
-    with outdating(output / "report.html"):
+    with at_work(output, partial(remark, kind="note")), outdating(output / "report.html"):
         outcome = study.update(jobs, force=force, accept=accept_tolerance, workers=workers)
     tell_troubles(outcome)
     code, page = outcome.exit_code(fail_on_loose), None

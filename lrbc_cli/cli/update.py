@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -109,8 +110,14 @@ def _updated(inputs: Inputs, folder: Path, scheduler: str | None, **options: Any
     # Imported here, since they would delay runs that only judge.
     from lrbc_cli.campaign.jobs.remote import cluster
     from lrbc_cli.study import Study
+    from lrbc_cli.watch.lock import at_work
 
-    with nullcontext() if scheduler is None else cluster(scheduler) as remote, outdating(inputs.campaign.output / "report.html"):
+    output = inputs.campaign.output
+    with (
+        at_work(output, partial(remark, kind="note")),
+        nullcontext() if scheduler is None else cluster(scheduler) as remote,
+        outdating(output / "report.html"),
+    ):
         return Study(inputs, folder, progress()).update(remote=remote, **options)
 
 

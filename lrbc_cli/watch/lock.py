@@ -1,4 +1,4 @@
-"""Lock file beside the results that allows one ``lrbc watch`` for each campaign.
+"""Lock files beside the results: one ``lrbc watch`` for each campaign, and a note if two processes identify the same jobs.
 
 The owner touches it regularly; a lock whose owner has ended, or on another machine has not touched it for ``GONE``, is taken over.
 """
@@ -11,7 +11,8 @@ import os
 import socket
 import time
 import uuid
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import psutil
@@ -20,7 +21,7 @@ from lrbc_cli.errors import ConfigError, room_or
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.common import regular_bytes
 
-NAME = ".watch.lock"
+NAME, AT_WORK = ".watch.lock", ".update.lock"
 
 #: Seconds without a touch after which a watcher on another machine counts as ended.
 GONE = 300.0
@@ -36,10 +37,11 @@ class Lock:
     ----------
     output : Path
         Folder of the results.
+    name : str
     """
 
-    def __init__(self, output: Path) -> None:
-        self.path = output / NAME
+    def __init__(self, output: Path, name: str = NAME) -> None:
+        self.path = output / name
         self.token = uuid.uuid4().hex
 
     def take(self) -> None:
@@ -134,6 +136,25 @@ class Lock:
             # A time in the future is that of another clock, by some seconds at most.
             return f"one on {host}" if abs(quiet) < GONE else None
         return None
+
+
+@contextmanager
+def at_work(output: Path, say: Callable[[str], None]) -> Iterator[None]:
+    """Context in which results are written; ``say`` is called with a note if another process writes results of the same campaign."""
+    lock = Lock(output, AT_WORK)
+    try:
+        lock.take()
+    except ConfigError as error:
+        # If the folder cannot be written, this is told when a result is.
+        if error.found:
+            say(
+                f"another lrbc ({error.found}) is at work on these results; what both identify is done twice, and each result is written "
+                "whole"
+            )
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def _runs(pid: int, started: object, *, near: float = 2.0) -> bool:

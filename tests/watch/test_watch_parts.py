@@ -17,7 +17,7 @@ from lrbc_cli.config import JobConfig, load_campaign
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.common import require_file
 from lrbc_cli.watch.arrivals import Arrivals
-from lrbc_cli.watch.lock import GONE, NAME, Lock
+from lrbc_cli.watch.lock import AT_WORK, GONE, NAME, Lock, at_work
 from lrbc_cli.watch.loop import Wake
 from lrbc_cli.watch.pulse import Pulse
 from lrbc_cli.watch.verdict import Hook, unusable
@@ -281,3 +281,21 @@ def test_the_hook_is_told_the_sentence_on_one_line(tmp_path: Path) -> None:
     assert Hook(f'"{sys.executable}" "{script}" "{told}"').run(verdict, tmp_path / "report.html") is None
     words = "third: no verdict; measure again or fix the file: third.csv: no table of numbers was found"
     assert told.read_text() == f"{words}; expected: lines; fix: describe the layout"
+
+
+def test_two_processes_at_work_on_one_campaign(tmp_path: Path) -> None:
+    """Each result is written whole, but half of the work is for nothing."""
+    told = list[str]()
+    other = Lock(tmp_path / "out", AT_WORK)
+    other.take()
+    with at_work(tmp_path / "out", told.append):
+        assert (tmp_path / "out" / AT_WORK).is_file()
+    assert len(told) == 1
+    assert f"another lrbc (process {os.getpid()}) is at work on these results" in told[0]
+    # It is the other one's still.
+    assert (tmp_path / "out" / AT_WORK).is_file()
+    other.release()
+    with at_work(tmp_path / "out", told.append):
+        pass
+    assert len(told) == 1
+    assert not (tmp_path / "out" / AT_WORK).exists()
