@@ -17,6 +17,7 @@ from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.frf import QUANTITIES
 from lrbc_cli.model.terms import KIND_POWER, LowRankTerms
 from lrbc_cli.reduction.build import Reduction, ReductionOptions, reduce_model
+from lrbc_cli.reduction.reduced.many import ports_of
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.reduction.steps.grid import require_in_band
 from lrbc_cli.remembered import Remembered
@@ -91,7 +92,7 @@ class TermModel:
 
     def _table(self, s: Complexes) -> PortFrf:
         """Port FRFs at the lines s; those of the last four sets of lines are kept, since an optimiser asks for the same lines again."""
-        return self._tables.of(s.tobytes(), lambda: self.reduction.model.ports(s))
+        return self._tables.of(s.tobytes(), lambda: ports_of(self.reduction.model, s))
 
     def _lines(self, hz: ArrayLike) -> Complexes:
         lines = given.lines(hz)

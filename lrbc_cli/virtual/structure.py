@@ -23,6 +23,7 @@ from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.model.shifts import load_shifts
 from lrbc_cli.reduction.build import reduce_model
+from lrbc_cli.reduction.reduced.many import ports_of
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.virtual.chain import Chain
 from lrbc_cli.virtual.drift import Drift, Scatter
@@ -152,7 +153,7 @@ class VirtualStructure:
                     found=f"{reduction.worst:.1e}",
                     hint="increase reduction.tolerance",
                 )
-            self._ports[key] = reduction.model.ports(self.s)
+            self._ports[key] = ports_of(reduction.model, self.s)
         return self._ports[key]
 
     def profile(self, removed: Sequence[str]) -> tuple[Complexes, dict[str, list[float]], dict[str, float]]:

@@ -91,6 +91,10 @@ def waiting_for(tmp_path: Path) -> tuple[Folder, Path, Path]:
 def test_go_on_is_said_only_of_what_is_clear(tmp_path: Path) -> None:
     """A second tight measurement, and beside it a file of no job."""
     folder, waiting, new = waiting_for(tmp_path)
+    tree = folder.tree()
+    # Bolts that are stated as removed and come out tight would be no all-clear.
+    tree["jobs"]["loose-all"].pop("removed")
+    folder.write(tree)
     # A second measurement of the tight state: the same file once more would tell nothing.
     measure_again(waiting / "tight.csv", new / "loose-all.csv")
     misnamed = new / "Loose-2.csv"

@@ -9,9 +9,12 @@ import pytest
 from systems import beam, chain, direct_frf, fe_model, relative, unit, whole
 
 from lrbc_cli.model.factors import make_recipe, parted
+from lrbc_cli.reduction.reduced import many
 from lrbc_cli.reduction.reduced.affine import AffineModel
 from lrbc_cli.reduction.reduced.condense import NEGLIGIBLE
 from lrbc_cli.reduction.reduced.modal import diagonal_of, modal_structure
+from lrbc_cli.reduction.reduced.model import ReducedModel
+from lrbc_cli.reduction.reduced.ports import PortFrf
 
 HZ = np.linspace(20.0, 400.0, 61)
 S = 2j * np.pi * HZ
@@ -116,3 +119,59 @@ def test_what_stands_beside_a_diagonal_is_seen() -> None:
     np.testing.assert_array_equal(diagonal_of(A), [1.0, 2.0, 3.0])
     A[0, 2] = 10 * NEGLIGIBLE
     assert diagonal_of(A) is None
+
+
+class TestManyLines:
+    """Port FRFs as a sum over modes are those of direct solves, or direct solves are taken."""
+
+    @staticmethod
+    def model(level: float = 5.0, **other) -> ReducedModel:
+        reference = 10.0**level * np.array([[1.0, 1e-5, 0.0], [0.3, 0.0, 0.0], [2.0, 0.0, 0.0], [0.7, 0.0, 0.0]])
+        return replace(whole(structure(grounded=False)[0]), input_of=np.array([0, 1, 0]), reference=reference, **other)
+
+    @pytest.fixture
+    def solved(self, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+        """Numbers of lines that are solved directly."""
+        lines, direct = list[int](), ReducedModel.ports
+
+        def ports(model: ReducedModel, s: np.ndarray, **options) -> PortFrf:
+            lines.append(s.size)
+            return direct(model, s, **options)
+
+        monkeypatch.setattr(ReducedModel, "ports", ports)
+        return lines
+
+    @staticmethod
+    def require_same(found: PortFrf, expected: PortFrf) -> None:
+        for name in ("H00", "H0p", "Hp0", "Hpp"):
+            one, other = getattr(found, name), getattr(expected, name)
+            np.testing.assert_allclose(one, other, rtol=0, atol=1e-8 * np.abs(other).max(), err_msg=name)
+        np.testing.assert_array_equal(found.D_ref, expected.D_ref)
+        D = expected.D_ref * np.array([1.0, 0.0, 0.5, 1e3])
+        assert relative(found.evaluate(D), expected.evaluate(D)) < 1e-8
+
+    @pytest.mark.parametrize("level", [0.0, 3.0, 6.0])
+    def test_by_modes(self, level: float, solved: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
+        """Without any support but the terms, at low and high values of these, hysteretic damping included."""
+        model = self.model(level)
+        model = replace(model, K=model.K * (1.0 + 0.02j))
+        expected = model.ports(S)
+        found = many.ports_of(model, S)
+        self.require_same(found, expected)
+        assert solved == [S.size, 3]
+        # Where it saves nothing, lines are solved directly.
+        self.require_same(many.ports_of(model, S[:4]), model.ports(S[:4]))
+        assert solved == [S.size, 3, 4, 4]
+
+    def test_not_where_damping_couples_the_modes_or_air_does(self, solved: list[int]) -> None:
+        model = self.model()
+        dashpot = np.zeros_like(model.C)
+        dashpot[3, 3] = 50.0
+        for other in (replace(model, C=model.C + dashpot), replace(model, structure=model.size - 5)):
+            solved.clear()
+            many.ports_of(other, S)
+            assert solved == [3, S.size]
+
+    def test_not_where_it_is_inaccurate(self, solved: list[int]) -> None:
+        many.ports_of(self.model(), S, apart=0.0)
+        assert solved == [3, S.size]

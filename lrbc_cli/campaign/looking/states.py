@@ -15,6 +15,7 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.memory import reduction_cost
 from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.model.terms import ParameterGroup, Parameterisation
+from lrbc_cli.reduction.reduced.many import ports_of
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.comparison.scale import LEAST_LINES, POWERS
@@ -65,7 +66,7 @@ class Looking(FrfSource):
 
     def _compute(self, s: Complexes) -> PortFrf:
         assert self.stage is not None
-        return self.stage.reduction.model.ports(s)
+        return ports_of(self.stage.reduction.model, s)
 
     def parameters(self, s: Complexes) -> Parameterisation:
         """Parameter groups for the lines s [rad/s], with the start values of a rough calibration, else of the stored one if it is used."""

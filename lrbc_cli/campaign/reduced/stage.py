@@ -30,6 +30,7 @@ from lrbc_cli.method.resolve import formula
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.outcome import Reduction
 from lrbc_cli.reduction.reduced.affine import AffineModel
+from lrbc_cli.reduction.reduced.many import ports_of
 from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.reduction.threads import in_turn, single_threaded
@@ -347,7 +348,7 @@ class FrfSource:
             ports = full_ports(self.inputs.model, self.inputs.input_of, s, settings.band, backend=settings.backend, progress=tell)
         else:
             assert self.stage is not None
-            ports = self.stage.reduction.model.ports(s)
+            ports = ports_of(self.stage.reduction.model, s)
         if decision:
             cache.store_ports(decision, s, self.kind, ports)
         return ports

@@ -53,6 +53,15 @@ class ModalStructure:
     turn: Floats = field(repr=False)
     diagonals: tuple[Any, Any, Any] = field(repr=False)
 
+    def _flexible(self, z: Complexes) -> Complexes:
+        """(F, r) ``1 / (K + s C + s² M)`` of each mode."""
+        K, C, M = self.diagonals
+        return np.asarray(1.0 / (K + z[:, None] * C + z[:, None] ** 2 * M))
+
+    def transfer(self, z: Complexes, outputs: Floats, inputs: Floats) -> Complexes:
+        """(F, m, n) ``outputs (K + s C + s² M)⁻¹ inputs`` at the lines z, from (m, r) and (r, n) arrays in reduced coordinates."""
+        return weighted(self._flexible(z), outputs @ self.turn, (self.turn.T @ inputs).T)
+
     def motions(self, z: Complexes, D: Complexes, terms: tuple[Floats, Floats], B: Floats, L: Floats, input_of: Integers) -> Motions:
         """Solve for all inputs and responses: ``x = G (B + b u)``, ``G = (K + s C + s² M)⁻¹``, u from the port formula (14)-(18).
 
@@ -71,8 +80,7 @@ class ModalStructure:
         input_of : (R,) int array
             Which input each response belongs to.
         """
-        K, C, M = self.diagonals
-        G = 1.0 / (K + z[:, None] * C + z[:, None] ** 2 * M)
+        G = self._flexible(z)
         left, right, loads, heard = (self.turn.T @ A for A in (*terms, B, L.T))
         H = weighted(G, np.hstack([heard, right]).T, np.hstack([loads, left]).T)
         nothing = np.zeros(D.shape, dtype=complex)
