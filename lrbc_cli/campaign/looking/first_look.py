@@ -66,6 +66,7 @@ from lrbc_cli.campaign.reduced.memory import options_of, reduction_cost
 from lrbc_cli.campaign.reduced.stage import ReductionStage, require_baselines
 from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.reduction.build import reduce_model
+from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.comparison.scale import Offset, grouped
 
 #: Misfit up to which no fit of loosened bolts is needed to explain a measurement [dB].
@@ -155,16 +156,18 @@ def first_look(
         tight = measurements.get(reference or "")
         heard = {name: replace(measurements[name], values=_heard(inputs, name, measurements[name], tight)) for name in order}
         source = _calibrated_from_another(source, heard)
-        for name in order:
-            own = found[reference].told if reference in found else []
-            if kinds_of(own) & _OF_MODEL:
-                break
-            progress(f"comparing {name} with the model, job {len(found) + 1} of {len(order)}")
-            if name == reference:
-                source, found[name] = _of_reference(source, heard, name)
-                continue
-            tight = tight_state(heard.get(reference or ""), own)
-            found[name] = _looked_at(source, heard, name, tight, [cycle for each in own for cycle in each.cycles])
+        if reference in order:
+            progress(f"comparing {reference} with the model, job 1 of {len(order)}")
+            source, found[reference] = _of_reference(source, heard, reference)
+        own = found[reference].told if reference in found else []
+        rest = [] if kinds_of(own) & _OF_MODEL else [name for name in order if name != reference]
+        tight, cycles = tight_state(heard.get(reference or ""), own), [cycle for each in own for cycle in each.cycles]
+
+        def look(name: str) -> OfJob:
+            progress(f"comparing {name} with the model, job {order.index(name) + 1} of {len(order)}")
+            return _looked_at(source, heard, name, tight, cycles)
+
+        found |= zip(rest, side_by_side(look, rest), strict=True)
         later = f"the other jobs are compared once the fault of {reference} is corrected" if len(found) < len(order) else ""
         told = together(source, heard, found)
         causes = {name: {each.cause for each in told if each.place == f"job {name}" and each.kind in _OF_NUMBERS} for name in found}
