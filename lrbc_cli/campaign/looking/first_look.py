@@ -130,7 +130,6 @@ def first_look(
     measurements : mapping
         By job, in any order.
     progress : callable
-        Receives one line of text per step.
     """
     reference = inputs.campaign.update.reference
     try:
