@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -82,20 +83,43 @@ def test_a_factor_that_leaves_most_of_the_misfit_is_no_unit(frame: Folder) -> No
     assert "acc3: measured over computed +31.10 dB" in found(0.5, 3.0)[0]
 
 
-def hammered(*, unit: str | None = None, scale: float = 1.0, uncalibrated: bool = False, power: int = 0, **db: float) -> list[Finding]:
+def hammered(
+    *,
+    unit: str | None = None,
+    scale: float = 1.0,
+    uncalibrated: bool = False,
+    power: int = 0,
+    turned: Collection[str] = (),
+    **db: float,
+) -> list[Finding]:
     """Findings of four sensors under two hammer points with these factors, else none; of files with this unit and scale, or in volts."""
     names = [f"a{k}-h{h}" for h in (1, 2) for k in range(1, 5)]
     responses = [SimpleNamespace(name=n, node=int(n[1]), direction=3, quantity="acceleration", input=int(n[-1]) - 1) for n in names]
     job = SimpleNamespace(factor=lambda _: scale, first=Path("tight.uff"), format_of=lambda _: unit and TextFormat(unit=unit))
     reference = SimpleNamespace(update=SimpleNamespace(reference="tight"), jobs={"tight": job})
     method = SimpleNamespace(residual=SimpleNamespace(phase=False))
-    inputs: Any = SimpleNamespace(responses=responses, campaign=reference, method=method)
+    inputs: Any = SimpleNamespace(responses=responses, campaign=reference, method=method, excitations=("h1", "h2"))
     own = [db.get(name.replace("-", ""), 0.0) for name in names]
     found = [
         Offset(response=i, db=size, half=0.3, power=0, known=(), before=max(abs(size), 1.0), after=1.0, named=abs(size) > 2.0)
         for i, size in enumerate(own)
     ]
-    return offset_findings(inputs, [replace(offset, uncalibrated=uncalibrated, power=power) for offset in found], "tight")
+    found = [replace(offset, uncalibrated=uncalibrated, power=power, reversed=names[offset.response] in turned) for offset in found]
+    return offset_findings(inputs, found, "tight")
+
+
+@pytest.mark.parametrize(
+    ("turned", "what"),
+    [
+        ([f"a{k}-h2" for k in range(1, 5)], "the direction of the blow at h2"),
+        (["a1-h1", "a1-h2"], "the direction of the sensor"),
+        (["a1-h1"], "the direction of the sensor"),
+        ([f"a{k}-h{h}" for h in (1, 2) for k in range(1, 5)], "the direction of the hammer or of all sensors"),
+    ],
+)
+def test_one_reversed_blow_is_no_reversed_sensor(turned: list[str], what: str) -> None:
+    (found,) = hammered(turned=turned)
+    assert f"Possible cause: {what}. Write jobs.tight.scale: " in found.text
 
 
 def test_the_unit_to_write_replaces_the_one_that_is_stated() -> None:

@@ -260,6 +260,13 @@ def _stated_unit(inputs: Inputs, job: str) -> tuple[str, float] | None:
     return None if unit is None or layout is None else (str(layout.unit), 20.0 * float(np.log10(unit.factor)))
 
 
+def _struck(inputs: Inputs, turned: Sequence[int], compared: Sequence[int]) -> str:
+    """The hammer points to which all of the responses, two at least of each, belong; empty if these are not all of theirs."""
+    of = {point: [i for i in compared if inputs.responses[i].input == point] for point in {inputs.responses[i].input for i in turned}}
+    whole = all(len(own) > 1 and set(own) <= set(turned) for own in of.values())
+    return f"the blow at {', '.join(inputs.excitations[point] for point in sorted(of))}" if whole else ""
+
+
 def offset_findings(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list[Finding]:
     """Findings of factors, signs, delays and conjugates; may be empty."""
     firm = {offset.response for offset in offsets if offset.named and trusted(offset, offsets)}
@@ -288,7 +295,7 @@ def offset_findings(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list
         found.append(Finding(text=text, kind=Kind.PLACES, responses=own))
     tail = sign_tail(inputs)
     if turned := tuple(o.response for o in offsets if o.reversed):
-        what = "the hammer or of all sensors" if len(turned) == len(offsets) else "the sensor"
+        what = "the hammer or of all sensors" if len(turned) == len(offsets) else _struck(inputs, turned, compared) or "the sensor"
         text = (
             f"probably reversed sign: {_names(inputs, turned, len(offsets))}: measured phases are 180 degrees from the model's. Possible "
             f"cause: the direction of {what}. Write jobs.{job}.scale: {_factors(inputs, job, turned, -1.0)}{tail}"
