@@ -7,15 +7,13 @@ import re
 from contextlib import suppress
 from pathlib import Path
 
-from lrbc_cli.campaign.digests import content_of
 from lrbc_cli.campaign.protect import input_files
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.fields import shown
 from lrbc_cli.config.watch import HIDDEN
-from lrbc_cli.errors import DataError, listing
-from lrbc_cli.results.job import JobRecord
+from lrbc_cli.errors import listing
 from lrbc_cli.results.model import CampaignRecord
-from lrbc_cli.results.store import read, read_job
+from lrbc_cli.results.store import read
 
 
 def passed_over(campaign: Campaign) -> list[str]:
@@ -100,35 +98,11 @@ def outlived(campaign: Campaign) -> list[str]:
     return [f"{name}: {ago}" for name in gone]
 
 
-def of_earlier_files(campaign: Campaign, *, contents: bool = True) -> dict[str, str]:
-    """Notes on results whose measurement file is gone or, compared by ``contents``, is no longer the one that was read, by job."""
-    found = {}
-    for name, job in campaign.jobs.items():
-        if not _has_result(campaign, name):
-            continue
-        lacking = [file for file in job.all_files if not file.exists()]
-        if lacking:
-            found[name] = f"{lacking[0].name} no longer exists; the result is that of an earlier measurement"
-        elif contents and (other := _changed(campaign, name)) is not None:
-            found[name] = f"{other.name} is not the file that was identified; the result is that of an earlier measurement (`lrbc update`)"
-    return found
-
-
 def _has_result(campaign: Campaign, name: str) -> bool:
     try:
         return (campaign.output / name / "result.json").is_file()
     except OSError:
         return False  # the report says so
-
-
-def _changed(campaign: Campaign, name: str) -> Path | None:
-    """First file of a job whose content is not among those that its result was identified from; None if there is none, or no result."""
-    try:
-        record = read_job(campaign.output, name)
-    except DataError:
-        return None
-    known = set(record.provenance.inputs.values()) if isinstance(record, JobRecord) else set()
-    return next((file for file in campaign.jobs[name].all_files if known and content_of(file) not in known), None)
 
 
 def unseen(campaign: Campaign) -> str:

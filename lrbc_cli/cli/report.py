@@ -6,8 +6,9 @@ from pathlib import Path
 
 import click
 
-from lrbc_cli.campaign.beside import of_earlier_files, outlived, passed_over
+from lrbc_cli.campaign.beside import outlived, passed_over
 from lrbc_cli.campaign.documents import require_own_output
+from lrbc_cli.campaign.jobs.plans import of_earlier_files
 from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.cli.common import progress, say_json
 from lrbc_cli.cli.options import campaign_options

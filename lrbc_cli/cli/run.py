@@ -9,8 +9,8 @@ from pathlib import Path
 
 import click
 
-from lrbc_cli.campaign.beside import of_earlier_files, outlived, passed_over
-from lrbc_cli.campaign.jobs.plans import choose_jobs
+from lrbc_cli.campaign.beside import outlived, passed_over
+from lrbc_cli.campaign.jobs.plans import choose_jobs, of_earlier_files
 from lrbc_cli.cli.common import load, progress, say_json, tell_calibration
 from lrbc_cli.cli.options import accept_tolerance_option, calibration_option, campaign_options
 from lrbc_cli.cli.terminal import complain, remark, say

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from lrbc_cli.campaign.beside import of_earlier_files, outlived
+from lrbc_cli.campaign.beside import outlived
 from lrbc_cli.campaign.calibrate import run_calibration
 from lrbc_cli.campaign.calibration import with_stored_calibration
 from lrbc_cli.campaign.documents import require_own_output
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines
-from lrbc_cli.campaign.jobs.plans import needs
+from lrbc_cli.campaign.jobs.plans import needs, of_earlier_files
 from lrbc_cli.campaign.jobs.run import run_jobs
 from lrbc_cli.campaign.jobs.standing import Outcome
 from lrbc_cli.campaign.protect import require_inputs_apart

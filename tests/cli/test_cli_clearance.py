@@ -82,6 +82,35 @@ def test_a_result_of_a_file_that_was_replaced_is_told_on_the_page(tight: Folder)
     assert "earlier" not in head_of(tight)
 
 
+def test_a_result_that_rests_on_an_earlier_reference_job_is_told_on_the_page(tight: Folder) -> None:
+    assert tight.run("run").code == 0
+    measure_again(tight.data / "frf" / "again.csv", tight.data / "frf" / "tight.csv")
+    tree = tight.tree()
+    tree["jobs"]["loose-all"] = {"frf": "data/frf/loose-all.csv"}
+    tight.write(tree)
+    assert tight.run("run", "--job", "loose-all").code == 0
+    head = head_of(tight)
+    assert "results of earlier measurements: 1" in head
+    assert "again: it rests on a result of tight that is no longer there; the result is that of earlier tight states" in head
+
+
+def test_copies_are_known_by_the_present_files(tight: Folder) -> None:
+    """Also of a job that was never identified; and no longer once its file was replaced by the right one."""
+    later = tight.data / "frf" / "later.csv"
+    shutil.copy(tight.data / "frf" / "again.csv", later)
+    tree = tight.tree()
+    tree["jobs"]["later"] = {"frf": "data/frf/later.csv"}
+    tight.write(tree)
+    one = ("update", "--fail-on-loose", "--job", "again")
+    told = tight.run(*one)
+    assert told.code == 7
+    assert "again: the same measurement as later" in told.stdout
+    assert tight.run("update", "--fail-on-loose").code == 7
+    measure_again(tight.data / "frf" / "tight.csv", later)
+    assert tight.run(*one).code in (0, 7)
+    assert "the same measurement as later" not in tight.run(*one).stdout
+
+
 def test_the_page_and_the_table_tell_of_a_copy(tight: Folder) -> None:
     shutil.copy(tight.data / "frf" / "again.csv", tight.data / "frf" / "later.csv")
     tree = tight.tree()
@@ -154,6 +183,9 @@ def measurement(axis: np.ndarray, values: np.ndarray) -> Measurement:
         (np.arange(20.25, 400.5, 0.5), 1.0),
         (np.geomspace(20.0, 400.0, 150), 1.0),
         (np.setdiff1d(np.arange(20.0, 401.0), [50.0, 51.0, 100.0, 101.0]), 1.0),
+        # Notches about mains frequencies, finer steps about resonances.
+        (np.setdiff1d(np.arange(20.0, 401.0), np.add.outer(np.arange(50.0, 401.0, 50.0), [-1.0, 0.0, 1.0])), 1.0),
+        (np.union1d(np.arange(20.0, 401.0, 5.0), np.add.outer([55.0, 130.0, 310.0], np.arange(-4.0, 4.0, 0.25))), 1.0),
         # The file ends too early, or a part is missing.
         (np.arange(20.0, 211.0), 0.5),
         (np.concatenate([np.arange(20.0, 60.0), np.arange(350.0, 401.0)]), 0.24),

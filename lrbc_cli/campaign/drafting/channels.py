@@ -20,6 +20,9 @@ from lrbc_cli.model.frf import FrfRecord
 #: Names of numbered sensors and channels.
 CHANNELS = re.compile(r"(acc|bes|beschl|mic|mik|vel|disp|sens|sensor|kanal|ch|chan|channel)[\s_.-]*\d+[\s_.-]*[xyz]?", re.IGNORECASE)
 
+#: Names such as those of bolts, which no hammer point has.
+BOLTED = re.compile(r"(b|s|bolt|screw|joint|schraube)[\s_.-]*\d+", re.IGNORECASE)
+
 #: Separators between the state and the channel in the name of a file.
 _SEPARATORS = re.compile(r"[\s_.-]+")
 
@@ -120,7 +123,7 @@ def _by_hammer(found: FilesFound) -> dict[Path, tuple[Path, str]]:
         places = {struck[path] for path in paths}
         if len(places) < 2:
             continue
-        if len(places) == len(paths) and not any(_is_state(path.stem) for path in paths):
+        if len(places) == len(paths) and not any(_is_state(path.stem) or BOLTED.fullmatch(path.stem) for path in paths):
             states |= {path: (folder, names[folder]) for path in paths}
         else:
             states |= {path: (folder, state) for path, state in _without_hit(paths, struck).items()}
@@ -139,6 +142,8 @@ def _without_hit(paths: Sequence[Path], struck: Mapping[Path, tuple[int | None, 
                     state, hit = (left, right) if last else (right, left)
                     states[path] = state
                     hits.add((hit, struck[path]))
+            if any(_is_state(hit) or BOLTED.fullmatch(hit) for hit, _ in hits):
+                continue
             once = len({hit for hit, _ in hits}) == len({place for _, place in hits}) == len(hits) > 1
             if len(states) == len(paths) and once and len({(states[path], struck[path]) for path in paths}) == len(paths):
                 return states

@@ -403,6 +403,8 @@ class Draft:
         """Files of each job."""
         jobs = jobs_of(self.found, self.named)
         self.recognised += [f"{len(jobs)} jobs: {', '.join(jobs)}"] if jobs else []
+        if struck := next((paths for paths in jobs.values() if paths[0] not in self.named and len(paths) > 1), None):
+            self.todo.append(f"jobs: files such as {', '.join(self.found.called(path) for path in struck[:2])} are taken as one state")
         if self.named:
             path, one = next(iter(self.named.items()))
             self.todo.append(

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lrbc_cli.campaign.digests import content_of
 from lrbc_cli.campaign.jobs.identity import JUDGED, PARTS, Identity, changed, identification, judgement
 from lrbc_cli.campaign.jobs.judging import ComparedWith
 from lrbc_cli.campaign.jobs.standing import altered, of_other_libraries, other_baselines, other_reference, rests_on
 from lrbc_cli.config import Campaign
 from lrbc_cli.errors import DataError
-from lrbc_cli.results.job import FailedJob, JobRecord, RestsOn
+from lrbc_cli.results.job import FailedJob, Job, JobRecord, RestsOn
 from lrbc_cli.results.store import read_evidence, read_job
+from lrbc_cli.updating.judging.clearance import JobFinding
 from lrbc_cli.updating.judging.evidence import Evidence
 from lrbc_cli.updating.judging.rule import DecisionRule
 
@@ -214,3 +217,62 @@ def choose_jobs(campaign: Campaign, wanted: Sequence[str]) -> list[str]:
         baselines = [name for name in campaign.jobs if name in campaign.update.baselines]
         names = list(dict.fromkeys([reference, *baselines, *names]))
     return names
+
+
+def of_earlier_files(campaign: Campaign, *, contents: bool = True) -> dict[str, str]:
+    """Notes on results, by job, whose file is gone or, with ``contents``, was replaced, or that rest on replaced tight states."""
+    return _replaced(campaign, _stored(campaign), contents=contents)
+
+
+def other_findings(campaign: Campaign, own: Mapping[str, JobFinding]) -> dict[str, JobFinding]:
+    """Findings of the jobs beside those of a call, by which copies are recognised: stored ones of present files, and of the same files."""
+    twins = {content_of(file) or "": name for name in own for file in campaign.jobs[name].all_files}
+    stored, found = _stored(campaign), dict[str, JobFinding]()
+    earlier = _replaced(campaign, stored, contents=True)
+    for name, job in campaign.jobs.items():
+        if name in own:
+            continue
+        twin = next((twins[digest] for file in job.all_files if (digest := content_of(file)) and digest in twins), None)
+        if twin is not None:
+            found[name] = replace(own[twin], assumed=None)
+        elif name in stored and name not in earlier:
+            found[name] = stored[name].finding
+    return found
+
+
+def _stored(campaign: Campaign) -> dict[str, Job]:
+    """Results and failures that can be read, by job."""
+    found = {}
+    for name in campaign.jobs:
+        with suppress(DataError, OSError):
+            if (job := read_job(campaign.output, name)) is not None:
+                found[name] = job
+    return found
+
+
+def _replaced(campaign: Campaign, stored: Mapping[str, Job], *, contents: bool) -> dict[str, str]:
+    found = {}
+    for name, record in stored.items():
+        files = campaign.jobs[name].all_files
+        lacking = [file for file in files if not file.exists()]
+        if lacking:
+            found[name] = f"{lacking[0].name} no longer exists; the result is that of an earlier measurement"
+        elif contents and isinstance(record, JobRecord) and record.provenance.inputs:
+            known = set(record.provenance.inputs.values())
+            other = next((file.name for file in files if content_of(file) not in known), None)
+            if other is not None:
+                found[name] = f"{other} is not the file that was identified; the result is that of an earlier measurement (`lrbc update`)"
+            elif rested := _rested(campaign, name, record, stored):
+                found[name] = f"{rested}; the result is that of earlier tight states (`lrbc update`)"
+    return found
+
+
+def _rested(campaign: Campaign, name: str, record: JobRecord, stored: Mapping[str, Job]) -> str | None:
+    """How the tight states that a result rests on differ from the stored ones; None if they do not."""
+    reference, names = needs(campaign, name)
+    before, tight = record.provenance.rests_on, stored.get(reference or "")
+    if before is None or not isinstance(tight, JobRecord):
+        return None
+    baselines = {other: known for other in names if isinstance(known := stored.get(other), JobRecord)}
+    now = rests_on(ComparedWith(tight.state, baselines))
+    return other_reference(before, now, reference) or other_baselines(before, now)

@@ -14,8 +14,8 @@ from lrbc_cli.campaign.beside import unnamed, unseen
 from lrbc_cli.campaign.digests import content_of, origin, surroundings
 from lrbc_cli.campaign.jobs.identity import Identity
 from lrbc_cli.campaign.jobs.judging import ComparedWith, judged_anew
-from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, decided, needs, settled
-from lrbc_cli.campaign.jobs.standing import Outcome, rests_on, stored_findings
+from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, decided, needs, other_findings, settled
+from lrbc_cli.campaign.jobs.standing import Outcome, rests_on
 from lrbc_cli.campaign.jobs.table import write_table
 from lrbc_cli.campaign.protect import input_files
 from lrbc_cli.config import Campaign
@@ -129,8 +129,7 @@ def judge_finished(campaign: Campaign, found: Standing, *, all_jobs: bool, progr
     finally:
         write_table(campaign.output, list(campaign.jobs), outcome.results)
     outcome.unseen, outcome.beside = unseen(campaign), unnamed(campaign) if all_jobs else []
-    own = {p.name for p in found.plans}
-    outcome.others = stored_findings(campaign.output, [name for name in campaign.jobs if name not in own])
+    outcome.others = other_findings(campaign, outcome.findings)
     return outcome
 
 

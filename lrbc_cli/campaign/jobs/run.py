@@ -16,11 +16,11 @@ from lrbc_cli.campaign.jobs.evidence import copied_baseline
 from lrbc_cli.campaign.jobs.finished import finish, origin_of
 from lrbc_cli.campaign.jobs.identity import measured
 from lrbc_cli.campaign.jobs.judging import ComparedWith
-from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, needs, plan, settled
+from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, needs, other_findings, plan, settled
 from lrbc_cli.campaign.jobs.rejudge import judge_one, keep
 from lrbc_cli.campaign.jobs.remote import Cluster
 from lrbc_cli.campaign.jobs.results import write_campaign, write_failure, write_reduction, write_result
-from lrbc_cli.campaign.jobs.standing import Outcome, rests_on, stored_findings
+from lrbc_cli.campaign.jobs.standing import Outcome, rests_on
 from lrbc_cli.campaign.jobs.table import write_table
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
@@ -85,7 +85,7 @@ def run_jobs(
     outcome.beside = [] if wanted else unnamed(inputs.campaign)
     if source is None:
         # `lrbc watch`, which calls this for each job, knows the findings of the others.
-        outcome.others = stored_findings(inputs.campaign.output, [name for name in inputs.campaign.jobs if name not in names])
+        outcome.others = other_findings(inputs.campaign, outcome.findings)
     return outcome, stage
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.results.fields import plain
 from lrbc_cli.results.job import JobRecord, RestsOn
-from lrbc_cli.results.store import read_job, versions
+from lrbc_cli.results.store import versions
 from lrbc_cli.updating.judging.clearance import JobFinding, not_clear, once_more
 from lrbc_cli.updating.judging.reference import ReferenceState
 
@@ -86,16 +85,6 @@ def findings_of(records: Mapping[str, JobRecord], names: Iterable[str]) -> dict[
     return {name: records[name].finding if name in records else JobFinding(status="failed") for name in names}
 
 
-def stored_findings(output: Path, names: Iterable[str]) -> dict[str, JobFinding]:
-    """Findings of jobs with a stored result that can be read."""
-    found = {}
-    for name in names:
-        with suppress(DataError):
-            if (job := read_job(output, name)) is not None:
-                found[name] = job.finding
-    return found
-
-
 @dataclass(kw_only=True)
 class Outcome:
     """Outcome of one call for all its jobs.
@@ -113,7 +102,7 @@ class Outcome:
     beside : list of str
         Measurement files that no job names, in words.
     others : dict
-        Stored findings of the jobs of the campaign that are not of this call.
+        Findings of the jobs of the campaign that are not of this call, see ``plans.other_findings``.
     """
 
     results: dict[str, JobRecord] = field(default_factory=dict)

@@ -60,7 +60,7 @@ def _has_digits(size: Floats, digits: int) -> bool:
     return size.size > 0 and bool(np.all(np.abs(scaled - np.round(scaled)) <= 1e-6))
 
 
-def places_doubt(K: sp.csc_array, dofs: DofTable, table: str, labels: str = "", *, most: float = 0.1) -> str | None:
+def places_doubt(K: sp.csc_array, dofs: DofTable, table: str, labels: str = "", *, most: float = 0.1, mostly: float = 0.5) -> str | None:
     """Warning if a rigid rotation causes forces at DOFs where a translation causes none, so the coordinates are wrong; else None.
 
     A stretched, mirrored or exchanged axis makes the rotation a uniform strain, with forces on surfaces only. Only translational rows are
@@ -76,6 +76,8 @@ def places_doubt(K: sp.csc_array, dofs: DofTable, table: str, labels: str = "", 
         Name of the file of the coordinates and, if another, the place of the components.
     most : float
         Largest share of loaded DOFs in a correct model, at springs and constraints.
+    mostly : float
+        Share of the DOFs of a small model that rotations about each axis load if its coordinates are in disorder.
     """
     if dofs.size < LEAST_DOFS or K.nnz > MOST_FILLED * dofs.size**2:
         return None
@@ -83,9 +85,10 @@ def places_doubt(K: sp.csc_array, dofs: DofTable, table: str, labels: str = "", 
     rows = _resting(K, dofs.component) & np.isin(dofs.component, COMPONENTS[:3]) & (np.abs(K) @ strange.astype(float) == 0.0)
     if not rows.any():
         return None
-    # Springs and constraints of a small model load more than their usual share.
-    most *= max(1.0, LEAST_DOFS / float(rows.sum()))
     shares = _turned(K, dofs, dofs.xyz, rows)
+    # Of a small model, springs across a gap may be loaded by rotations about two axes; those about all three load what is in disorder.
+    if rows.sum() < LEAST_DOFS and (len(shares) < 3 or min(shares.values()) <= mostly):
+        return None
     axis = max(shares, key=lambda name: shares[name], default="")
     if not axis or shares[axis] <= most:
         return None
