@@ -61,7 +61,7 @@ def about_measurement(resolved: Mapping[str, Any], job: JobConfig, name: str) ->
     stated = [value.get("record") for value in resolved["responses"].values()]
     wanted = {alike(name) for name in (*resolved["responses"], *stated, *found["records"].values()) if isinstance(name, str)}
     stems = {at: file.stem for at, file in enumerate(job.all_files)}
-    words = {at: [stem, *(re.split(r"[\s_.-]+", stem) if len(stems) > 1 else ())] for at, stem in stems.items()}
+    words = {at: [stem, *re.split(r"[\s_.-]+", stem)] for at, stem in stems.items()}
     if named := {at: stems[at] for at in stems if any(name.endswith(alike(word)) for name in wanted for word in words[at] if word)}:
         found["names"] = named
     return found

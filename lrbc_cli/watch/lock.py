@@ -61,7 +61,7 @@ class Lock:
                 except FileExistsError:
                     if self.path.exists() and not self.path.is_file():
                         raise OSError(errno.EINVAL, "not a regular file") from None
-                    other = self._other()
+                    other = self.other()
                     if other is not None:
                         break
                     self.path.unlink(missing_ok=True)
@@ -122,7 +122,7 @@ class Lock:
             with suppress(OSError):
                 self.path.unlink()
 
-    def _other(self) -> str | None:
+    def other(self) -> str | None:
         """Description of the watcher that holds the lock; None if it has ended."""
         owner = _read(self.path) or {}
         pid, host = owner.get("pid"), owner.get("host")
@@ -141,16 +141,15 @@ class Lock:
 @contextmanager
 def at_work(output: Path, say: Callable[[str], None]) -> Iterator[None]:
     """Context in which results are written; ``say`` is called with a note if another process writes results of the same campaign."""
-    lock = Lock(output, AT_WORK)
+    lock, watcher = Lock(output, AT_WORK), Lock(output)
+    other = f"lrbc watch ({named})" if watcher.path.is_file() and (named := watcher.other()) else ""
     try:
         lock.take()
     except ConfigError as error:
         # If the folder cannot be written, this is told when a result is.
-        if error.found:
-            say(
-                f"another lrbc ({error.found}) is at work on these results; what both identify is done twice, and each result is written "
-                "whole"
-            )
+        other = f"another lrbc ({error.found})" if error.found else other
+    if other:
+        say(f"{other} is at work on these results; what both identify is done twice, and each result is written whole")
     try:
         yield
     finally:

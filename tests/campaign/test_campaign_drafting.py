@@ -121,19 +121,22 @@ def test_files_of_one_hammer_point_each_are_a_job_together(pattern: str, tmp_pat
     # No sensor can be spared, but a hammer point.
     assert campaign.update.responses == tuple(f"mic{i}-h{k}" for k in (1, 2, 3) for i in (1, 2, 3))
     assert "mic1-h4, mic2-h4, mic3-h4 are left out as validation channels" in told.stdout
+    assert re.search(r"jobs: files such as \S+, \S+ are taken as one state", told.stdout)
     study = load(folder.config)
     measured = dict(zip(study.responses, study.read("tight").values.T, strict=True))
     np.testing.assert_allclose(measured["mic1-h4"], 4.0 * measured["mic1-h1"], rtol=1e-5)
     assert study.read("loose").values.shape[1] == 12
 
 
-def test_states_of_one_folder_that_name_different_hammer_points_stay_jobs(tmp_path: Path) -> None:
+@pytest.mark.parametrize("names", [("loose", "tight"), ("box_tight", "box_loose"), ("loose_b4", "loose_b5"), ("B4", "B5")])
+def test_states_of_one_folder_that_name_different_hammer_points_stay_jobs(names: tuple[str, str], tmp_path: Path) -> None:
     files = box(tmp_path / "box").data
-    for path, node in zip(sorted(files.rglob("*.uff")), (8, 6), strict=True):
+    for path, node, name in zip(sorted(files.rglob("*.uff")), (8, 6), names, strict=True):
         frf = read_uff(path, TextLayout())
-        write_uff(path, replace(frf, records=tuple(replace(record, reference_node=node) for record in frf.records)))
+        path.unlink()
+        write_uff(path.with_stem(name), replace(frf, records=tuple(replace(record, reference_node=node) for record in frf.records)))
     made = draft(tmp_path / "new", recognise(files))
-    assert set(yaml.safe_load(made.text())["jobs"]) == {"tight", "loose"}
+    assert set(yaml.safe_load(made.text())["jobs"]) == set(names)
 
 
 def test_a_hammer_point_that_the_model_lacks_leaves_its_records_out(tmp_path: Path) -> None:

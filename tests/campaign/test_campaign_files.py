@@ -153,6 +153,9 @@ def test_records_of_the_same_name_in_several_files(pattern: str, box: Folder) ->
     set_job(box, frf=[files[1], files[0], files[2]])
     assert "loose: runs (changed: its measurement)" in box.run("update", "--job", "loose", "--dry-run").stdout
     np.testing.assert_allclose(measured(box).values, whole[:, [1, 0, 2, 3]], rtol=1e-11)
+    # The only one that was measured in a state.
+    set_job(box, frf=put(box, "half_1.uff", a, replace(b, name="mic2"), replace(c, name="mic3"), d), records={"acc1": "acc"})
+    np.testing.assert_allclose(measured(box).values, whole, rtol=1e-11)
     # Of one that is lacking, those without a response are named so that they can be copied.
     set_job(box, frf=files, records={"acc1": "acc", "mic1": "mic-4"})
     assert "expected: name mic-4" in refused(box)

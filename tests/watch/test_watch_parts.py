@@ -299,3 +299,9 @@ def test_two_processes_at_work_on_one_campaign(tmp_path: Path) -> None:
         pass
     assert len(told) == 1
     assert not (tmp_path / "out" / AT_WORK).exists()
+    watcher = Lock(tmp_path / "out")
+    watcher.take()
+    with at_work(tmp_path / "out", told.append):
+        pass
+    assert told[1].startswith(f"lrbc watch (process {os.getpid()}) is at work on these results")
+    watcher.release()

@@ -81,10 +81,22 @@ def parted(files: Iterable[str]) -> dict[str, str]:
     return {file: "-".join(own[first : len(own) - last]) for file, own in words.items()}
 
 
-def with_files(frf: FrfSet) -> dict[int, str]:
-    """Names of records that several files of a job contain, each with the part of its file: ``A1-H01``; by the identity of the record."""
-    parts, often = parted(record.file for record in frf.records), Counter(alike(record.name) for record in frf.records)
-    return {id(r): f"{r.name}-{parts[r.file]}" for r in frf.records if r.name and often[alike(r.name)] > 1} if len(parts) > 1 else {}
+def with_files(frf: FrfSet) -> dict[int, tuple[str, ...]]:
+    """Names of records with the part of their file, ``A1-H01``, by the identity of the record: where several files have records of a name.
+
+    In a job of one file, which may be the only one that was measured, it is that with any word of the file.
+    """
+    names = [record.file for record in frf.records]
+    if len(set(names)) == 1:
+        words = {file: WORDS.split(Path(file).stem) for file in names}
+        return {id(r): tuple(f"{r.name}-{word}" for word in words[r.file]) for r in frf.records if r.name}
+    parts, often = parted(names), Counter(alike(record.name) for record in frf.records)
+    return {id(r): (f"{r.name}-{parts[r.file]}",) for r in frf.records if r.name and often[alike(r.name)] > 1}
+
+
+def _plain(name: str) -> str:
+    """A name for comparison, with any separators."""
+    return alike(name.replace("-", " ").replace("_", " "))
 
 
 def _asked(wanted: Wanted, frf: FrfSet) -> Callable[[FrfRecord], bool]:
@@ -92,7 +104,7 @@ def _asked(wanted: Wanted, frf: FrfSet) -> Callable[[FrfRecord], bool]:
     if isinstance(wanted, str):
         if not any(named(r, wanted) for r in frf.records):
             full = with_files(frf)
-            return lambda r: id(r) in full and alike(full[id(r)]) == alike(wanted)
+            return lambda r: any(_plain(name) == _plain(wanted) for name in full.get(id(r), ()))
         return lambda r: named(r, wanted)
     if isinstance(wanted, int):
         return lambda r: r.number == wanted
@@ -296,7 +308,9 @@ def _require_used(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRe
 def unmatched(records: Sequence[FrfRecord | None], frf: FrfSet) -> list[str]:
     """Names of the records that belong to no response, with parts of their files where several have the same."""
     rest = [record for record in frf.records if record.name and not any(record is other for other in records)]
-    return [with_files(frf).get(id(record), record.name) for record in rest]
+    several = len({record.file for record in frf.records}) > 1
+    full = with_files(frf) if several else {}
+    return [full.get(id(record), (record.name,))[0] for record in rest]
 
 
 def _which(lacking: Sequence[Response], spare: Sequence[str]) -> str:
