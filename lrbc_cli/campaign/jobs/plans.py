@@ -14,7 +14,7 @@ from lrbc_cli.campaign.jobs.identity import JUDGED, PARTS, Identity, changed, id
 from lrbc_cli.campaign.jobs.judging import ComparedWith
 from lrbc_cli.campaign.jobs.standing import altered, of_other_libraries, other_baselines, other_reference, rests_on
 from lrbc_cli.config import Campaign
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.results.job import FailedJob, Job, JobRecord, RestsOn
 from lrbc_cli.results.store import read_evidence, read_job
 from lrbc_cli.updating.judging.clearance import JobFinding
@@ -244,7 +244,7 @@ def _stored(campaign: Campaign) -> dict[str, Job]:
     """Results and failures that can be read, by job."""
     found = {}
     for name in campaign.jobs:
-        with suppress(DataError, OSError):
+        with suppress(LrbcError, OSError):
             if (job := read_job(campaign.output, name)) is not None:
                 found[name] = job
     return found
