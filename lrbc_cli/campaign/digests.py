@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import re
 from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib.resources import files
@@ -18,7 +17,7 @@ from lrbc_cli.config.settings import JobConfig, MeasuredFile
 from lrbc_cli.config.structure import FileRecordRef
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
-from lrbc_cli.io.frf_common import alike
+from lrbc_cli.io.frf_common import WORDS, alike
 from lrbc_cli.method.rule import RULE
 from lrbc_cli.results.store import versions
 from lrbc_cli.version import __version__
@@ -60,9 +59,9 @@ def about_measurement(resolved: Mapping[str, Any], job: JobConfig, name: str) ->
     # A record or a coherence without a name has that of its file, and names in several files end with that; others do not matter.
     stated = [value.get("record") for value in resolved["responses"].values()]
     wanted = {alike(name) for name in (*resolved["responses"], *stated, *found["records"].values()) if isinstance(name, str)}
-    stems = {at: file.stem for at, file in enumerate(job.all_files)}
-    words = {at: [stem, *re.split(r"[\s_.-]+", stem)] for at, stem in stems.items()}
-    if named := {at: stems[at] for at in stems if any(name.endswith(alike(word)) for name in wanted for word in words[at] if word)}:
+    words = [{alike(word) for word in (file.stem, *WORDS.split(file.stem)) if word} for file in job.all_files]
+    named = {at: file.stem for at, file in enumerate(job.all_files) if any(name.endswith(tuple(words[at])) for name in wanted)}
+    if named:
         found["names"] = named
     return found
 

@@ -28,6 +28,10 @@ def response_of(name: str) -> str:
     return match[1] if match else name
 
 
+#: Separators of the words in the name of a file.
+WORDS = re.compile(r"[\s_.-]+")
+
+
 def alike(name: str) -> str:
     """Name for comparison: the response only, without case and separators, so that ``Acc 1`` is ``acc1``.
 

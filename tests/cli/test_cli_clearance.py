@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from campaigns import Folder, measure_again
+from campaigns import Folder, measure_again, with_a_tight_job, with_job
 
 from lrbc_cli.campaign.digests import about_measurement
 from lrbc_cli.campaign.identification.compared.complete import shares
@@ -27,11 +27,7 @@ from lrbc_cli.watch.verdict import verdict_of
 @pytest.fixture
 def tight(frame: Folder) -> Folder:
     """The tight state, and measured again: all clear."""
-    measure_again(frame.data / "frf" / "tight.csv", frame.data / "frf" / "again.csv")
-    tree = frame.tree()
-    tree["jobs"] = {"tight": tree["jobs"]["tight"], "again": {"frf": "data/frf/again.csv"}}
-    frame.write(tree)
-    return frame
+    return with_a_tight_job(frame)
 
 
 def head_of(folder: Folder) -> str:
@@ -42,9 +38,7 @@ def head_of(folder: Folder) -> str:
 def test_a_job_without_a_file_is_no_all_clear_of_watch(tight: Folder) -> None:
     once = ("watch", "--once", "--fail-on-loose", "--interval", "0.1")
     assert tight.run(*once).code == 0
-    tree = tight.tree()
-    tree["jobs"]["later"] = {"frf": "data/frf/later.csv"}
-    tight.write(tree)
+    with_job(tight, "later")
     told = tight.run(*once)
     assert told.code == 7
     assert "no all-clear: later is not measured" in told.stderr
@@ -69,9 +63,7 @@ def test_a_result_of_a_file_that_was_replaced_is_told_on_the_page(tight: Folder)
     assert tight.run("run", "--fail-on-loose").code == 0
     assert "earlier" not in head_of(tight)
     shutil.copy(tight.data / "frf" / "loose-2.csv", tight.data / "frf" / "again.csv")
-    tree = tight.tree()
-    tree["jobs"]["loose-all"] = {"frf": "data/frf/loose-all.csv"}
-    tight.write(tree)
+    with_job(tight, "loose-all")
     assert tight.run("run", "--job", "loose-all").code == 0
     head = head_of(tight)
     assert "results of earlier measurements: 1" in head
@@ -85,9 +77,7 @@ def test_a_result_of_a_file_that_was_replaced_is_told_on_the_page(tight: Folder)
 def test_a_result_that_rests_on_an_earlier_reference_job_is_told_on_the_page(tight: Folder) -> None:
     assert tight.run("run").code == 0
     measure_again(tight.data / "frf" / "again.csv", tight.data / "frf" / "tight.csv")
-    tree = tight.tree()
-    tree["jobs"]["loose-all"] = {"frf": "data/frf/loose-all.csv"}
-    tight.write(tree)
+    with_job(tight, "loose-all")
     assert tight.run("run", "--job", "loose-all").code == 0
     head = head_of(tight)
     assert "results of earlier measurements: 1" in head
@@ -98,9 +88,7 @@ def test_copies_are_known_by_the_present_files(tight: Folder) -> None:
     """Also of a job that was never identified; and no longer once its file was replaced by the right one."""
     later = tight.data / "frf" / "later.csv"
     shutil.copy(tight.data / "frf" / "again.csv", later)
-    tree = tight.tree()
-    tree["jobs"]["later"] = {"frf": "data/frf/later.csv"}
-    tight.write(tree)
+    with_job(tight, "later")
     one = ("update", "--fail-on-loose", "--job", "again")
     told = tight.run(*one)
     assert told.code == 7
@@ -113,9 +101,7 @@ def test_copies_are_known_by_the_present_files(tight: Folder) -> None:
 
 def test_the_page_and_the_table_tell_of_a_copy(tight: Folder) -> None:
     shutil.copy(tight.data / "frf" / "again.csv", tight.data / "frf" / "later.csv")
-    tree = tight.tree()
-    tree["jobs"]["later"] = {"frf": "data/frf/later.csv"}
-    tight.write(tree)
+    with_job(tight, "later")
     assert tight.run("run", "--fail-on-loose").code == 7
     head = head_of(tight)
     assert "with the measurement of another job: 2" in head
@@ -195,7 +181,7 @@ def test_how_much_of_the_lines_a_response_has(lines: np.ndarray, share: float) -
     axis = np.arange(20.0, 401.0)
     whole, none = np.ones((axis.size, 2), dtype=complex), np.full((lines.size, 1), np.nan + 0j)
     own = measurement(lines, np.hstack([np.ones((lines.size, 1)), none]))
-    found = shares(own, measurement(axis, whole))
+    found = shares(own, measurement(axis, whole), 0.02)
     assert found[0] == pytest.approx(share, abs=0.01)
     # A response that is missing altogether is told as such.
     assert np.isnan(found[1])

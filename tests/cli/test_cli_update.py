@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from campaigns import BOX_TRUTH, Folder, frame, lrbc, measure_again
+from campaigns import BOX_TRUTH, Folder, frame, lrbc, with_a_tight_job
 from campaigns import box as make_box
 
 from lrbc_cli.campaign.identification.records import read_measurement
@@ -585,15 +585,6 @@ def test_fail_on_loose(frame: Folder) -> None:
     assert "\na bolt is loose\n" in told.stdout
     wide = frame.run("update", "--fail-on-loose", "--override", "update.loose_change=-3")
     assert "update.loose_change: -3 calls a bolt tight that lost up to 99.9 % of its stiffness" in wide.stderr
-
-
-def with_a_tight_job(folder: Folder) -> Folder:
-    """Instead of the loose ones: the tight state measured again."""
-    measure_again(folder.data / "frf" / "tight.csv", folder.data / "frf" / "again.csv")
-    tree = folder.tree()
-    tree["jobs"] = {"tight": tree["jobs"]["tight"], "again": {"frf": "data/frf/again.csv"}}
-    folder.write(tree)
-    return folder
 
 
 def test_an_all_clear(frame: Folder) -> None:

@@ -344,3 +344,20 @@ def measure_again(path: Path, to: Path) -> None:
     cells = np.array([row.split(",") for row in rows], dtype=float)
     cells[:, 1:] *= 1.0 + 0.005 * np.random.default_rng(zlib.crc32(to.name.encode())).normal(size=cells[:, 1:].shape)
     to.write_text("\n".join([header, *(",".join(map(repr, row)) for row in cells.tolist())]) + "\n")
+
+
+def with_a_tight_job(folder: Folder) -> Folder:
+    """Instead of the loose ones: the tight state measured again."""
+    measure_again(folder.data / "frf" / "tight.csv", folder.data / "frf" / "again.csv")
+    tree = folder.tree()
+    tree["jobs"] = {"tight": tree["jobs"]["tight"]}
+    folder.write(tree)
+    with_job(folder, "again")
+    return folder
+
+
+def with_job(folder: Folder, name: str) -> None:
+    """A further job, which reads the CSV file of its name."""
+    tree = folder.tree()
+    tree["jobs"][name] = {"frf": f"data/frf/{name}.csv"}
+    folder.write(tree)

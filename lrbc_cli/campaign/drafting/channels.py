@@ -13,18 +13,15 @@ from lrbc_cli.campaign.drafting.recognise import FilesFound
 from lrbc_cli.campaign.drafting.roles import BOLTS, HAMMER, names_loose, tight_states
 from lrbc_cli.config.fields import job_name, plain_name
 from lrbc_cli.errors import LrbcError
-from lrbc_cli.io.frf_common import alike
+from lrbc_cli.io.frf_common import WORDS, alike
 from lrbc_cli.io.text.tables import read_table
 from lrbc_cli.model.frf import FrfRecord
 
 #: Names of numbered sensors and channels.
 CHANNELS = re.compile(r"(acc|bes|beschl|mic|mik|vel|disp|sens|sensor|kanal|ch|chan|channel)[\s_.-]*\d+[\s_.-]*[xyz]?", re.IGNORECASE)
 
-#: Names such as those of bolts, which no hammer point has.
-BOLTED = re.compile(r"(b|s|bolt|screw|joint|schraube)[\s_.-]*\d+", re.IGNORECASE)
-
-#: Separators between the state and the channel in the name of a file.
-_SEPARATORS = re.compile(r"[\s_.-]+")
+#: Names of numbered states, which no hammer point has; those of bolts say that something is loose.
+STATES = re.compile(r"(s|state|zustand)[\s_.-]*\d+", re.IGNORECASE)
 
 #: Separators from either end of a name at which it may be divided.
 _DIVISIONS = (-1, 0, -2, 1, -3, 2)
@@ -123,7 +120,7 @@ def _by_hammer(found: FilesFound) -> dict[Path, tuple[Path, str]]:
         places = {struck[path] for path in paths}
         if len(places) < 2:
             continue
-        if len(places) == len(paths) and not any(_is_state(path.stem) or BOLTED.fullmatch(path.stem) for path in paths):
+        if len(places) == len(paths) and not any(_is_state(path.stem) or STATES.fullmatch(path.stem) for path in paths):
             states |= {path: (folder, names[folder]) for path in paths}
         else:
             states |= {path: (folder, state) for path, state in _without_hit(paths, struck).items()}
@@ -136,13 +133,13 @@ def _without_hit(paths: Sequence[Path], struck: Mapping[Path, tuple[int | None, 
         for last in (True, False):
             states, hits = dict[Path, str](), set[tuple[str, tuple[int | None, int]]]()
             for path in paths:
-                cuts = list(_SEPARATORS.finditer(path.stem))
+                cuts = list(WORDS.finditer(path.stem))
                 if at < len(cuts) and -at <= len(cuts):
                     left, right = path.stem[: cuts[at].start()], path.stem[cuts[at].end() :]
                     state, hit = (left, right) if last else (right, left)
                     states[path] = state
                     hits.add((hit, struck[path]))
-            if any(_is_state(hit) or BOLTED.fullmatch(hit) for hit, _ in hits):
+            if any(_is_state(hit) or STATES.fullmatch(hit) for hit, _ in hits):
                 continue
             once = len({hit for hit, _ in hits}) == len({place for _, place in hits}) == len(hits) > 1
             if len(states) == len(paths) and once and len({(states[path], struck[path]) for path in paths}) == len(paths):
@@ -181,7 +178,7 @@ def _by_parts(folder: Path, paths: Sequence[Path], is_channel: Callable[[str], b
         for last in (True, False):
             found: dict[Path, NamedFile] = {}
             for path in paths:
-                cuts = list(_SEPARATORS.finditer(path.stem))
+                cuts = list(WORDS.finditer(path.stem))
                 if at >= len(cuts) or -at > len(cuts):
                     continue
                 left, right = path.stem[: cuts[at].start()], path.stem[cuts[at].end() :]

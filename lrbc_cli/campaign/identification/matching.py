@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +15,10 @@ from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.config.structure import FileRecordRef, RecordRef
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.frf_common import alike
+from lrbc_cli.io.frf_common import WORDS, alike
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
 Wanted = str | int | RecordRef | FileRecordRef
-
-#: Separators of the words in the name of a file.
-WORDS = re.compile(r"[\s_.-]+")
 
 #: Least share of the responses used that a job must have to be identified without the others.
 LEAST_USED = 0.5
@@ -99,13 +96,16 @@ def _plain(name: str) -> str:
     return alike(name.replace("-", " ").replace("_", " "))
 
 
+def _with_its_file(wanted: str, frf: FrfSet) -> Callable[[FrfRecord], bool]:
+    """Test whether a record has this name together with a part of the name of its file."""
+    full = with_files(frf)
+    return lambda r: any(_plain(name) == _plain(wanted) for name in full.get(id(r), ()))
+
+
 def _asked(wanted: Wanted, frf: FrfSet) -> Callable[[FrfRecord], bool]:
     """Test whether a record is the one that the campaign names."""
     if isinstance(wanted, str):
-        if not any(named(r, wanted) for r in frf.records):
-            full = with_files(frf)
-            return lambda r: any(_plain(name) == _plain(wanted) for name in full.get(id(r), ()))
-        return lambda r: named(r, wanted)
+        return partial(named, name=wanted) if any(named(r, wanted) for r in frf.records) else _with_its_file(wanted, frf)
     if isinstance(wanted, int):
         return lambda r: r.number == wanted
     if isinstance(wanted, FileRecordRef):
@@ -147,7 +147,7 @@ def _one(found: list[FrfRecord], how: str, response: Response, frf: FrfSet, inpu
 
 
 def match_record(response: Response, wanted: Wanted | None, frf: FrfSet, inputs: Inputs) -> FrfRecord | None:
-    """Record of a response: as the campaign states, else by name, node and direction, reciprocity, or a name that is only alike.
+    """Record of a response: as the campaign states, else by name, node and direction, reciprocity, a name with that of its file, or alike.
 
     Returns
     -------
@@ -165,11 +165,16 @@ def match_record(response: Response, wanted: Wanted | None, frf: FrfSet, inputs:
 
     if wanted is not None:
         return one(_asked(wanted, frf), _wanted_text(wanted))
-    found = one(_asked(response.name, frf), f"name {response.name}")
+    found = one(partial(named, name=response.name), f"name {response.name}")
     if found is not None:
         return found
+
+    def named_otherwise() -> FrfRecord | None:
+        own = one(_with_its_file(response.name, frf), f"name {response.name}")
+        return own if own is not None else _named_alike(response, frf, inputs)
+
     if response.node is None:
-        return _named_alike(response, frf, inputs)
+        return named_otherwise()
     driven, _ = inputs.excitation_points[response.input]
     several = len(inputs.excitations) > 1
 
@@ -186,7 +191,7 @@ def match_record(response: Response, wanted: Wanted | None, frf: FrfSet, inputs:
     direction = "" if response.direction is None else f" direction {response.direction}"
     found = one(fits, f"node {response.node}{direction}")
     found = found if found is not None else one(lambda r: reciprocal(r, response, inputs), f"hammer at node {response.node}{direction}")
-    return found if found is not None else _named_alike(response, frf, inputs)
+    return found if found is not None else named_otherwise()
 
 
 def _named_alike(response: Response, frf: FrfSet, inputs: Inputs) -> FrfRecord | None:

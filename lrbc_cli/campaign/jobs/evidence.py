@@ -155,7 +155,7 @@ def _doubts(inputs: Inputs, result: Identification) -> Iterator[Doubt]:
         whole = f"{tight.frequency_hz[0]:g} to {tight.frequency_hz[-1]:g} Hz"
         text = f"its lines reach from {axis[0]:g} to {axis[-1]:g} Hz, those of {reference.job} from {whole}; check whether it is complete"
         yield Doubt(kind="incomplete", text=text)
-    elif (cut := np.flatnonzero(shares(own, tight)[inputs.used] < limits.least_span)).size:
+    elif (cut := np.flatnonzero(shares(own, tight, 1.0 - limits.least_span)[inputs.used] < limits.least_span)).size:
         names = listing([inputs.responses[i].name for i in inputs.used[cut]])
         text = f"{names} lack{'s' if cut.size == 1 else ''} a part of the lines of {reference.job}; check whether the files are complete"
         yield Doubt(kind="incomplete", text=text)

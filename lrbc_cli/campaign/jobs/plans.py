@@ -226,6 +226,8 @@ def of_earlier_files(campaign: Campaign, *, contents: bool = True) -> dict[str, 
 
 def other_findings(campaign: Campaign, own: Mapping[str, JobFinding]) -> dict[str, JobFinding]:
     """Findings of the jobs beside those of a call, by which copies are recognised: stored ones of present files, and of the same files."""
+    if own.keys() >= campaign.jobs.keys():
+        return {}
     twins = {content_of(file) or "": name for name in own for file in campaign.jobs[name].all_files}
     stored, found = _stored(campaign), dict[str, JobFinding]()
     earlier = _replaced(campaign, stored, contents=True)

@@ -8,7 +8,7 @@ from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.records import Measurement
 
 
-def shares(own: Measurement, tight: Measurement, *, least: float = 0.02) -> Floats:
+def shares(own: Measurement, tight: Measurement, least: float) -> Floats:
     """(R,) share of the lines of the reference job that a measurement covers, by response; NaN where it has no value.
 
     A gap, or an end, counts if it contains more than the share ``least`` of these lines: not the notches about mains frequencies, nor wide
