@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.campaign.beside import passed_over, taken_twice, unnamed
-from lrbc_cli.campaign.findings import Finding, Kind, kinds_of, once
+from lrbc_cli.campaign.findings import Effect, Finding, Kind, kinds_of, once
 from lrbc_cli.campaign.identification.compared.copies import Earlier, pasted
 from lrbc_cli.campaign.identification.matching import called
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
@@ -286,10 +286,9 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     pairs = mistitled(inputs, readable)
     titled = list(pairs.values())
     # Beside another state in place of the reference job, jobs that are tight seem not to be.
-    follows = {Kind.REMOVED} if titled else set()
+    told = [each for each in look.found if not (titled and each.kind is Kind.REMOVED)]
     if any(inputs.campaign.update.reference in pair for pair in pairs):
-        follows |= {Kind.FREED, Kind.LOWERED, Kind.NOT_TIGHT}
-    told = [each for each in look.found if each.kind not in follows]
+        told = [each for each in told if not each.has(Effect.NOT_TIGHT)]
     if not titled and Kind.REMOVED not in kinds_of(told) and (text := exchanged_files(inputs, compared)):
         titled = [text]
     out.warn(*titled)

@@ -4,56 +4,90 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
-from enum import Enum, auto
+from enum import Enum, Flag, auto, unique
 
 
+class Effect(Flag):
+    """What a finding of some kind means for the rest of the comparison."""
+
+    NONE = 0
+    #: The numbers, records or places of a job are wrong: nothing else that compares this job is told.
+    DOUBTS_JOB = auto()
+    #: In the reference job: no other job can be compared with the model.
+    STOPS = auto()
+    #: Says only that the model, or its springs, are far from the measurement: a stored calibration mends it.
+    IS_FAR = auto()
+    #: Nevertheless a rough calibration is tried.
+    IS_CALIBRATED = auto()
+    #: In the reference job: it remains the tight state for the others.
+    LEAVES_TIGHT = auto()
+    #: A factor, a phase or a delay of responses: told once if all jobs share it.
+    IS_OFFSET = auto()
+    #: A job taken as tight is not: follows if the files of two jobs are exchanged.
+    NOT_TIGHT = auto()
+
+
+@unique
 class Kind(Enum):
-    """Cause of a finding; findings of one kind about the same responses are one fault, whatever numbers their texts hold."""
+    """Cause of a finding; findings of one kind about the same responses are one fault, whatever numbers their texts hold.
+
+    Attributes
+    ----------
+    meaning : str
+        The cause in words.
+    effect : Effect
+    """
 
     # Numbers of a file, without the model.
-    BLOW = auto()
-    CHAIN = auto()
-    DIGITS = auto()
-    NOISE = auto()
-    NORMALISED = auto()
+    BLOW = "a coherence of 1 at every line, as of a single blow"
+    CHAIN = "a measuring chain unlike that of the reference job: clock, window, filter, gain"
+    DIGITS = "values rounded to few digits"
+    NOISE = "records that are mostly noise"
+    NORMALISED = "records scaled to the same maximum"
     # Numbers of a file, by comparison with the model or the reference job.
-    READ = auto()
-    UNITS = auto()
-    LEVEL = auto()
-    REVERSED = auto()
-    LATE = auto()
-    EARLY = auto()
-    CONJUGATE = auto()
-    CUT = auto()
-    FILTERED = auto()
-    PARTS = auto()
-    SIDEWAYS = auto()
-    STRETCHED = auto()
-    STRIKE = auto()
+    READ = "another reading fits: magnitude and phase, decibels, the inverse, zeros for imaginary parts", Effect.DOUBTS_JOB
+    UNITS = "a factor, or a power of the frequency: another unit, sensitivity or quantity", Effect.DOUBTS_JOB | Effect.IS_OFFSET
+    LEVEL = "a sensor without signal, or at another level than in the reference job", Effect.DOUBTS_JOB
+    REVERSED = "a reversed sign of a sensor or a hammer", Effect.IS_OFFSET
+    LATE = "sensors later than the hammer", Effect.IS_OFFSET
+    EARLY = "sensors earlier than the hammer", Effect.IS_OFFSET
+    CONJUGATE = "complex conjugates: the other sign convention of time", Effect.IS_OFFSET
+    CUT = "the first milliseconds of the responses were not recorded", Effect.DOUBTS_JOB | Effect.STOPS
+    FILTERED = "a filter in some channels", Effect.DOUBTS_JOB | Effect.STOPS
+    PARTS = "real and imaginary parts exchanged"
+    SIDEWAYS = "all phases 90 degrees off"
+    STRETCHED = "another sampling rate: all frequencies times one factor", Effect.DOUBTS_JOB | Effect.STOPS | Effect.IS_CALIBRATED
+    STRIKE = "the hammer hit beside its place in one job"
     # Places, directions and channels.
-    ALONE = auto()
-    COORDINATES = auto()
-    EXCHANGED = auto()
-    HAMMER = auto()
-    HAMMERS = auto()
-    ORIGIN = auto()
-    PLACES = auto()
+    ALONE = (
+        "single responses that do not fit: their sensors, places or records",
+        Effect.DOUBTS_JOB | Effect.IS_FAR | Effect.IS_CALIBRATED | Effect.LEAVES_TIGHT,
+    )
+    COORDINATES = "a sensor with another component, or with coordinates that are mixed up", Effect.IS_CALIBRATED
+    EXCHANGED = "records or sensors that are exchanged", Effect.DOUBTS_JOB
+    HAMMER = "a hammer point with another place, direction or records", Effect.DOUBTS_JOB | Effect.STOPS
+    HAMMERS = "hammer points that are exchanged, or records of one for several", Effect.DOUBTS_JOB | Effect.STOPS
+    ORIGIN = "all sensors or hammer points moved or mirrored together: another origin or axis", Effect.STOPS
+    PLACES = "levels that differ between responses without another cause: places", Effect.IS_OFFSET | Effect.IS_CALIBRATED
     # The model.
-    GUESSED = auto()
-    DAMPING = auto()
-    HELD = auto()
-    IDLE = auto()
-    LOWERED = auto()
-    MATERIAL = auto()
-    RESCALED = auto()
-    SPRINGS = auto()
-    TABLE = auto()
+    GUESSED = "another system of units, guessed from the model alone"
+    DAMPING = "damping many times too high or too low", Effect.STOPS
+    HELD = "nodes that are held in the model only"
+    IDLE = "springs without effect: their nodes are held in the model", Effect.STOPS
+    LOWERED = "a reference job with a bolt that is probably looser than the others", Effect.IS_FAR | Effect.LEAVES_TIGHT | Effect.NOT_TIGHT
+    MATERIAL = "material, thickness or mass of the model or of a part of it", Effect.STOPS
+    RESCALED = "the stiffness or mass matrix times a factor"
+    SPRINGS = "springs of another unit, found by their effect", Effect.IS_FAR
+    TABLE = "springs of some table or component wrong by a factor, or exchanged"
     # The state of the structure.
-    FOREIGN = auto()
-    FREED = auto()
-    NOT_TIGHT = auto()
-    REMOVED = auto()
-    UNLIKE = auto()
+    FOREIGN = "a job unlike any state of the bolts: another structure or set-up, warmer air", Effect.DOUBTS_JOB
+    FREED = "a job taken as tight that has a loose bolt", Effect.NOT_TIGHT
+    NOT_TIGHT = "a reference job that is less tight than another job", Effect.NOT_TIGHT
+    REMOVED = "bolts stated as removed that are not, or others that are"
+    UNLIKE = "model and measurement have little in common, for no known cause", Effect.IS_FAR | Effect.IS_CALIBRATED
+
+    def __init__(self, meaning: str, effect: Effect = Effect.NONE) -> None:
+        self.meaning, self.effect = meaning, effect
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,8 +122,17 @@ class Finding:
         """Equal for findings that are one fault."""
         return self.text if self.kind is None else (self.kind, self.responses, self.cycles, self.detail)
 
+    def has(self, effect: Effect) -> bool:
+        """Whether its kind has this effect; a finding without a kind has none."""
+        return self.kind is not None and bool(self.kind.effect & effect)
+
     def __str__(self) -> str:
         return f"{self.place}: {self.text}" if self.place else self.text
+
+
+def said(kind: Kind, text: str | None) -> list[Finding]:
+    """The finding of a text; an empty list without a text, so that tests can follow each other by ``or``."""
+    return [Finding(text=text, kind=kind)] if text else []
 
 
 def kinds_of(findings: Iterable[Finding]) -> set[Kind | None]:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from looking import seen
 
-from lrbc_cli.campaign.looking.causes import tightness
+from lrbc_cli.campaign.looking.causes import tables, tightness
 from lrbc_cli.campaign.looking.states import Seen
 
 
@@ -165,7 +165,7 @@ def test_a_joint_that_has_lost_a_part_of_its_stiffness(monkeypatch: pytest.Monke
 def test_a_table_of_springs_in_another_unit(power: int, told: bool) -> None:
     """Told by the table; a digit is left to the calibration."""
     one = Springs((0.0, 0.0, float(power))).seen
-    text = tightness.unit_text(one, one.misfit)
+    text = tables.unit_text(one, one.misfit)
     assert text.startswith(f"with all springs of c times {10.0**power:.0e} the level misfit falls from") is told
     assert text.endswith(f"multiply the column stiffness of c.csv by {10.0**power:.0e}") is told
     assert told or text == ""

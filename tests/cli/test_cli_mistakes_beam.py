@@ -16,9 +16,9 @@ import scipy.io
 from campaigns import lrbc
 
 import lrbc_cli
-from lrbc_cli.campaign.looking import first_look, fitted
-from lrbc_cli.campaign.looking.causes import held, moved, rescaled
-from lrbc_cli.campaign.looking.causes.tightness import of_other_unit_text
+from lrbc_cli.campaign.looking import first_look, fitted, trials
+from lrbc_cli.campaign.looking.causes import rescaled
+from lrbc_cli.campaign.looking.causes.tables import of_other_unit_text
 
 Damage = Callable[[Path], object]
 
@@ -419,8 +419,7 @@ def test_springs_in_another_unit_show_after_a_rough_calibration() -> None:
 
 
 def test_what_would_take_long_is_not_looked_for(tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (moved, held):
-        monkeypatch.setattr(module, "MOST_WORK", 0.0)
+    monkeypatch.setattr(trials, "MOST_WORK", 0.0)
     for damage in (elsewhere, left_in):
         file = beam.make(tmp_path)
         damage(tmp_path)

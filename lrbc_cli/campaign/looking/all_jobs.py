@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.campaign.findings import Finding, Kind, kinds_of
+from lrbc_cli.campaign.findings import Effect, Finding, Kind, kinds_of, said
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart, same_sensor
 from lrbc_cli.campaign.identification.compared.offsets import offset_findings, sign_tail
 from lrbc_cli.campaign.identification.records import Measurement
@@ -38,9 +38,6 @@ from lrbc_cli.updating.comparison.scale import (
 )
 from lrbc_cli.updating.robust import scatter
 
-#: Kinds of ``offset_findings``.
-_OF_OFFSETS = {Kind.UNITS, Kind.PLACES, Kind.REVERSED, Kind.LATE, Kind.EARLY, Kind.CONJUGATE}
-
 
 @dataclass(frozen=True)
 class OfJob:
@@ -62,7 +59,7 @@ def together(source: Looking, measurements: Mapping[str, Measurement], found: di
     inputs, reference = source.inputs, source.inputs.campaign.update.reference or ""
     explained = reference in found and not kinds_of(found[reference].told)
     if explained and (text := risen_text(inputs, source.changes)):
-        found[reference] = OfJob([Finding(text=text, kind=Kind.LOWERED)], found[reference].offsets)
+        found[reference] = OfJob(said(Kind.LOWERED, text), found[reference].offsets)
         # A tight job differs from one that is not.
         found.update({name: replace(of, told=[each for each in of.told if each.kind is not Kind.FREED]) for name, of in found.items()})
     elif explained:
@@ -86,7 +83,7 @@ def together(source: Looking, measurements: Mapping[str, Measurement], found: di
 
 def tight_state(reference: Measurement | None, told: Sequence[Finding]) -> Measurement | None:
     """The reference job as the tight state, without single responses that are in doubt; None if it is faulty itself."""
-    if reference is None or kinds_of(told) - {Kind.LOWERED, Kind.ALONE}:
+    if reference is None or not all(each.has(Effect.LEAVES_TIGHT) for each in told):
         return None
     doubted = [i for each in told for i in each.responses if each.kind is Kind.ALONE]
     values = reference.values.copy()
@@ -131,7 +128,7 @@ def of_all_jobs(inputs: Inputs, found: Mapping[str, OfJob], reference: str) -> d
         )
         before = {each.cause for each in told[name]}
         further = [each for each in offset_findings(inputs, left, name) if each.kind is not Kind.PLACES or each.cause in before]
-        told[name] = [*shared, *further, *(each for each in told[name] if each.kind not in _OF_OFFSETS)]
+        told[name] = [*shared, *further, *(each for each in told[name] if not each.has(Effect.IS_OFFSET))]
     return told
 
 

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
-from lrbc_cli.campaign.findings import Finding, Kind, kinds_of
+from lrbc_cli.campaign.findings import Effect, Finding, Kind, kinds_of, said
 from lrbc_cli.campaign.identification.compared.chains import soft_tip
 from lrbc_cli.campaign.identification.compared.likeness import (
     CLEARLY,
@@ -46,12 +46,11 @@ from lrbc_cli.campaign.looking.causes.held import idle_text, supports_text
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
 from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings
 from lrbc_cli.campaign.looking.causes.rescaled import material_text, overdamped_text, rescaled_text
-from lrbc_cli.campaign.looking.causes.tables import other_tables
+from lrbc_cli.campaign.looking.causes.tables import of_other_unit_text, other_tables
 from lrbc_cli.campaign.looking.causes.tightness import (
     looser,
     lowered_text,
     not_tight,
-    of_other_unit_text,
     taken_as_tight,
     tighter_text,
     within_scatter,
@@ -74,26 +73,10 @@ NEAR = 2.0
 
 #: Predicted operations up to which a reduced model is built here if none is in the cache: at most ten seconds. Counted, not timed, so that
 #: the findings do not depend on the load of the machine. 20 000 DOFs of a plate with a cavity take 5e11.
-MOST_WORK = 6e11
+BUILT_WORK = 6e11
 
 #: Tolerance of that model.
 COARSE = 3e-2
-
-#: Kinds of findings about the interpretation of numbers, single responses, or exchanged records.
-_OF_NUMBERS = {
-    *(Kind.READ, Kind.CUT, Kind.FILTERED, Kind.UNITS, Kind.LEVEL, Kind.ALONE, Kind.STRETCHED, Kind.FOREIGN),
-    *(Kind.EXCHANGED, Kind.HAMMERS, Kind.HAMMER),
-}
-
-#: Kinds of findings in the reference job after which further jobs cannot be compared: faults of recording, wrong damping, material or
-#: frequencies, or wrong places of hammer or sensors.
-_OF_MODEL = {
-    *(Kind.CUT, Kind.FILTERED, Kind.DAMPING, Kind.MATERIAL, Kind.STRETCHED),
-    *(Kind.HAMMERS, Kind.HAMMER, Kind.ORIGIN, Kind.IDLE),
-}
-
-#: Kinds of findings that say no more than that the model is far from the measurement, or its springs: a stored calibration mends them.
-_MENDED = {Kind.UNLIKE, Kind.ALONE, Kind.LOWERED, Kind.SPRINGS}
 
 #: Number of nearest states for which exchanged sensors are looked for.
 NEAREST = 4
@@ -159,7 +142,7 @@ def first_look(
             progress(f"comparing {reference} with the model, job 1 of {len(order)}")
             source, found[reference] = _of_reference(source, heard, reference)
         own = found[reference].told if reference in found else []
-        rest = [] if kinds_of(own) & _OF_MODEL else [name for name in order if name != reference]
+        rest = [] if any(each.has(Effect.STOPS) for each in own) else [name for name in order if name != reference]
         tight, cycles = tight_state(heard.get(reference or ""), own), [cycle for each in own for cycle in each.cycles]
 
         def look(name: str) -> OfJob:
@@ -169,14 +152,19 @@ def first_look(
         found |= zip(rest, side_by_side(look, rest), strict=True)
         later = f"the other jobs are compared once the fault of {reference} is corrected" if len(found) < len(order) else ""
         told = together(source, heard, found)
-        causes = {name: {each.cause for each in told if each.place == f"job {name}" and each.kind in _OF_NUMBERS} for name in found}
         return FirstLook(
             told,
             note="; ".join(filter(None, (source.note, later, _left_text(source, found)))),
-            doubted=frozenset(name for name, own_causes in causes.items() if own_causes != causes.get(reference or "", set())),
+            doubted=_doubted(told, found, reference or ""),
         )
     except LrbcError as error:
         return FirstLook(note=f"measured and computed FRFs were not compared: {error.problem}")
+
+
+def _doubted(told: Sequence[Finding], names: Iterable[str], reference: str) -> frozenset[str]:
+    """Jobs with other doubts of numbers, records or places than the reference job has."""
+    causes = {name: {each.cause for each in told if each.has(Effect.DOUBTS_JOB) and each.place == f"job {name}"} for name in names}
+    return frozenset(name for name, own in causes.items() if own != causes.get(reference, set()))
 
 
 def _left_text(source: Looking, found: Mapping[str, OfJob]) -> str:
@@ -195,7 +183,7 @@ def _heard(inputs: Inputs, name: str, measurement: Measurement, tight: Measureme
 def _source(inputs: Inputs, folder: Path, progress: Callable[[str], None]) -> Looking | None:
     """Reduced model from the cache, else a coarse one built here if that is cheap; else None."""
     decision = cache.look_up(folder, cache.key_parts(inputs))
-    if not decision.hit and reduction_cost(inputs)[0].work > MOST_WORK:
+    if not decision.hit and reduction_cost(inputs)[0].work > BUILT_WORK:
         return None
     options = replace(options_of(inputs), tolerance=max(COARSE, inputs.campaign.reduction.tolerance), held_out=1)
     backend = inputs.campaign.reduction.backend
@@ -235,16 +223,16 @@ def _looked_at(
     reading = other_reading(inputs, seen.measurement.frequency_hz, seen.measured, seen.states, name)
     beyond = seen.reference and seen.misfit >= LEAST_DIFFERENCE
     if beyond and (text := overdamped_text(seen, CLEARLY * seen.misfit if reading is None else reading.after)):
-        return OfJob([Finding(text=text, kind=Kind.DAMPING)])
+        return OfJob(said(Kind.DAMPING, text))
     if reading is not None:
-        return OfJob([Finding(text=reading.text, kind=Kind.READ)])
+        return OfJob(said(Kind.READ, reading.text))
     assumed = name in taken_as_tight(inputs)
     if held is not None and assumed and (loose := _not_tight(seen, held, measurements)):
-        return OfJob([Finding(text=loose, kind=Kind.FREED)])
+        return OfJob(said(Kind.FREED, loose))
     if hammers := hammers_text(seen, None if fitted is None else partial(fitted_exchanged, seen)) or unmoved_text(seen):
-        return OfJob([Finding(text=hammers, kind=Kind.HAMMERS)])
+        return OfJob(said(Kind.HAMMERS, hammers))
     if fitted is not None and (strike := strike_text(seen, fitted)):
-        return OfJob([Finding(text=strike, kind=Kind.STRIKE)])
+        return OfJob(said(Kind.STRIKE, strike))
     # Where all bolts are assumed tight, no bolt explains a difference.
     reach = (0.0, 0.0) if seen.reference or assumed else reach_of_one(seen)
     # Exchanged real and imaginary parts also look like complex conjugates.
@@ -255,7 +243,7 @@ def _looked_at(
     # A factor of all FRFs may be the material of the model.
     shared = seen.reference and any(len(each.responses) == len(offsets) for each in told if each.kind is Kind.UNITS)
     if shared and (text := material_text(seen, measurements[name], offsets)):
-        return OfJob([Finding(text=text, kind=Kind.MATERIAL)])
+        return OfJob(said(Kind.MATERIAL, text))
     if _gains_by_chance(seen, told, offsets) and (far := [one for one in _of_model(seen, measurements) if one.kind is not Kind.ALONE]):
         told, offsets = far, tuple(replace(offset, named=False) for offset in offsets)  # not shared with the other jobs, either
     # Places are looked for below; without a better finding these remain.
@@ -264,7 +252,7 @@ def _looked_at(
     if not told and how:
         return OfJob([sideways_finding(inputs, how, name)])
     if not told and (cut := cut_text(seen, measurements[name])):
-        return OfJob([Finding(text=cut, kind=Kind.CUT)])
+        return OfJob(said(Kind.CUT, cut))
     # A filter delays, too.
     delayed = {i for each in told for i in each.responses}
     if kinds_of(told) <= {Kind.LATE, Kind.EARLY} and (passed := filter_findings(seen, delayed)):
@@ -302,12 +290,10 @@ def _gains_by_chance(seen: Seen, told: Sequence[Finding], offsets: Sequence[Offs
 def _of_model(seen: Seen, measurements: Mapping[str, Measurement]) -> list[Finding]:
     """Findings of the reference job if the model is far from it: another material, factor or unit, or little in common."""
     told = other_tables(seen) or little_in_common(seen, measurements)
-    if Kind.UNLIKE in kinds_of(told):
-        if text := stretched_text(measurements[seen.job], seen):
-            return [Finding(text=text, kind=Kind.STRETCHED)]
-        if text := rescaled_text(seen, seen.misfit, further=1.5):
-            return [Finding(text=text, kind=Kind.RESCALED)]
-    return told
+    if Kind.UNLIKE not in kinds_of(told):
+        return told
+    stretched = said(Kind.STRETCHED, stretched_text(measurements[seen.job], seen))
+    return stretched or said(Kind.RESCALED, rescaled_text(seen, seen.misfit, further=1.5)) or told
 
 
 def _not_tight(seen: Seen, held: Complexes, measurements: Mapping[str, Measurement]) -> str:
@@ -342,8 +328,7 @@ def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: 
     Nothing is calibrated from a job that loose bolts explain.
     """
     calibration, kinds = source.inputs.campaign.calibration, kinds_of(first.told)
-    tried = {Kind.UNLIKE, Kind.ALONE, Kind.COORDINATES, Kind.PLACES, Kind.STRETCHED}
-    if calibration is None or calibration.job != name or kinds - tried:
+    if calibration is None or calibration.job != name or not all(each.has(Effect.IS_CALIBRATED) for each in first.told):
         return source, first
     seen = Seen.of(source, name, measurements[name])
     if tighter_text(seen, measurements) or looser(seen, seen.misfit):
@@ -359,9 +344,9 @@ def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: 
     if not again.told and (Kind.COORDINATES in kinds or any(db > LEAST_DIFFERENCE for db in after.by_excitation.values())):
         return calibrated, first
     if unit := of_other_unit_text(seen, after):
-        return calibrated, OfJob([Finding(text=unit, kind=Kind.SPRINGS)])
+        return calibrated, OfJob(said(Kind.SPRINGS, unit))
     if not kinds_of(again.told) and after.misfit > NEAR and (far := at_bounds_text(calibrated, after.misfit)):
-        return calibrated, OfJob([Finding(text=far, kind=Kind.MATERIAL)])
+        return calibrated, OfJob(said(Kind.MATERIAL, far))
     lowered = lowered_text(seen, after)
     return calibrated, replace(again, told=[*again.told, Finding(text=lowered, kind=Kind.LOWERED)]) if lowered else again
 
@@ -384,11 +369,11 @@ def _of_one(source: Looking, measurements: Mapping[str, Measurement], name: str)
     """See ``_of_reference``, from the reference job alone."""
     seen = Seen.of(source, name, measurements[name])
     if seen.misfit <= LEAST_DIFFERENCE and (idle := idle_text(seen, every=True)):
-        return source, OfJob([Finding(text=idle, kind=Kind.IDLE)])
+        return source, OfJob(said(Kind.IDLE, idle))
     if (exported := as_exported(source)) is not None:
         exported = _calibrated_from_another(exported, measurements)
         first, found = _calibrated(exported, measurements, name, _looked_at(exported, measurements, name))
-        if kinds_of(found.told) - _MENDED:
+        if not all(each.has(Effect.IS_FAR) for each in found.told):
             return first, found
     return _calibrated(source, measurements, name, _looked_at(source, measurements, name))
 
@@ -396,14 +381,13 @@ def _of_one(source: Looking, measurements: Mapping[str, Measurement], name: str)
 def _uncalibrated(seen: Seen, measurement: Measurement, told: list[Finding]) -> list[Finding]:
     """Findings of the reference job, of which no rough calibration brings the model near: a stiffness out of reach, or supports."""
     if Kind.UNLIKE in kinds_of(told):
-        far = out_of_reach_text(measurement, seen)
-        return [Finding(text=far, kind=Kind.MATERIAL)] if far else told
+        return said(Kind.MATERIAL, out_of_reach_text(measurement, seen)) or told
     if not told and seen.misfit > LEAST_DIFFERENCE and (held := supports_text(seen)):
         text = (
             f"measured and computed FRFs differ by {seen.misfit:.1f} dB (median of the responses, mean level of each removed), more than a "
             f"calibration corrects{held}; if not, remove the constraint in the FE model, and export it again"
         )
-        return [Finding(text=text, kind=Kind.UNLIKE)]
+        return said(Kind.UNLIKE, text)
     return told
 
 

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
-from lrbc_cli.campaign.findings import Finding, Kind, kinds_of
+from lrbc_cli.campaign.findings import Finding, Kind, kinds_of, said
 from lrbc_cli.campaign.identification.compared.likeness import (
     CLEARLY,
     LEAST_DIFFERENCE,
@@ -27,9 +27,11 @@ from lrbc_cli.campaign.looking.causes.held import held_text, idle_text, supports
 from lrbc_cli.campaign.looking.causes.moved import hammer_text, sensor_text
 from lrbc_cli.campaign.looking.causes.parts import lump_text, part_text
 from lrbc_cli.campaign.looking.causes.rescaled import rescaled_text, softness_text
-from lrbc_cli.campaign.looking.causes.tightness import NEARER, UNLIKE, looser, tighter_text, unit_text
+from lrbc_cli.campaign.looking.causes.tables import unit_text
+from lrbc_cli.campaign.looking.causes.tightness import looser, tighter_text
 from lrbc_cli.campaign.looking.causes.together import together_text
 from lrbc_cli.campaign.looking.states import Seen, by_excitation
+from lrbc_cli.campaign.looking.trials import NEARER, UNLIKE
 from lrbc_cli.campaign.reading.inputs import Inputs
 
 
@@ -42,7 +44,7 @@ def placed(seen: Seen, told: list[Finding]) -> list[Finding]:
     rest = np.setdiff1d(np.arange(away.shape[1]), list(involved))
     beyond = not told or Kind.UNLIKE in kinds or (involved and (not rest.size or float(np.median(away[0, rest])) > LEAST_DIFFERENCE))
     if seen.reference and beyond and (moved := together_text(seen)):
-        return [Finding(text=moved, kind=Kind.ORIGIN)]
+        return said(Kind.ORIGIN, moved)
     # The bolts may be in a state that was not tried, so misfits up to ``UNLIKE`` are accepted.
     # In the reference job no bolt is loose, so a smaller misfit is examined already.
     # With a calibrated model a single hammer point may be wrong.
@@ -53,14 +55,12 @@ def placed(seen: Seen, told: list[Finding]) -> list[Finding]:
     struck_there = [each for each in told if each.kind is Kind.ALONE and calibrated and uneven.issuperset(_struck(seen, each.responses))]
     struck = _of_one_blow(seen, told)
     if Kind.UNLIKE in kinds or struck or (len(struck_there) == len(told) and far):
-        if text := hammer_text(seen, away):
-            return [Finding(text=text, kind=Kind.HAMMER)]
-        if struck:
-            return [Finding(text=struck, kind=Kind.HAMMER)]
-        if seen.reference and (text := held_text(seen, float(every[0]))):
-            return [Finding(text=text, kind=Kind.HELD)]
-        if seen.reference and Kind.UNLIKE in kinds and (text := added_text(seen, float(every[0]))):
-            return [Finding(text=text, kind=Kind.MATERIAL)]
+        if cause := said(Kind.HAMMER, hammer_text(seen, away) or struck):
+            return cause
+        if seen.reference and (cause := said(Kind.HELD, held_text(seen, float(every[0])))):
+            return cause
+        if seen.reference and Kind.UNLIKE in kinds and (cause := said(Kind.MATERIAL, added_text(seen, float(every[0])))):
+            return cause
         # Where springs are at wrong nodes, supports are no cause of their own.
         if seen.reference and Kind.UNLIKE in kinds and not seen.inputs.springs_doubt:
             told = [replace(each, text=_before_usual(seen, each.text)) if each.kind is Kind.UNLIKE else each for each in told]
@@ -142,28 +142,26 @@ def little_in_common(seen: Seen, measurements: Mapping[str, Measurement]) -> lis
     own = every[inputs.used]
     typical = float(np.median(every))
     told = list[Finding]()
-    if typical > LEAST_DIFFERENCE:
-        if text := rescaled_text(seen, typical):
-            return [Finding(text=text, kind=Kind.RESCALED)]
-        if idle := idle_text(seen):
-            return [Finding(text=idle, kind=Kind.IDLE)]
-        if unit := unit_text(seen, typical):
-            return [Finding(text=unit, kind=Kind.SPRINGS)]
-        if part := lump_text(seen, typical) or part_text(seen, typical):
-            return [Finding(text=part, kind=Kind.MATERIAL)]
+    if typical > LEAST_DIFFERENCE and (
+        cause := said(Kind.RESCALED, rescaled_text(seen, typical))
+        or said(Kind.IDLE, idle_text(seen))
+        or said(Kind.SPRINGS, unit_text(seen, typical))
+        or said(Kind.MATERIAL, lump_text(seen, typical) or part_text(seen, typical))
+    ):
+        return cause
     if float(np.median(own)) > (LEAST_DIFFERENCE if seen.source.fitted_to not in (None, seen.job) else UNLIKE):
         far = f"level misfits of {min(own):.1f} to {max(own):.1f} dB at the start values (mean level of each response removed; after a "
         far += "calibration 1 to 2 dB are usual)"
         far += _uneven_text(seen)
         if tighter := tighter_text(seen, measurements):
             text = f"measured and computed FRFs differ: {far}. {tighter}"
-            return [Finding(text=text, kind=Kind.NOT_TIGHT)]
+            return said(Kind.NOT_TIGHT, text)
         causes = "the springs whose places are warned of may be the reason; otherwise " if inputs.springs_doubt else ""
         causes += _usual(seen)
         if free := looser(seen, typical):
             causes = f"this is the reference job{free}. Set update.reference to a tight job, or measure it again; otherwise {causes}"
         text = f"measured and computed FRFs have little in common: {far}{softness_text(seen)}. {causes[:1].upper()}{causes[1:]}"
-        told = [Finding(text=text, kind=Kind.UNLIKE)]
+        told = said(Kind.UNLIKE, text)
     # Each on its own: ``placed`` looks for the place of each.
     return told + single_responses(inputs, every, outlying(every), "the model", few=every.size)
 
@@ -297,4 +295,4 @@ def foreign(seen: Seen, tight: Complexes) -> list[Finding]:
         "response removed). Check whether it is the file of another structure or set-up, whether the hammer hit another point, and whether "
         "more changed than the bolts"
     )
-    return [Finding(text=text, kind=Kind.FOREIGN)]
+    return said(Kind.FOREIGN, text)

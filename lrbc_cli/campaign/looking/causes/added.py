@@ -11,10 +11,8 @@ import scipy.sparse as sp
 
 from lrbc_cli.arrays import Integers
 from lrbc_cli.campaign.identification.compared.likeness import apart
-from lrbc_cli.campaign.looking.causes.moved import LINES, gradually, picking
-from lrbc_cli.campaign.looking.causes.rescaled import MOST_WORK
-from lrbc_cli.campaign.looking.causes.tightness import NEARER, UNLIKE
 from lrbc_cli.campaign.looking.states import Seen
+from lrbc_cli.campaign.looking.trials import NEARER, UNLIKE, affordable, gradually, picking
 from lrbc_cli.campaign.structure import thinned
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.dofs import COMPONENTS
@@ -41,12 +39,7 @@ def added_text(
     inputs, dofs, model = seen.inputs, seen.inputs.dofs, seen.inputs.model
     # Each node has three loads of its own, beside those of the terms.
     ports = 3 * most + model.terms.size
-    if (
-        dofs is None
-        or before <= UNLIKE
-        or seen.work(LINES) * (1.0 + 3.0 * most / (1.0 + model.terms.size)) > MOST_WORK
-        or ports > most_ports
-    ):
+    if dofs is None or before <= UNLIKE or not affordable(seen, 1.0 + 3.0 * most / (1.0 + model.terms.size)) or ports > most_ports:
         return ""
     moving = np.isin(dofs.component, COMPONENTS[:3]) & ~model.is_acoustic
     nodes, first = np.unique(dofs.node[moving], return_index=True)

@@ -10,9 +10,8 @@ import numpy as np
 
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, apart, apart_there
-from lrbc_cli.campaign.looking.causes.moved import LINES, gradually, picking, solved
-from lrbc_cli.campaign.looking.causes.rescaled import MOST_WORK
 from lrbc_cli.campaign.looking.states import Seen
+from lrbc_cli.campaign.looking.trials import affordable, gradually, picking, solved
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.reach import parts_of
 from lrbc_cli.errors import LrbcError
@@ -50,7 +49,7 @@ def coordinates_texts(seen: Seen, *, unlike: bool) -> tuple[dict[tuple[int, ...]
     """
     inputs, dofs = seen.inputs, seen.inputs.dofs
     left = apart(seen.measured, seen.model)
-    if dofs is None or seen.work(LINES) > MOST_WORK:
+    if dofs is None or not affordable(seen):
         return {}, left
     typical = FARTHER * float(np.median(left))
     least = LEAST_DIFFERENCE if unlike else max(LEAST_DIFFERENCE, typical)

@@ -11,10 +11,8 @@ import scipy.sparse as sp
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, apart
-from lrbc_cli.campaign.looking.causes.moved import LINES, gradually, solved
-from lrbc_cli.campaign.looking.causes.rescaled import MOST_WORK
-from lrbc_cli.campaign.looking.causes.tightness import UNLIKE
 from lrbc_cli.campaign.looking.states import Seen
+from lrbc_cli.campaign.looking.trials import UNLIKE, affordable, gradually, solved
 from lrbc_cli.campaign.reading.doubts.springs import turned_about
 from lrbc_cli.errors import LrbcError, listing
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
@@ -73,7 +71,7 @@ def held_text(seen: Seen, before: float, *, most: int = 8) -> str | None:
     nodes = np.unique(dofs.node[rows])
     alone = [rows[dofs.node[rows] == node] for node in nodes] if 1 < nodes.size <= most else []
     cases = [each for each in (rows, *alone) if each.size]
-    if not cases or len(cases) * seen.work(LINES) > MOST_WORK:
+    if not cases or not affordable(seen, len(cases)):
         return None
     left, best = min((_without(seen, each, before), k) for k, each in enumerate(cases))
     if not np.isfinite(left):

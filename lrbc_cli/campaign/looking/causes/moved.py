@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from lrbc_cli.arrays import Complexes, Floats, Integers, spaced
-from lrbc_cli.campaign.identification.compared import likeness
 from lrbc_cli.campaign.identification.compared.likeness import (
     CLEARLY,
     LEAST_DIFFERENCE,
+    MOST_LEFT,
     apart,
     apart_there,
     by_place,
@@ -22,24 +20,18 @@ from lrbc_cli.campaign.identification.compared.likeness import (
     same_sensor,
     spread,
 )
-from lrbc_cli.campaign.looking.causes.rescaled import MOST_LEFT, MOST_WORK
 from lrbc_cli.campaign.looking.states import Seen, values_of
+from lrbc_cli.campaign.looking.trials import EXPLAINED, NEARER, affordable, gradually, picking, solved
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
-from lrbc_cli.model.fem import FeModel
-from lrbc_cli.reduction.problem.full import full_ports
 from lrbc_cli.reduction.reduced.ports import PortFrf
 
-#: Numbers of lines compared, of places tried for a sensor, and of places tried for the hammer times responses.
-LINES, MOST_PLACES, MOST_HITS = 24, 1000, 6000
+#: Numbers of places tried for a sensor, and of places tried for the hammer times responses.
+MOST_PLACES, MOST_HITS = 1000, 6000
 
 #: Largest misfit of a corrected hammer point relative to that of the other hammer points.
 _AS_MUCH = 1.5
-
-#: Largest share of the misfit that another place of the hammer may leave beside a calibrated model, with which other hammer points fit. On
-#: right campaigns no other place was better than the stated one.
-_NEARER = 0.65
 
 
 def hammer_text(seen: Seen, stated: Floats) -> str | None:
@@ -53,7 +45,7 @@ def hammer_text(seen: Seen, stated: Floats) -> str | None:
     stated : (S, R) float array
         Level misfits of each state with the stated places [dB]; as much as for other hammer points may remain.
     """
-    if seen.inputs.dofs is None or seen.work(LINES) > MOST_WORK:
+    if seen.inputs.dofs is None or not affordable(seen):
         return None
 
     for at in range(len(seen.inputs.excitations)):
@@ -74,8 +66,8 @@ def _hammer_text(seen: Seen, at: int, lacking: float, least: float) -> str | Non
     for few, wider in gradually(seen):
         before, after, dof, own = _nearest_place(few, dofs, at)
         # One of three directions at its own node fits by chance less often than one of a thousand places.
-        limit = likeness.MOST_LEFT if dof >= 0 and dofs.node[dof] == dofs.node[own] else max(MOST_LEFT, _AS_MUCH * lacking)
-        if after > wider * max(min(limit, CLEARLY * before), min(as_others, _NEARER * before)):
+        limit = MOST_LEFT if dof >= 0 and dofs.node[dof] == dofs.node[own] else max(EXPLAINED, _AS_MUCH * lacking)
+        if after > wider * max(min(limit, CLEARLY * before), min(as_others, NEARER * before)):
             return None
     if before <= least:
         return None
@@ -86,35 +78,6 @@ def _hammer_text(seen: Seen, at: int, lacking: float, least: float) -> str | Non
         f"the hammer probably hit elsewhere than at excitation.{name}: {where} the level misfit falls from {before:.1f} to "
         f"{after:.1f} dB (mean level of each response removed). {fix}"
     )
-
-
-def gradually(seen: Seen, *, wider: float = 1.6) -> Iterator[tuple[Seen, float]]:
-    """The same on a third of ``LINES`` lines, then on all of them, with a factor of the limits: ``wider`` for few lines.
-
-    What does not fit a third of the lines within wider limits needs no further full solves.
-    """
-    few = seen.few(LINES)
-    yield few.on(np.arange(1, few.s.size, 3)), wider
-    yield few, 1.0
-
-
-def solved(seen: Seen, model: FeModel, input_of: Integers, key: bytes) -> PortFrf:
-    """Full-order port FRFs of a changed model on the lines of ``seen``; lines that were solved before, under ``key``, are kept."""
-    known: dict[complex, PortFrf] = seen.source.known.setdefault(key, {})
-    if new := [value for value in seen.s.tolist() if value not in known]:
-        settings = seen.inputs.campaign.reduction
-        ports = full_ports(model, input_of, np.array(new), settings.band, backend=settings.backend)
-        every = np.arange(input_of.size)
-        known.update({value: ports.select(np.array([k]), every) for k, value in enumerate(new)})
-    own = [known[value] for value in seen.s.tolist()]
-    by_line = ("s", "H00", "H0p", "Hp0", "Hpp", "D_ref")
-    joined: dict[str, Any] = {name: np.concatenate([getattr(each, name) for each in own]) for name in by_line}
-    return replace(own[0], **joined)
-
-
-def picking(dofs: Integers, size: int) -> sp.csc_array:
-    """(k, size) matrix that picks DOFs, one in each row."""
-    return sp.csc_array((np.ones(dofs.size), (np.arange(dofs.size), dofs)), (dofs.size, size))
 
 
 def _nearest_place(seen: Seen, dofs: DofTable, at: int) -> tuple[float, float, int, int]:
@@ -171,7 +134,7 @@ def hammers_text(seen: Seen, fitted: Callable[[Complexes], Complexes | None] | N
             rest = np.setdiff1d(np.arange(measured.shape[1]), own)
             # Errors of the model are as large here as in the FRFs of other hammer points.
             lacking = float(np.median(apart(measured[:, rest], states[:, :, rest]), axis=1).min()) if rest.size else 0.0
-            if stated > LEAST_DIFFERENCE and changed < min(max(MOST_LEFT, _AS_MUCH * lacking), CLEARLY * stated):
+            if stated > LEAST_DIFFERENCE and changed < min(max(EXPLAINED, _AS_MUCH * lacking), CLEARLY * stated):
                 first, second = inputs.excitations[two], inputs.excitations[one]
                 exchange = f"exchange the places of excitation.{first} and excitation.{second}"
                 records = ", ".join(f"{inputs.responses[i].name}: {inputs.responses[k].name}" for i, k in sorted(pairs))
@@ -249,7 +212,7 @@ def _reciprocal_ports(seen: Seen, places: Integers, responses: Integers) -> Port
 def sensor_text(seen: Seen, response: int) -> str:
     """Clause with the place at which the model gives what a sensor measured; empty if there is none."""
     inputs, dofs, point = seen.inputs, seen.inputs.dofs, seen.inputs.model.L[[response]].tocoo()
-    if dofs is None or point.nnz == 0 or seen.work(LINES) > MOST_WORK:
+    if dofs is None or point.nnz == 0 or not affordable(seen):
         return ""
     own, model = int(point.col[np.argmax(np.abs(point.data))]), inputs.model
     places = _places(dofs, own, MOST_PLACES)
@@ -266,7 +229,7 @@ def sensor_text(seen: Seen, response: int) -> str:
         with suppress(LrbcError):
             left = np.mean([away(few, record) for record in records], axis=0)
         best = int(np.argmin(left))
-        if left[best] > wider * min(MOST_LEFT, CLEARLY * float(left[places == own][0])):
+        if left[best] > wider * min(EXPLAINED, CLEARLY * float(left[places == own][0])):
             return ""
     at, how = _place_text(inputs, dofs, int(places[best]), own)
     return f"; {at} it would differ by {left[best]:.1f} dB ({how})"

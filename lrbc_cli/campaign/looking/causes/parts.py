@@ -11,9 +11,9 @@ import scipy.sparse as sp
 
 from lrbc_cli.arrays import Bools
 from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE
-from lrbc_cli.campaign.looking.causes.rescaled import LINES, MOST_WORK, explains, left_of, ported, resonances
-from lrbc_cli.campaign.looking.causes.tightness import UNLIKE
+from lrbc_cli.campaign.looking.causes.rescaled import explains
 from lrbc_cli.campaign.looking.states import Seen
+from lrbc_cli.campaign.looking.trials import FEWEST, MOST_WORK, UNLIKE, left_of, ported, resonances
 from lrbc_cli.campaign.reading.places import extents
 from lrbc_cli.campaign.reading.reach import parts_of
 from lrbc_cli.errors import LrbcError, listing
@@ -43,7 +43,7 @@ def part_text(seen: Seen, before: float, *, ratio: float = 2.9, moduli: float = 
         # One structure beside air, whose mass is right: large models, so one case only. More resonances than computed: it is too light.
         more = resonances(seen.measured) >= resonances(seen.model)
         cases = [(~seen.inputs.model.is_acoustic, ratio if more else 1.0 / ratio, "mass")]
-    few, inputs = seen.few(LINES), seen.inputs
+    few, inputs = seen.few(FEWEST), seen.inputs
     if before <= LEAST_DIFFERENCE or not cases or len(cases) * seen.work(few.s.size) > MOST_WORK:
         return ""
     model, found = inputs.model, list[tuple[float, float, int]]()
@@ -82,7 +82,7 @@ def lump_text(seen: Seen, before: float, *, times: float = 20.0, most: int = 8) 
     most : int
         Largest number of such nodes.
     """
-    inputs, model, few = seen.inputs, seen.inputs.model, seen.few(LINES)
+    inputs, model, few = seen.inputs, seen.inputs.model, seen.few(FEWEST)
     if inputs.dofs is None or before <= LEAST_DIFFERENCE or seen.work(few.s.size) > MOST_WORK:
         return ""
     diagonal = np.where(np.char.startswith(inputs.dofs.component.astype(str), "U"), np.real(model.M.diagonal()), 0.0)

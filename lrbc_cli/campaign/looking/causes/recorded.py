@@ -10,8 +10,8 @@ from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared.likeness import apart
 from lrbc_cli.campaign.identification.compared.offsets import sensor_of
 from lrbc_cli.campaign.identification.records import Measurement
-from lrbc_cli.campaign.looking.causes.tightness import UNLIKE
 from lrbc_cli.campaign.looking.states import Seen, nearest_states
+from lrbc_cli.campaign.looking.trials import UNLIKE
 from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.statistics.chain.filters import Filter, filtered, filters
 from lrbc_cli.updating.statistics.chain.start import starting

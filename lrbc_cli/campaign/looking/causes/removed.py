@@ -11,9 +11,10 @@ from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared.likeness import apart
 from lrbc_cli.campaign.identification.records import Measurement
-from lrbc_cli.campaign.looking.causes.tightness import NEARER, freed
+from lrbc_cli.campaign.looking.causes.tightness import freed
 from lrbc_cli.campaign.looking.fitted import expected_frfs
 from lrbc_cli.campaign.looking.states import MOST_STATES, Looking, Seen
+from lrbc_cli.campaign.looking.trials import NEARER
 from lrbc_cli.updating.search.starts import LEVELS
 from lrbc_cli.updating.unknowns.shapes import bolt_shapes
 

@@ -10,22 +10,20 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.optimize import minimize_scalar
 
-from lrbc_cli.arrays import Complexes, Integers, spaced
-from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart, levels, spread
+from lrbc_cli.arrays import Complexes, spaced
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.fitted import roughly_calibrated
 from lrbc_cli.campaign.looking.states import Seen
+from lrbc_cli.campaign.looking.trials import EXPLAINED, FEWEST, MOST_WORK, left_of, peak_lines, ported, resonances
 from lrbc_cli.campaign.reading.places import GRAVITIES, POWERS, mistake_text
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.factors import with_factors
-from lrbc_cli.model.fem import FeModel
-from lrbc_cli.reduction.problem.full import full_ports
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.updating.comparison.scale import LEAST_OFFSET, LEAST_REACH, Offset
-from lrbc_cli.updating.peaks import peaks_of
 
-#: Largest level misfit that may remain, constants removed, and largest difference of the constants [dB].
-MOST_LEFT, MOST_OFF = 4.0, 4.0
+#: Largest difference of the constants that a level misfit leaves out [dB].
+MOST_OFF = 4.0
 
 #: Powers of ten for typing errors of one or two digits.
 _FURTHER = (-2, -1, 1, 2)
@@ -33,12 +31,6 @@ _FURTHER = (-2, -1, 1, 2)
 #: Least ratio of the numbers of resonances in measurement and model for which a factor is looked for. A factor of ten on a matrix changes
 #: frequencies by 3.2, and the number of resonances in the band by as much for a plate, by 1.8 for a beam.
 MORE = 1.6
-
-#: Least prominence of a resonance in the mean level [dB].
-PROMINENCE = 3.0
-
-#: Number of lines compared, and predicted operations up to which further factors are tried: half a minute.
-LINES, MOST_WORK = 12, 2e12
 
 #: See ``_cases``.
 _Case = tuple[str, float, Complexes, float]
@@ -54,19 +46,7 @@ def explains(left: float, off: float, before: float, further: float, *, near: fl
     misfit may remain, as of a model that is not calibrated.
     """
     wider = further if abs(off) < near else 1.0
-    return abs(off) < MOST_OFF and left < min(wider * MOST_LEFT, wider * CLEARLY * before)
-
-
-def ported(seen: Seen, model: FeModel) -> PortFrf:
-    """Port FRFs of another model by full solves on the lines of ``seen``."""
-    settings = seen.inputs.campaign.reduction
-    return full_ports(model, seen.inputs.input_of, seen.s, settings.band, backend=settings.backend)
-
-
-def left_of(seen: Seen, values: Complexes) -> tuple[float, float]:
-    """Level misfit with other computed FRFs (F, R), median over the responses, and the constant that it leaves out [dB]."""
-    difference = levels(seen.measured) - levels(values)
-    return float(np.median(spread(difference, 0))), float(np.nanmedian(difference))
+    return abs(off) < MOST_OFF and left < min(wider * EXPLAINED, wider * CLEARLY * before)
 
 
 def rescaled_text(seen: Seen, before: float, *, further: float = 1.0) -> str | None:
@@ -88,7 +68,7 @@ def rescaled_text(seen: Seen, before: float, *, further: float = 1.0) -> str | N
     if max(measured, computed) + 1 < MORE * min(measured, computed):
         return None
     found: list[tuple[float, str, float, float]] = []
-    few = seen.few(LINES)
+    few = seen.few(FEWEST)
     inputs = seen.inputs
     line, spent = seen.work(few.s.size), 0.0
     factors = [10.0**power for power in (*sorted(POWERS, key=abs), *_FURTHER)]
@@ -136,11 +116,11 @@ def scaled_text(seen: Seen, ratio: float, wrong: str, *, most: int = 12, share: 
     most : int
         Largest number of full solutions of that minimisation.
     share : float
-        Share of ``MOST_WORK`` up to which more than ``LINES`` lines are compared: few lines miss the narrow peaks of lightly damped modes.
+        Share of ``MOST_WORK`` up to which more than ``FEWEST`` lines are compared: few lines miss the narrow peaks of lightly damped modes.
     further : float
         See ``explains``.
     """
-    count = int(np.clip(share * MOST_WORK / (most * seen.work(1)), LINES, seen.s.size))
+    count = int(np.clip(share * MOST_WORK / (most * seen.work(1)), FEWEST, seen.s.size))
     few, inputs, before = seen.few(count), seen.inputs, seen.misfit
     if most * seen.work(few.s.size) > MOST_WORK:
         return None
@@ -342,8 +322,8 @@ def overdamped_text(seen: Seen, most: float) -> str | None:
         return None
     plain = seen.inputs.model
     # Damping changes little away from resonances, so lines at peaks are added.
-    peaks = _peaks(seen.measured)
-    few = seen.on(np.union1d(spaced(seen.s.size, LINES), peaks[spaced(peaks.size, LINES)]))
+    peaks = peak_lines(seen.measured)
+    few = seen.on(np.union1d(spaced(seen.s.size, FEWEST), peaks[spaced(peaks.size, FEWEST)]))
     dynamic = few.dynamic
     factors = [10.0**-power for power in range(1, max(POWERS) + 1)]
     factors = factors[: int(MOST_WORK / seen.work(few.s.size))]
@@ -358,25 +338,11 @@ def overdamped_text(seen: Seen, most: float) -> str | None:
         # Stop where a further reduction does not help.
         if len(found) > 1 and found[-1][0] >= found[-2][0]:
             break
-    if not found or min(found)[0] > min(MOST_LEFT, most):
+    if not found or min(found)[0] > min(EXPLAINED, most):
         return None
     left, factor = min(found)
     text = mistake_text(seen.inputs.campaign, "damping", 1.0 / factor)
     return f"{text}. This reduces the level misfit to {left:.1f} dB (mean level of each response removed)"
-
-
-def _peaks(values: Complexes) -> Integers:
-    """Lines at which the mean level of the responses has a resonance."""
-    level, at = levels(values), np.arange(len(values))
-    there = np.isfinite(level)
-    # Values that are mostly noise were left out: straight between their neighbours.
-    known = [np.interp(at, at[own], level[own, r]) for r, own in enumerate(there.T) if 2 * own.sum() > own.size]
-    return peaks_of(np.mean(known, axis=0), prominence=PROMINENCE) if known else np.zeros(0, dtype=np.int64)
-
-
-def resonances(values: Complexes) -> int:
-    """Number of resonances in the mean level of (F, R) FRFs, at least one."""
-    return max(_peaks(values).size, 1)
 
 
 def softness_text(seen: Seen) -> str:
@@ -384,7 +350,7 @@ def softness_text(seen: Seen) -> str:
 
     The lowest resonance must differ in the same sense, because heavy damping and noise can hide resonances or feign some.
     """
-    peaks = [_peaks(values) for values in (seen.measured, seen.model)]
+    peaks = [peak_lines(values) for values in (seen.measured, seen.model)]
     measured, computed = (max(own.size, 1) for own in peaks)
     first = [float(seen.s[own[0]].imag) if own.size else np.nan for own in peaks]
     soft = computed > measured

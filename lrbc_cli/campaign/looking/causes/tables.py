@@ -10,7 +10,9 @@ from lrbc_cli.arrays import Bools, Floats, Integers
 from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, levels, spread
 from lrbc_cli.campaign.looking.states import Seen
+from lrbc_cli.campaign.looking.trials import NEARER
 from lrbc_cli.campaign.reading.places import POWERS
+from lrbc_cli.model.terms import ParameterGroup
 
 #: Changes of all springs relative to the model [decades]: wider than the ratios of materials, in small steps.
 _SOFTER = np.linspace(-1.5, 1.5, 31)
@@ -121,3 +123,60 @@ def _material(seen: Seen, before: float) -> list[Finding]:
         "structure), and export it again"
     )
     return [Finding(text=text, kind=Kind.MATERIAL)]
+
+
+def unit_text(seen: Seen, before: float, *, powers: tuple[int, ...] = (-6, -3, 3, 6)) -> str:
+    """Warning that names a table of springs with which in another unit the model explains the tight state; else empty.
+
+    ``before`` is the level misfit of the tight state [dB].
+    """
+    found = list[tuple[float, int, ParameterGroup]]()
+    for group, where, _ in seen.parameters.placed:
+        if group.kind == "stiffness" and seen.inputs.campaign.parameters[group.name].select.bushings is not None:
+            misfits, _ = _moved(seen, np.arange(where.start, where.stop), np.array(powers, dtype=float)[:, None])
+            found += [(misfit, power, group) for misfit, power in zip(misfits.tolist(), powers, strict=True)]
+    if not found:
+        return ""
+    left, power, group = min(found, key=lambda each: each[0])
+    if left > NEARER * before:
+        return ""
+    falls = f"{before:.1f} to {left:.1f} dB (mean level of each response removed)"
+    return f"with all springs of {group.name} times {10.0**power:.0e} the level misfit falls from {falls}. {_unit_fix(seen, group, power)}"
+
+
+def _unit_fix(seen: Seen, group: ParameterGroup, power: int) -> str:
+    """What to check and to write if the springs of a table are wrong by a power of ten."""
+    table = seen.inputs.campaign.parameters[group.name].select.bushings
+    assert table is not None
+    return (
+        "Check their unit: stiffnesses are in N/m and N m/rad, or in the units of `units` (1 N/mm = 1e3 N/m, 1 N mm/rad = 1e-3 N m/rad). "
+        f"If it is another one, multiply the column stiffness of {table.name} by {10.0**power:.0e}"
+    )
+
+
+def of_other_unit_text(before: Seen, after: Seen, *, least: float = 1.5, alike: float = 0.5, close: float = 0.1, share: float = 0.5) -> str:
+    """Warning that names a table of springs that a rough calibration changes by a power of ten as a whole; empty if there is none.
+
+    Parameters
+    ----------
+    before, after : Seen
+        The reference job with the model as exported, and with the roughly calibrated one.
+    least, alike : float
+        Least change of the median of a table, and largest scatter of its springs about it (median) [decades].
+    close, share : float
+        Share of the springs of a table within ``close`` [decades] of one bound that counts as a change beyond it. On right campaigns no
+        table had one spring there.
+    """
+    for group, where, _ in before.parameters.placed:
+        table = before.inputs.campaign.parameters[group.name].select.bushings
+        moved = (after.parameters.initial - before.parameters.initial)[where]
+        by = float(np.median(moved))
+        bound = after.parameters.bounds[where][:, int(by > 0.0)]
+        beyond = float(np.mean(np.abs(after.parameters.initial[where] - bound) <= close)) >= share and by != 0.0
+        if table is None or not (beyond or abs(by) >= least) or float(np.median(np.abs(moved - by))) > alike:
+            continue
+        # A bound short of the unit of millimetres hides how far the springs would go.
+        power = int(np.copysign(max(round(abs(by)), 3), by)) if beyond else round(by)
+        size = f"by {10.0**by:.2g}, to their bounds" if beyond else f"by about {10.0**power:.0e}"
+        return f"a rough calibration from this job multiplies all springs of {group.name} {size}. {_unit_fix(before, group, power)}"
+    return ""

@@ -10,17 +10,10 @@ from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.states import Seen
+from lrbc_cli.campaign.looking.trials import NEARER, UNLIKE
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.model.terms import ParameterGroup
 from lrbc_cli.updating.search.starts import LEVELS
 from lrbc_cli.updating.unknowns.shapes import joints_of
-
-#: Level misfit of the tight state (median over the responses used) above which more than small errors of the model are wrong [dB].
-UNLIKE = 6.0
-
-#: Of two jobs assumed tight that differ by more than ``UNLIKE``, one counts as tight if its distance from the tight model is below this
-#: share of the other's.
-NEARER = 0.65
 
 
 def taken_as_tight(inputs: Inputs) -> set[str]:
@@ -199,66 +192,6 @@ def _partly_loose(seen: Seen) -> Iterator[tuple[list[str], str, float]]:
     for (name, _), own in zip(owned, distances, strict=True):
         best = int(np.argmin(own))
         yield [name], f"at {10.0 ** LEVELS[best]:.1g} of its stiffness", float(own[best])
-
-
-def unit_text(seen: Seen, before: float, *, powers: tuple[int, ...] = (-6, -3, 3, 6)) -> str:
-    """Warning that names a table of springs with which in another unit the model explains the tight state; else empty.
-
-    ``before`` is the level misfit of the tight state [dB].
-    """
-    parameters, found = seen.parameters, list[tuple[float, int, ParameterGroup]]()
-    frf = seen.source.model(seen.s, parameters).frf
-    for group, where, _ in parameters.placed:
-        if group.kind == "stiffness" and seen.inputs.campaign.parameters[group.name].select.bushings is not None:
-            for power in powers:
-                theta = parameters.initial.copy()
-                theta[where] += power
-                found.append((float(np.median(apart(seen.measured, frf(theta)))), power, group))
-    if not found:
-        return ""
-    left, power, group = min(found, key=lambda each: each[0])
-    if left > NEARER * before:
-        return ""
-    falls = f"{before:.1f} to {left:.1f} dB (mean level of each response removed)"
-    return f"with all springs of {group.name} times {10.0**power:.0e} the level misfit falls from {falls}. {_unit_fix(seen, group, power)}"
-
-
-def _unit_fix(seen: Seen, group: ParameterGroup, power: int) -> str:
-    """What to check and to write if the springs of a table are wrong by a power of ten."""
-    table = seen.inputs.campaign.parameters[group.name].select.bushings
-    assert table is not None
-    return (
-        "Check their unit: stiffnesses are in N/m and N m/rad, or in the units of `units` (1 N/mm = 1e3 N/m, 1 N mm/rad = 1e-3 N m/rad). "
-        f"If it is another one, multiply the column stiffness of {table.name} by {10.0**power:.0e}"
-    )
-
-
-def of_other_unit_text(before: Seen, after: Seen, *, least: float = 1.5, alike: float = 0.5, close: float = 0.1, share: float = 0.5) -> str:
-    """Warning that names a table of springs that a rough calibration changes by a power of ten as a whole; empty if there is none.
-
-    Parameters
-    ----------
-    before, after : Seen
-        The reference job with the model as exported, and with the roughly calibrated one.
-    least, alike : float
-        Least change of the median of a table, and largest scatter of its springs about it (median) [decades].
-    close, share : float
-        Share of the springs of a table within ``close`` [decades] of one bound that counts as a change beyond it. On right campaigns no
-        table had one spring there.
-    """
-    for group, where, _ in before.parameters.placed:
-        table = before.inputs.campaign.parameters[group.name].select.bushings
-        moved = (after.parameters.initial - before.parameters.initial)[where]
-        by = float(np.median(moved))
-        bound = after.parameters.bounds[where][:, int(by > 0.0)]
-        beyond = float(np.mean(np.abs(after.parameters.initial[where] - bound) <= close)) >= share and by != 0.0
-        if table is None or not (beyond or abs(by) >= least) or float(np.median(np.abs(moved - by))) > alike:
-            continue
-        # A bound short of the unit of millimetres hides how far the springs would go.
-        power = int(np.copysign(max(round(abs(by)), 3), by)) if beyond else round(by)
-        size = f"by {10.0**by:.2g}, to their bounds" if beyond else f"by about {10.0**power:.0e}"
-        return f"a rough calibration from this job multiplies all springs of {group.name} {size}. {_unit_fix(before, group, power)}"
-    return ""
 
 
 def lowered_text(before: Seen, after: Seen, *, least: float = 1.0) -> str:

@@ -12,9 +12,9 @@ from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, apart, apart_there
-from lrbc_cli.campaign.looking.causes.moved import LINES, MOST_HITS, gradually, picking, solved
-from lrbc_cli.campaign.looking.causes.rescaled import MOST_WORK
+from lrbc_cli.campaign.looking.causes.moved import MOST_HITS
 from lrbc_cli.campaign.looking.states import Seen
+from lrbc_cli.campaign.looking.trials import affordable, gradually, picking, solved
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.places import AT_NODE
 from lrbc_cli.campaign.reading.reach import parts_of
@@ -50,7 +50,7 @@ class _Move:
 def together_text(seen: Seen) -> str:
     """Warning if sensors, with or without the hammer, fit with all of them moved or mirrored in the same way; else empty."""
     inputs, dofs = seen.inputs, seen.inputs.dofs
-    if dofs is None or seen.misfit <= LEAST_DIFFERENCE or seen.work(LINES) > MOST_WORK or (points := _points(inputs, dofs)) is None:
+    if dofs is None or seen.misfit <= LEAST_DIFFERENCE or not affordable(seen) or (points := _points(inputs, dofs)) is None:
         return ""
     moves = list(_moves(inputs, dofs, points))[: MOST_HITS // points.of.size]
     if not moves:

@@ -1,0 +1,98 @@
+"""Tools and limits of the tests of causes: how a changed model is solved on few lines, and when it explains a measurement.
+
+A level misfit is in dB, with the mean level of each response removed, median over the responses. The limits of ``likeness`` come first:
+below ``LEAST_DIFFERENCE`` (3 dB) there is nothing to explain, and a cause must leave less than the share ``CLEARLY`` (a half) of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from lrbc_cli.arrays import Complexes, Integers
+from lrbc_cli.campaign.identification.compared.likeness import levels, spread
+from lrbc_cli.campaign.looking.states import Seen
+from lrbc_cli.model.fem import FeModel
+from lrbc_cli.reduction.problem.full import full_ports
+from lrbc_cli.reduction.reduced.ports import PortFrf
+from lrbc_cli.updating.peaks import peaks_of
+
+#: Level misfit of the tight state above which more than small errors of the model are wrong [dB].
+UNLIKE = 6.0
+
+#: Level misfit that a factor on the model, or another place, may leave [dB].
+EXPLAINED = 4.0
+
+#: Share of a misfit below which something is nearer where half of it (``CLEARLY``) is too strict: one of two jobs assumed tight, or another
+#: place of the hammer beside a calibrated model (on right campaigns no other place was better than the stated one).
+NEARER = 0.65
+
+#: Number of lines on which changed models are solved, and the number where there are many of them.
+LINES, FEWEST = 24, 12
+
+#: Predicted operations up to which changed models are solved: half a minute.
+MOST_WORK = 2e12
+
+
+def affordable(seen: Seen, times: float = 1.0) -> bool:
+    """Whether so many full solves on ``LINES`` lines take no longer than ``MOST_WORK``."""
+    return times * seen.work(LINES) <= MOST_WORK
+
+
+def gradually(seen: Seen, *, wider: float = 1.6) -> Iterator[tuple[Seen, float]]:
+    """The same on a third of ``LINES`` lines, then on all of them, with a factor of the limits: ``wider`` for few lines.
+
+    What does not fit a third of the lines within wider limits needs no further full solves.
+    """
+    few = seen.few(LINES)
+    yield few.on(np.arange(1, few.s.size, 3)), wider
+    yield few, 1.0
+
+
+def solved(seen: Seen, model: FeModel, input_of: Integers, key: bytes) -> PortFrf:
+    """Full-order port FRFs of a changed model on the lines of ``seen``; lines that were solved before, under ``key``, are kept."""
+    known: dict[complex, PortFrf] = seen.source.known.setdefault(key, {})
+    if new := [value for value in seen.s.tolist() if value not in known]:
+        settings = seen.inputs.campaign.reduction
+        ports = full_ports(model, input_of, np.array(new), settings.band, backend=settings.backend)
+        every = np.arange(input_of.size)
+        known.update({value: ports.select(np.array([k]), every) for k, value in enumerate(new)})
+    own = [known[value] for value in seen.s.tolist()]
+    by_line = ("s", "H00", "H0p", "Hp0", "Hpp", "D_ref")
+    joined: dict[str, Any] = {name: np.concatenate([getattr(each, name) for each in own]) for name in by_line}
+    return replace(own[0], **joined)
+
+
+def picking(dofs: Integers, size: int) -> sp.csc_array:
+    """(k, size) matrix that picks DOFs, one in each row."""
+    return sp.csc_array((np.ones(dofs.size), (np.arange(dofs.size), dofs)), (dofs.size, size))
+
+
+def ported(seen: Seen, model: FeModel) -> PortFrf:
+    """Port FRFs of another model by full solves on the lines of ``seen``."""
+    settings = seen.inputs.campaign.reduction
+    return full_ports(model, seen.inputs.input_of, seen.s, settings.band, backend=settings.backend)
+
+
+def left_of(seen: Seen, values: Complexes) -> tuple[float, float]:
+    """Level misfit with other computed FRFs (F, R), median over the responses, and the constant that it leaves out [dB]."""
+    difference = levels(seen.measured) - levels(values)
+    return float(np.median(spread(difference, 0))), float(np.nanmedian(difference))
+
+
+def peak_lines(values: Complexes, *, prominence: float = 3.0) -> Integers:
+    """Lines at which the mean level of the responses has a resonance, by at least ``prominence`` [dB]."""
+    level, at = levels(values), np.arange(len(values))
+    there = np.isfinite(level)
+    # Values that are mostly noise were left out: straight between their neighbours.
+    known = [np.interp(at, at[own], level[own, r]) for r, own in enumerate(there.T) if 2 * own.sum() > own.size]
+    return peaks_of(np.mean(known, axis=0), prominence=prominence) if known else np.zeros(0, dtype=np.int64)
+
+
+def resonances(values: Complexes) -> int:
+    """Number of resonances in the mean level of (F, R) FRFs, at least one."""
+    return max(peak_lines(values).size, 1)
