@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
@@ -307,51 +307,44 @@ def _verdict(
     return found
 
 
+@dataclass(frozen=True, kw_only=True)
+class Threshold:
+    """Change below which a bolt counts as loose, with the scatter of tight states in it [decades].
+
+    Attributes
+    ----------
+    own : float
+        Threshold without scatter.
+    scatter : float
+        Standard deviation of the changes between tight states.
+    spread : float
+        Part of it that is an error of this change: it widens the posterior.
+    limit : float
+        The threshold itself: ``own``, lowered if the scatter requires it.
+    """
+
+    own: float
+    scatter: float
+    spread: float
+    limit: float
+
+    @classmethod
+    def of(cls, posterior: Change, rule: DecisionRule, measured: TightScatter, *, joint: bool) -> Threshold:
+        """From the rule and the scatter measured in baselines."""
+        # A tight bolt beside a gap shows part of the neighbour's change, so the threshold is below that.
+        own = rule.loose_change if posterior.sampled is None else min(rule.mixture_change, posterior.leakage)
+        scatter = rule.scatter(measured, joint)
+        spread = scatter * rule.joint_spread if joint else scatter
+        return cls(own=own, scatter=scatter, spread=spread, limit=rule.limit(own, scatter, joint))
+
+
 def _by_role(bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: str, scatter: TightScatter, level: float) -> BoltVerdict:
     """Verdict on one bolt, before the role of a baseline."""
     found = BoltVerdict(name=bolt.name, verdict=UNDECIDED, log10_stiffness=bolt.log10_stiffness)
     if role == REFERENCE:
         return replace(found, verdict=TIGHT, note="reference state, taken as tight", change=0.0)
     if bolt.change is not None:
-        posterior = bolt.change
-        # A tight bolt beside a gap shows part of the neighbour's change, so the threshold is below that.
-        own = rule.loose_change if posterior.sampled is None else min(rule.mixture_change, posterior.leakage)
-        between = scattered = rule.scatter(scatter, bolt.joint)
-        limit = rule.limit(own, between, bolt.joint)
-        between *= rule.joint_spread if bolt.joint else 1.0
-        probability, note = of_its_groups(posterior, posterior.below(limit, between), own, scattered, rule)
-        word, kind = rule.word(probability), bolt.probability_changed
-        if word == LOOSE and bolt.joint and kind is not None and rule.word(kind) != LOOSE:
-            word, probability, note = UNDECIDED, kind, INSIGNIFICANT
-        if word == UNDECIDED and note is None:
-            note = "the data do not decide: the interval of its change contains the threshold"
-        lost = lost_alone(posterior, rule) if word == TIGHT else {}
-        by_data = (by_prior(posterior, limit, between, rule), not_excluded(posterior, rule))
-        excuses = (_excused(posterior, own, rule), *by_data, lost_note(lost))
-        excused = next(filter(None, excuses), None) if word == TIGHT else None
-        if word == TIGHT and excused is None and bolt.joint and bolt.difference is not None and bolt.difference <= limit:
-            excused = "its posterior probability says tight, but the identified stiffness is below the threshold"
-        if word == TIGHT and posterior.may_be_free:
-            excused = "the data do not rule out that it is free: no response is sensitive to it in its present state"
-        if excused is not None:
-            word, note = UNDECIDED, excused
-        hidden = hidden_groups(posterior, rule) if word == TIGHT else ()
-        if hidden:
-            note = f"tight as a whole; the data do not exclude that its springs of {' or '.join(hidden)} alone are loose"
-        change = posterior.mean if posterior.ceiling is None else min(posterior.mean, posterior.ceiling)
-        std = float(np.hypot(posterior.std, between))
-        return replace(
-            found,
-            verdict=word,
-            note=note,
-            change=change,
-            change_std=std,
-            change_interval95=posterior.interval(change, std),
-            probability_loose=probability,
-            threshold=limit,
-            open_groups=hidden,
-            lost_groups=tuple(lost),
-        )
+        return _by_change(found, bolt, bolt.change, Threshold.of(bolt.change, rule, scatter, joint=bolt.joint), rule)
     if evidence.missing_reference is not None:
         # A change is wanted, which a contrast between bolts does not replace.
         return replace(found, note=f"no result of {evidence.missing_reference} to compare with", change=bolt.difference)
@@ -361,6 +354,50 @@ def _by_role(bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: s
     loose = bolt.felt is not None and bolt.felt - level <= rule.loose_change
     note = "no tight state to compare with: loose by contrast with the other bolts, or inconclusive"
     return replace(found, verdict=LOOSE if loose else UNDECIDED, note=note)
+
+
+def _by_change(found: BoltVerdict, bolt: BoltEvidence, posterior: Change, at: Threshold, rule: DecisionRule) -> BoltVerdict:
+    """Verdict by the posterior of a bolt's change: first the word of its probability, then what forbids this word."""
+    probability, note = of_its_groups(posterior, posterior.below(at.limit, at.spread), at.own, at.scatter, rule)
+    word, kind = rule.word(probability), bolt.probability_changed
+    if word == LOOSE and bolt.joint and kind is not None and rule.word(kind) != LOOSE:
+        word, probability, note = UNDECIDED, kind, INSIGNIFICANT
+    if word == UNDECIDED and note is None:
+        note = "the data do not decide: the interval of its change contains the threshold"
+    lost, hidden = dict[str, float](), tuple[str, ...]()
+    if word == TIGHT:
+        lost = lost_alone(posterior, rule)
+        if (doubt := _doubt_of_tight(bolt, posterior, at, rule, lost)) is not None:
+            word, note = UNDECIDED, doubt
+        elif hidden := hidden_groups(posterior, rule):
+            note = f"tight as a whole; the data do not exclude that its springs of {' or '.join(hidden)} alone are loose"
+    change = posterior.mean if posterior.ceiling is None else min(posterior.mean, posterior.ceiling)
+    std = float(np.hypot(posterior.std, at.spread))
+    return replace(
+        found,
+        verdict=word,
+        note=note,
+        change=change,
+        change_std=std,
+        change_interval95=posterior.interval(change, std),
+        probability_loose=probability,
+        threshold=at.limit,
+        open_groups=hidden,
+        lost_groups=tuple(lost),
+    )
+
+
+def _doubt_of_tight(bolt: BoltEvidence, posterior: Change, at: Threshold, rule: DecisionRule, lost: Mapping[str, float]) -> str | None:
+    """Why a bolt that is tight by its probability is not called so; None if nothing forbids it. ``lost`` as returned by ``lost_alone``."""
+    if posterior.may_be_free:
+        return "the data do not rule out that it is free: no response is sensitive to it in its present state"
+    by_data = (by_prior(posterior, at.limit, at.spread, rule), not_excluded(posterior, rule))
+    for doubt in (_excused(posterior, at.own, rule), *by_data, lost_note(lost)):
+        if doubt is not None:
+            return doubt
+    if bolt.joint and bolt.difference is not None and bolt.difference <= at.limit:
+        return "its posterior probability says tight, but the identified stiffness is below the threshold"
+    return None
 
 
 def _excused(posterior: Change, own: float, rule: DecisionRule) -> str | None:
