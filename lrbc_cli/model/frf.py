@@ -28,6 +28,8 @@ class FrfRecord:
     response_node, reference_node : int or None
     response_direction, reference_direction : int
         0 scalar, 1 to 3 translation, 4 to 6 rotation, without sign (see ``values``).
+    reference_name : str
+        Entity name of the hammer point; empty where the file has none.
     coherence : (F,) float array or None
         Ordinary coherence on the same lines.
     place : str
@@ -48,6 +50,7 @@ class FrfRecord:
     response_direction: int = 0
     reference_node: int | None = None
     reference_direction: int = 0
+    reference_name: str = ""
     coherence: NDArray[np.float64] | None = None
     place: str = ""
     number: int = 0

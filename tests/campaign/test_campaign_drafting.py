@@ -99,6 +99,38 @@ def test_several_hammer_points_by_their_nodes(tmp_path: Path) -> None:
     np.testing.assert_allclose(measured["mic1-h2"], 2.0 * measured["mic1-h1"], rtol=1e-5)
 
 
+@pytest.mark.parametrize("numbered", [True, False], ids=["nodes of the analyser", "no nodes"])
+def test_several_hammer_points_by_their_names_in_the_table_of_points(numbered: bool, tmp_path: Path) -> None:
+    """The numbers in the files are channels, not nodes of the model, but the table has the names of sensors and hammer points."""
+    files = box(tmp_path / "box").data
+    struck_twice(files, known=True)
+    lines = [line.split(",") for line in (files / "dofs.csv").read_text().splitlines()[1:]]
+    table = {int(node): tuple(map(float, place)) for _, node, _, *place in lines}
+    names = {"mic1": 103, "mic2": 112, "mic3": 124, "acc1": 7, "H 1": 8, "h2": 6}
+    kinds = {name: "PRES" if name.startswith("mic") else "UZ" for name in names}
+    rows = [f"{name},{','.join(map(repr, table[node]))},{kinds[name]}" for name, node in names.items()]
+    (files / "points.csv").write_text("\n".join(["name,x,y,z,component", *rows]) + "\n")
+
+    def renumbered(own: tuple[FrfRecord, ...]) -> Iterable[FrfRecord]:
+        for k, record in enumerate(own):
+            hammer = {8: "H1", 6: "H2"}[record.reference_node or 0]
+            at = (201 + k % 4, 901 if hammer == "H1" else 902) if numbered else (None, None)
+            yield replace(record, response_node=at[0], reference_node=at[1], reference_name=hammer)
+
+    rewritten(files, renumbered)
+    folder, told = drafted(files, tmp_path / "new")
+    campaign = load_campaign(folder.config)
+    assert "2 hammer points: H1, H2" in told.stdout
+    near = {name: at.near for name, at in campaign.excitation.items()}
+    assert near == {"H1": pytest.approx(table[8]), "H2": pytest.approx(table[6])}
+    assert list(campaign.responses) == [f"{name}-H{k}" for k in (1, 2) for name in ("mic1", "mic2", "mic3", "acc1")]
+    assert "to do: its place" not in folder.config.read_text()
+    study = load(folder.config)
+    measured = dict(zip(study.responses, study.read("tight").values.T, strict=True))
+    np.testing.assert_allclose(measured["mic1-H2"], 2.0 * measured["mic1-H1"], rtol=1e-5)
+    np.testing.assert_allclose(measured["acc1-H2"], 2.0 * measured["acc1-H1"], rtol=1e-5)
+
+
 @pytest.mark.parametrize("pattern", ["{state}/H{k}.uff", "{state}_H{k}.uff", "H{k}-{state}.uff"])
 def test_files_of_one_hammer_point_each_are_a_job_together(pattern: str, tmp_path: Path) -> None:
     """Three sensors, four points of a roving hammer; one point is missing in one state."""

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from lrbc_cli.campaign.drafting.recognise import FilesFound
 from lrbc_cli.campaign.drafting.roles import BOLTS, HAMMER, names_loose, tight_states
@@ -84,19 +85,32 @@ def other_names(paths: Sequence[Path], named: Mapping[Path, NamedFile]) -> dict[
     return {one.channel: path for path in paths if (one := named.get(path)) is not None and alike(one.channel) != alike(path.stem)}
 
 
-def struck_at(record: FrfRecord) -> tuple[int | None, int]:
-    """Node and direction of the hammer, by the file."""
-    return record.reference_node, record.reference_direction
+class Struck(NamedTuple):
+    """Node and direction of a hammer point by the file, and its name if it has no node."""
+
+    node: int | None
+    direction: int
+    name: str
+
+
+def struck_at(record: FrfRecord) -> Struck:
+    """Hammer point of a record."""
+    return Struck(record.reference_node, record.reference_direction, "" if record.reference_node is not None else record.reference_name)
+
+
+def ends_of(record: FrfRecord) -> tuple[object, ...]:
+    """Both ends of a record, its name where the response has no node."""
+    return record.response_node, record.response_direction, record.name if record.response_node is None else "", *struck_at(record)
 
 
 def address(record: FrfRecord, number: int, quoted: Callable[[str], str], *, several: bool, alone: bool) -> str:
     """How a record is addressed in a campaign file: by name, node or number; by its hammer point, too, if there are ``several``.
 
-    By its number, too, if it is not ``alone`` with its nodes.
+    By its number, too, if it is not ``alone`` with its nodes or, where it has none, with its name.
     """
     if several and not alone:
         return str(number)
-    if not several and (record.name or record.response_node is None):
+    if record.response_node is None or (not several and record.name) or (several and record.reference_node is None):
         return quoted(record.name) if record.name else str(number)
     struck = f", reference_node: {record.reference_node}, reference_direction: {record.reference_direction}" if several else ""
     return f"{{node: {record.response_node}, direction: {record.response_direction}{struck}}}"
@@ -107,10 +121,10 @@ def _by_hammer(found: FilesFound) -> dict[Path, tuple[Path, str]]:
 
     All records of such a file name the same node and direction of the hammer.
     """
-    struck: dict[Path, tuple[int | None, int]] = {}
+    struck: dict[Path, Struck] = {}
     for path, frf in found.measurements.items():
         places = set(map(struck_at, frf.records))
-        if len(places) == 1 and (place := places.pop())[0] is not None:
+        if len(places) == 1 and (place := places.pop()).node is not None:
             struck[path] = place
     folders: dict[Path, list[Path]] = {}
     for path in struck:
@@ -127,11 +141,11 @@ def _by_hammer(found: FilesFound) -> dict[Path, tuple[Path, str]]:
     return states
 
 
-def _without_hit(paths: Sequence[Path], struck: Mapping[Path, tuple[int | None, int]]) -> dict[Path, str]:
+def _without_hit(paths: Sequence[Path], struck: Mapping[Path, Struck]) -> dict[Path, str]:
     """States in the names of files such as ``tight_H01``, whose other parts stand for one hammer point each; empty if there is no such."""
     for at in _DIVISIONS:
         for last in (True, False):
-            states, hits = dict[Path, str](), set[tuple[str, tuple[int | None, int]]]()
+            states, hits = dict[Path, str](), set[tuple[str, Struck]]()
             for path in paths:
                 cuts = list(WORDS.finditer(path.stem))
                 if at < len(cuts) and -at <= len(cuts):

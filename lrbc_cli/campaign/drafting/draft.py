@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.campaign.drafting.channels import NamedFile, address, jobs_of, name_after_files, other_names, struck_at
+from lrbc_cli.campaign.drafting.channels import NamedFile, Struck, address, ends_of, jobs_of, name_after_files, other_names, struck_at
 from lrbc_cli.campaign.drafting.recognise import FilesFound, MatrixFound
 from lrbc_cli.campaign.drafting.roles import (
     HAMMER,
@@ -23,6 +23,7 @@ from lrbc_cli.campaign.drafting.roles import (
     edge_near,
     holds_springs,
     names_loose,
+    quantity_of,
     roles_of,
     table_of,
     tight_states,
@@ -41,9 +42,6 @@ from lrbc_cli.model.frf import FrfRecord
 
 #: Damping ratio at mid-band of a model without damping.
 ASSUMED_RATIO = 0.01
-
-#: Quantities by the beginning of a sensor's name.
-QUANTITIES = {"acc": "acceleration", "bes": "acceleration", "mic": "pressure", "mik": "pressure", "vel": "velocity", "disp": "displacement"}
 
 NO_DOFS = "  dofs: model/dofs.csv              # not found among the files"
 
@@ -206,26 +204,37 @@ class Draft:
             self.todo.append("model.dofs: the DOF of each matrix row is not given: add `map:` or `components:`, see `lrbc guide export`")
         return [f"  dofs: {{nodes: {self.path(nodes)}}}"]
 
-    def _driven(self, records: Sequence[FrfRecord]) -> dict[tuple[int | None, int], str]:
-        """Names of several hammer points by the nodes and directions in the files, if all are of the model; else empty."""
-        driven = dict.fromkeys(map(struck_at, records))
-        if len(driven) < 2:
-            return {}
-        if not self._numbered(records) or any(self._at_node(*place) is None for place in driven):
-            self.todo.append(f"excitation: the files contain {len(driven)} hammer points; only the first is used, give the others")
-            return {}
-        return {place: f"h{number}" for number, place in enumerate(driven, start=1)}
+    def _struck(self, records: Sequence[FrfRecord]) -> dict[Struck, tuple[str, str | None]]:
+        """Name and place of each hammer point: by its name in the table of points, else by its node if the model has those of the files."""
+        found, numbered = dict[Struck, tuple[str, str | None]](), self._numbered(records)
+        for record in records:
+            at, point = struck_at(record), self.roles.point(record.reference_name) if record.reference_name else None
+            node = self._at_node(at.node, at.direction) if numbered else None
+            name = f"h{len(found) + 1}" if point is None else _name(record.reference_name, f"h{len(found) + 1}")
+            found.setdefault(at, (name, node if point is None else self._near(point)))
+        return found
 
-    def _hammer(self, records: Sequence[FrfRecord], driven: Mapping[tuple[int | None, int], str]) -> list[str]:
+    def _driven(self, records: Sequence[FrfRecord]) -> dict[Struck, str]:
+        """Names of several hammer points, if the places of all are known; else empty."""
+        struck = self._struck(records)
+        if len(struck) < 2:
+            return {}
+        if any(place is None for _, place in struck.values()):
+            self.todo.append(f"excitation: the files contain {len(struck)} hammer points; only the first is used, give the others")
+            return {}
+        return {at: name for at, (name, _) in struck.items()}
+
+    def _hammer(self, records: Sequence[FrfRecord], driven: Mapping[Struck, str]) -> list[str]:
+        struck = self._struck(records)
         if driven:
             self.recognised.append(f"{len(driven)} hammer points: {', '.join(driven.values())}")
-            return ["excitation:", *[f"  {name}: {self._at_node(*place)}" for place, name in driven.items()]]
+            return ["excitation:", *[f"  {name}: {place}" for name, place in struck.values()]]
         for name, point in self.roles.points.items():
             if HAMMER.search(name):
                 return ["excitation:", f"  {_name(name, 'hammer')}: {self._near(point)}"]
         if self.roles.loads:
             return ["excitation:", f"  hammer: {{vector: {self.matrix(self.roles.loads[0])}}}"]
-        place = self._at_node(*struck_at(records[0])) if records and self._numbered(records) else None
+        place = next(iter(struck.values()))[1] if struck else None
         if place is None:
             self.todo.append("excitation.hammer: give its place; no file contains it")
         return ["excitation:", f"  hammer: {place or NOWHERE}" + ("" if place else "   # to do: its place")]
@@ -247,13 +256,11 @@ class Draft:
         there = (self.table.node == node) & (self.table.component == label)
         return f"{{node: {node}, component: {label}}}" if there.sum() == 1 else None
 
-    def _responses(
-        self, records: Mapping[int, FrfRecord], driven: Mapping[tuple[int | None, int], str]
-    ) -> tuple[list[str], list[str], dict[str, str]]:
+    def _responses(self, records: Mapping[int, FrfRecord], driven: Mapping[Struck, str]) -> tuple[list[str], list[str], dict[str, str]]:
         """Lines of the section ``responses``, names of the responses that have a place, and the sensor of each, from numbered records."""
         lines, names, lost, sensors = list[str](), list[str](), list[tuple[str, FrfRecord, str]](), dict[str, str]()
         numbered = bool(records) and self._numbered(list(records.values()))
-        several = Counter((one.response_node, one.response_direction, *struck_at(one)) for one in records.values())
+        several = Counter(map(ends_of, records.values()))
         for number, record in records.items():
             plain = _name(
                 response_of(record.name),
@@ -263,7 +270,7 @@ class Draft:
             name = f"{plain}-{struck}" if struck else plain
             name = name if name not in names else f"{name}-{number}"
             sensors[name] = plain if struck else name
-            alone = several[record.response_node, record.response_direction, *struck_at(record)] == 1
+            alone = several[ends_of(record)] == 1
             further = f", excitation: {struck}" if struck else ""
             further += "" if name == record.name else f", record: {address(record, number, quoted, several=bool(struck), alone=alone)}"
             names.append(name)
@@ -275,7 +282,7 @@ class Draft:
                 if numbered
                 else None
             )
-            quantity = record.quantity or (point.quantity if point else None) or _quantity(response_of(record.name))
+            quantity = record.quantity or (point.quantity if point else None) or quantity_of(response_of(record.name))
             further += f", quantity: {quantity}" if quantity else ""
             if place is None:
                 lost.append((name, record, further))
@@ -365,12 +372,9 @@ class Draft:
         return (float(above.min()), float(above.max())) if above.size > 1 else (20.0, 400.0)
 
     def _update(self, reference: str | None, names: Sequence[str], baselines: Sequence[str], sensors: Mapping[str, str]) -> list[str]:
-        lines = ["update:"]
-        lines.append(
-            f"  reference: {quoted(reference)}" if reference else "  # reference: tight               # the job with all bolts tight"
-        )
+        tight = f"  reference: {quoted(reference)}" if reference else "  # reference: tight               # the job with all bolts tight"
         guessed = "  reference_guessed: true             # remove this line once all bolts are known to be tight there"
-        lines += [guessed] if reference else []
+        lines = ["update:", tight, *([guessed] if reference else [])]
         if reference and baselines:
             lines.append(f"  baselines: [{', '.join(map(quoted, baselines))}]   # further tight states: their scatter moves the threshold")
             self.todo.append(f"update.baselines: {', '.join(baselines)}, chosen by name; check that all bolts are tight there")
@@ -444,7 +448,3 @@ def quoted(text: str) -> str:
 def _name(text: str, otherwise: str) -> str:
     """A text as a name in the campaign file, without accents."""
     return plain_name(text) or otherwise
-
-
-def _quantity(name: str) -> str | None:
-    return next((quantity for start, quantity in QUANTITIES.items() if name.lower().startswith(start)), None)

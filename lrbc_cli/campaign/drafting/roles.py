@@ -48,6 +48,10 @@ BOLTS = re.compile("bolt|screw|schraub|joint|fastener", re.IGNORECASE)
 HAMMER = re.compile("hammer|exc|force|kraft|impact|shaker|input|anreg|driv", re.IGNORECASE)
 
 
+#: Quantities by the beginning of a sensor's name.
+QUANTITIES = {"acc": "acceleration", "bes": "acceleration", "mic": "pressure", "mik": "pressure", "vel": "velocity", "disp": "displacement"}
+
+
 @dataclass
 class PointFound:
     """Point at which something is measured or hit."""
@@ -334,3 +338,8 @@ def edge_near(bolts: Floats, table: DofTable) -> tuple[str, list[list[float]]] |
         box[k] = [float(nearest[k]) - slack, float(nearest[k]) + slack]
     box[axis] = [float(bolts[:, axis].min()) - pitch - slack, float(bolts[:, axis].max()) + pitch + slack]
     return component, box
+
+
+def quantity_of(name: str) -> str | None:
+    """Quantity by the beginning of a sensor's name; None if it is not known."""
+    return next((quantity for start, quantity in QUANTITIES.items() if name.lower().startswith(start)), None)

@@ -125,6 +125,9 @@ def _one(found: list[FrfRecord], how: str, response: Response, frf: FrfSet, inpu
     own = [r for r in found if node is not None and r.reference_node == node]
     if len(own) > 1 and direction is not None:
         own = [r for r in own if r.reference_direction == direction]
+    if not own:
+        # Files may name hammer points instead.
+        own = [r for r in found if r.reference_name and alike(r.reference_name) == alike(inputs.excitations[response.input])]
     if len(own) == 1:
         return own[0]
     names = list(dict.fromkeys(Path(record.file).name for record in found))

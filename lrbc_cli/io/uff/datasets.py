@@ -76,6 +76,7 @@ class UffFunction:
     response_name: str
     response_node: int
     response_direction: int
+    reference_name: str
     reference_node: int
     reference_direction: int
     abscissa: NDArray[np.float64]
@@ -387,6 +388,7 @@ def _identification(line: str, path: Path, place: str) -> dict[str, Any]:
         "response_name": names[0],
         "response_node": numbers[1],
         "response_direction": numbers[2],
+        "reference_name": names[1],
         "reference_node": numbers[3],
         "reference_direction": numbers[4],
     }

@@ -187,6 +187,7 @@ def _frf(function: UffFunction, unit: UffUnits | None, layout: TextLayout, path:
         response_direction=abs(function.response_direction),
         reference_node=function.reference_node or None,
         reference_direction=abs(function.reference_direction),
+        reference_name=function.reference_name,
         place=f"record {function.record}",
         number=function.record,
         uncalibrated=layout.si_unit is None and _in_volts(function),

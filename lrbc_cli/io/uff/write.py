@@ -62,10 +62,11 @@ def _function(path: Path, record: FrfRecord, number: int, kind: int, values: NDA
     full_name = f"name: {record.name}"[:80] if len(record.name) > _NAME_WIDTH else "NONE"
     response = (record.response_node or 0, record.response_direction)
     reference = (record.reference_node or 0, record.reference_direction)
+    hammer = record.reference_name[:_NAME_WIDTH] or "NONE"
     lines = [f"{title} {record.name}"[:80].rstrip(), "NONE", "NONE", "NONE", full_name]
     lines.append(
         f"{kind:5d}{number:10d}{1:5d}{0:10d} {record.name[:_NAME_WIDTH] or 'NONE':<10}{response[0]:10d}{response[1]:4d}"
-        f" {'NONE':<10}{reference[0]:10d}{reference[1]:4d}"
+        f" {hammer:<10}{reference[0]:10d}{reference[1]:4d}"
     )
     lines.append(f"{6 if complex_values else 4:10d}{values.size:10d}{int(even):10d}{minimum:>13}{increment:>13}{0.0:13.5E}")
     lines.append(_axis(18, "Frequency", "Hz"))
