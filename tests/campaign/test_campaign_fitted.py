@@ -18,7 +18,7 @@ from lrbc_cli.campaign.identification.compared.likeness import apart
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.looking import first_look
 from lrbc_cli.campaign.looking.all_jobs import OfJob, together
-from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, strike_text
+from lrbc_cli.campaign.looking.fitted import _without_worst, expected_frf, fitted_theta, strike_text
 from lrbc_cli.campaign.looking.states import Looking, Seen
 from lrbc_cli.campaign.reduced.stage import obtain_reduction
 from lrbc_cli.config.settings import JobConfig
@@ -138,7 +138,9 @@ def calibrated(
         monkeypatch.setattr(first_look, text, lambda *_: "")
     source: Any = SimpleNamespace(inputs=SimpleNamespace(campaign=SimpleNamespace(calibration=SimpleNamespace(job="tight"))))
     measurement: Any = None
-    return first_look._calibrated(source, {"tight": measurement}, "tight", first)[1]
+    return first_look._calibrated(
+        source, {"tight": measurement}, "tight", first, lambda: first_look.roughly_calibrated(source, measurement)
+    )[1]
 
 
 @pytest.mark.parametrize(("left", "kept"), [({0: 0.8, 1: 7.0}, True), ({0: 0.8, 1: 2.0}, False)])
@@ -148,6 +150,60 @@ def test_an_excitation_that_no_calibration_fits_keeps_its_warning(
     """The FRFs of one hammer point are fitted alone; while those of the other are not, nothing found is no all-clear."""
     first = OfJob([Finding(kind=Kind.UNLIKE, text="little in common")])
     assert (calibrated(monkeypatch, first, left) is first) == kept
+
+
+@pytest.mark.parametrize(
+    ("after", "explained"),
+    [
+        ({}, True),
+        ({"misfit": 3.1}, False),
+        # One hammer point that no calibration fits.
+        ({"by_excitation": {0: 0.8, 1: 3.5}}, False),
+        ({"at_bounds": {"stiffness.structure": 2.0}}, False),
+        # A calibration would take the clock for another stiffness.
+        ({"clock": "all measured resonances are probably at 1.06 times"}, False),
+        ({"job": "tight-2"}, False),
+        ({"found": None}, False),
+    ],
+)
+def test_what_a_calibration_within_its_bounds_explains_needs_no_other_cause(
+    monkeypatch: pytest.MonkeyPatch, after: dict[str, Any], explained: bool
+) -> None:
+    """Before, full solves for each cause took minutes beside a model that was right within some per cent."""
+    calibrations: list[object] = []
+    found: Any = SimpleNamespace(at_bounds=after.get("at_bounds", {}))
+
+    def rough(*_: object) -> Any:
+        calibrations.append(found)
+        return after.get("found", found)
+
+    def of(source: object, *_: object) -> Any:
+        far = SimpleNamespace(misfit=6.6, by_excitation={0: 6.6})
+        near = SimpleNamespace(misfit=after.get("misfit", 1.9), by_excitation=after.get("by_excitation", {0: 1.9}))
+        return near if source is found else far
+
+    asked: list[bool] = []
+
+    def looked_at(*_: object, explained: Any) -> OfJob:
+        asked.extend([explained(), explained()])
+        return OfJob()
+
+    monkeypatch.setattr(first_look, "Seen", SimpleNamespace(of=of))
+    monkeypatch.setattr(first_look, "roughly_calibrated", rough)
+    monkeypatch.setattr(first_look, "_looked_at", looked_at)
+    monkeypatch.setattr(first_look, "_calibrated", lambda source, _, __, told, calibrate: (calibrate(), told))
+    monkeypatch.setattr(first_look, "stretched_text", lambda *_: after.get("clock", ""))
+    calibration = SimpleNamespace(job=after.get("job", "tight"))
+    source: Any = SimpleNamespace(inputs=SimpleNamespace(campaign=SimpleNamespace(calibration=calibration)))
+    first_look._seen_and_calibrated(source, {"tight": source}, "tight")
+    assert asked == [explained] * 2
+    # Calibrated once, whoever asks.
+    assert len(calibrations) == 1
+
+
+def test_many_hammer_points_are_calibrated_without_the_worst_half() -> None:
+    assert _without_worst({0: 2.0, 1: 9.0}) == [[0], [1]]
+    assert _without_worst({0: 2.0, 1: 9.0, 2: 1.0, 3: 3.0, 4: 8.0}) == [[2, 0]]
 
 
 @pytest.mark.parametrize(("misfit", "factors", "told"), [(2.6, {"part_2": 1.35}, True), (1.4, {"part_2": 1.35}, False), (2.6, {}, False)])

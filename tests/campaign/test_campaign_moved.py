@@ -12,8 +12,9 @@ from looking import seen
 from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared.likeness import by_sensors, exchanged_text
 from lrbc_cli.campaign.looking.all_jobs import pooled
-from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
+from lrbc_cli.campaign.looking.causes.moved import _places, hammers_text, unmoved_text
 from lrbc_cli.campaign.looking.unexplained import beside_fitted
+from lrbc_cli.model.dofs import DofTable
 
 
 def campaign(reference: str = "tight") -> Any:
@@ -167,3 +168,27 @@ def test_a_record_that_was_overloaded_alone() -> None:
     (text,) = (str(one) for one in beside_fitted(seen(states[0] * 10.0 ** (errs / 20.0), states, inputs=inputs), states[0]))
     assert text.startswith("a2-h1 differs from the state of the bolts that fits best")
     assert "Check whether its sensor was overloaded, or a cable loose, during these blows (it is right at other hammer points)" in text
+
+
+@pytest.mark.parametrize("most", [40, 10_000])
+def test_places_tried_for_several_hammer_points(most: int) -> None:
+    """One set for all, so that they share the solves: near each of them, and spread over the structure."""
+    nodes = np.repeat(np.arange(1, 101), 3)
+    xyz = np.zeros((300, 3))
+    xyz[:, 0] = nodes
+    table = DofTable(node=nodes, component=np.tile(["UX", "UY", "UZ"], 100), xyz=xyz)
+    # Node 10 along Z, node 80 along Z, node 50 along Y.
+    own = [29, 239, 148]
+    found = _places(table, own, most)
+    assert set(own) <= set(found.tolist())
+    assert all({27, 28, 29} <= set(_places(table, [29], one).tolist()) for one in (40, 10_000))
+    along = {component: sorted(nodes[found[table.component[found] == component]].tolist()) for component in ("UX", "UY", "UZ")}
+    assert along["UX"] == [10, 50, 80]
+    if most > 300:
+        assert along["UY"] == along["UZ"] == list(range(1, 101))
+    else:
+        assert {8, 9, 10, 11, 12, 78, 79, 80, 81, 82} <= set(along["UZ"])
+        assert min(along["UZ"]) < 5
+        assert max(along["UZ"]) > 85
+        # Half for each component, and the other directions at the stated nodes.
+        assert found.size <= most + 2 * len(own)

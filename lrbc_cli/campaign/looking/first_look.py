@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache as cache_of
 from functools import partial
 from pathlib import Path
 
@@ -57,7 +58,8 @@ from lrbc_cli.campaign.looking.causes.tightness import (
 )
 from lrbc_cli.campaign.looking.fitted import as_exported, at_bounds_text, fitted_exchanged, fitted_frf, roughly_calibrated, strike_text
 from lrbc_cli.campaign.looking.states import Looking, Seen, nearest_states, on_lines, reach_of_one
-from lrbc_cli.campaign.looking.unexplained import beside_fitted, beside_tight, foreign, little_in_common, placed, without_repeated
+from lrbc_cli.campaign.looking.trials import UNLIKE
+from lrbc_cli.campaign.looking.unexplained import beside_fit, beside_tight, little_in_common, placed, without_repeated
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misread
 from lrbc_cli.campaign.reduced import cache
@@ -118,8 +120,8 @@ def first_look(
     try:
         if inputs.held_doubt or misread(inputs.campaign, inputs.model, inputs.groups, inputs.dofs):
             return FirstLook(note="measured and computed FRFs are compared once the warnings on model and parameters are corrected")
-        low, high = inputs.campaign.reduction.band
-        whole = [name for name, found in measurements.items() if np.ptp(found.frequency_hz) > LEAST_BAND * (high - low)]
+        band = LEAST_BAND * float(np.ptp(inputs.campaign.reduction.band))
+        whole = [name for name, found in measurements.items() if np.ptp(found.frequency_hz) > band]
         if measurements and not whole:
             return FirstLook(note="measured and computed FRFs are compared once reduction.band is a band that was measured")
         if reference in whole and (text := misdamped_text(inputs, measurements[reference])):
@@ -127,9 +129,8 @@ def first_look(
             return FirstLook([Finding(place=f"job {reference}", text=text, kind=Kind.DAMPING)], note=note)
         source = _source(inputs, folder, progress)
         if source is None:
-            return FirstLook(
-                note="measured and computed FRFs (units, signs, exchanged sensors) are compared once `lrbc reduce` has been run"
-            )
+            unbuilt = "measured and computed FRFs (units, signs, exchanged sensors) are compared once `lrbc reduce` has been run"
+            return FirstLook(note=unbuilt)
         order = sorted(whole, key=lambda name: name != reference)
         # A matrix that does not contain the baseline subtracted from it gives no FRFs to compare with.
         if lacking := _lacking(inputs, source):
@@ -210,8 +211,12 @@ def _looked_at(
     name: str,
     tight: Measurement | None = None,
     cycles: Sequence[tuple[int, ...]] = (),
+    explained: Callable[[], bool] = lambda: False,
 ) -> OfJob:
-    """Findings of one job, by comparison with the model and, if given, with measurement ``tight`` and ``cycles`` of the reference job."""
+    """Findings of one job, by comparison with the model and, if given, with measurement ``tight`` and ``cycles`` of the reference job.
+
+    If it is ``explained`` otherwise, no causes are looked for that need full solves.
+    """
     seen = Seen.of(source, name, measurements[name], tight)
     inputs, held = seen.inputs, seen.held
     seen = seen.beside(held)
@@ -220,19 +225,9 @@ def _looked_at(
     if fitted is not None:
         source.away[name] = apart(seen.measured, fitted)
     source.left[name] = seen.left
-    reading = other_reading(inputs, seen.measurement.frequency_hz, seen.measured, seen.states, name)
-    beyond = seen.reference and seen.misfit >= LEAST_DIFFERENCE
-    if beyond and (text := overdamped_text(seen, CLEARLY * seen.misfit if reading is None else reading.after)):
-        return OfJob(said(Kind.DAMPING, text))
-    if reading is not None:
-        return OfJob(said(Kind.READ, reading.text))
     assumed = name in taken_as_tight(inputs)
-    if held is not None and assumed and (loose := _not_tight(seen, held, measurements)):
-        return OfJob(said(Kind.FREED, loose))
-    if hammers := hammers_text(seen, None if fitted is None else partial(fitted_exchanged, seen)) or unmoved_text(seen):
-        return OfJob(said(Kind.HAMMERS, hammers))
-    if fitted is not None and (strike := strike_text(seen, fitted)):
-        return OfJob(said(Kind.STRIKE, strike))
+    if whole := _of_all(seen, fitted, assumed, measurements):
+        return OfJob(whole)
     # Where all bolts are assumed tight, no bolt explains a difference.
     reach = (0.0, 0.0) if seen.reference or assumed else reach_of_one(seen)
     # Exchanged real and imaginary parts also look like complex conjugates.
@@ -244,7 +239,8 @@ def _looked_at(
     shared = seen.reference and any(len(each.responses) == len(offsets) for each in told if each.kind is Kind.UNITS)
     if shared and (text := material_text(seen, measurements[name], offsets)):
         return OfJob(said(Kind.MATERIAL, text))
-    if _gains_by_chance(seen, told, offsets) and (far := [one for one in _of_model(seen, measurements) if one.kind is not Kind.ALONE]):
+    by_chance = (other_tables(seen) or _of_model(seen, measurements)) if _gains_by_chance(seen, told, offsets) else []
+    if far := [one for one in by_chance if one.kind is not Kind.ALONE]:
         told, offsets = far, tuple(replace(offset, named=False) for offset in offsets)  # not shared with the other jobs, either
     # Places are looked for below; without a better finding these remain.
     uneven = [each for each in told if each.kind is Kind.PLACES]
@@ -258,21 +254,30 @@ def _looked_at(
     if kinds_of(told) <= {Kind.LATE, Kind.EARLY} and (passed := filter_findings(seen, delayed)):
         return OfJob(passed)
     if not told and seen.reference:
-        told = _of_model(seen, measurements)
+        told = other_tables(seen)
+        if not told and explained():
+            return OfJob(uneven, offsets)
+        told = told or _of_model(seen, measurements)
     told = placed(seen, told)
     if not told and held is not None:
-        told = beside_tight(seen, held, reach) or _beside_fit(seen, held, fitted)
+        told = beside_tight(seen, held, reach) or beside_fit(seen, held, fitted)
     return OfJob(told or uneven, offsets)
 
 
-def _beside_fit(seen: Seen, tight: Complexes, fitted: Complexes | None) -> list[Finding]:
-    """Findings of a job by its distance from the state that fits best. The first fit is coarse: nothing is said without a better one."""
-    if fitted is None or not (beside_fitted(seen, fitted) or foreign(seen, tight)):
-        return []
-    fitted = fitted_frf(seen, careful=True)
-    assert fitted is not None
-    seen = seen.beside(fitted)
-    return beside_fitted(seen, fitted) or foreign(seen, tight)
+def _of_all(seen: Seen, fitted: Complexes | None, assumed: bool, measurements: Mapping[str, Measurement]) -> list[Finding]:
+    """Findings on all FRFs of a job: another damping or reading, a loose bolt if it is ``assumed`` tight, hammer points, strikes."""
+    reading = other_reading(seen.inputs, seen.measurement.frequency_hz, seen.measured, seen.states, seen.job)
+    beyond = seen.reference and seen.misfit >= LEAST_DIFFERENCE
+    if beyond and (text := overdamped_text(seen, CLEARLY * seen.misfit if reading is None else reading.after)):
+        return said(Kind.DAMPING, text)
+    if reading is not None:
+        return said(Kind.READ, reading.text)
+    loose = _not_tight(seen, seen.held, measurements) if seen.held is not None and assumed else ""
+    return (
+        said(Kind.FREED, loose)
+        or said(Kind.HAMMERS, hammers_text(seen, None if fitted is None else partial(fitted_exchanged, seen)) or unmoved_text(seen))
+        or said(Kind.STRIKE, "" if fitted is None else strike_text(seen, fitted))
+    )
 
 
 def _gains_by_chance(seen: Seen, told: Sequence[Finding], offsets: Sequence[Offset]) -> bool:
@@ -288,12 +293,12 @@ def _gains_by_chance(seen: Seen, told: Sequence[Finding], offsets: Sequence[Offs
 
 
 def _of_model(seen: Seen, measurements: Mapping[str, Measurement]) -> list[Finding]:
-    """Findings of the reference job if the model is far from it: another material, factor or unit, or little in common."""
-    told = other_tables(seen) or little_in_common(seen, measurements)
-    if Kind.UNLIKE not in kinds_of(told):
-        return told
-    stretched = said(Kind.STRETCHED, stretched_text(measurements[seen.job], seen))
-    return stretched or said(Kind.RESCALED, rescaled_text(seen, seen.misfit, further=1.5)) or told
+    """Findings of the reference job if the model is far from it: a factor or unit, another part, or little in common."""
+    told = little_in_common(seen, measurements)
+    if Kind.UNLIKE in kinds_of(told):
+        stretched = said(Kind.STRETCHED, stretched_text(measurements[seen.job], seen))
+        told = stretched or said(Kind.RESCALED, rescaled_text(seen, seen.misfit, further=1.5)) or told
+    return told
 
 
 def _not_tight(seen: Seen, held: Complexes, measurements: Mapping[str, Measurement]) -> str:
@@ -322,8 +327,27 @@ def _calibrated_from_another(source: Looking, measurements: Mapping[str, Measure
     return found if own <= LEAST_DIFFERENCE or any(other < CLEARLY * own for other in far.values()) else source
 
 
-def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: str, first: OfJob) -> tuple[Looking, OfJob]:
-    """Model after a rough calibration from job ``name``, and the findings with it; both unchanged if a calibration would not help.
+def _seen_and_calibrated(source: Looking, measurements: Mapping[str, Measurement], name: str) -> tuple[Looking, OfJob]:
+    """Model for the other jobs, and findings of the reference job ``name``, after a rough calibration where that helps."""
+    rough, own = cache_of(lambda: roughly_calibrated(source, measurements[name])), source.inputs.campaign.calibration
+
+    def explained() -> bool:
+        """Whether a calibration within its bounds brings the model near at all hammer points: then only what it leaves is looked for."""
+        if own is None or own.job != name or (found := rough()) is None or found.at_bounds:
+            return False
+        seen, after = (Seen.of(each, name, measurements[name]) for each in (source, found))
+        if max(after.misfit, *after.by_excitation.values()) > LEAST_DIFFERENCE:
+            return False
+        # A calibration takes a wrong clock for another stiffness.
+        return seen.misfit <= UNLIKE or not stretched_text(measurements[name], seen)
+
+    return _calibrated(source, measurements, name, _looked_at(source, measurements, name, explained=explained), rough)
+
+
+def _calibrated(
+    source: Looking, measurements: Mapping[str, Measurement], name: str, first: OfJob, rough: Callable[[], Looking | None]
+) -> tuple[Looking, OfJob]:
+    """Model after the ``rough`` calibration from job ``name``, and the findings with it; both unchanged if a calibration would not help.
 
     Nothing is calibrated from a job that loose bolts explain.
     """
@@ -333,7 +357,7 @@ def _calibrated(source: Looking, measurements: Mapping[str, Measurement], name: 
     seen = Seen.of(source, name, measurements[name])
     if tighter_text(seen, measurements) or looser(seen, seen.misfit):
         return source, first
-    calibrated = roughly_calibrated(source, measurements[name])
+    calibrated = rough()
     if calibrated is None:
         return source, replace(first, told=_uncalibrated(seen, measurements[name], first.told))
     again, after = _looked_at(calibrated, measurements, name), Seen.of(calibrated, name, measurements[name])
@@ -372,10 +396,10 @@ def _of_one(source: Looking, measurements: Mapping[str, Measurement], name: str)
         return source, OfJob(said(Kind.IDLE, idle))
     if (exported := as_exported(source)) is not None:
         exported = _calibrated_from_another(exported, measurements)
-        first, found = _calibrated(exported, measurements, name, _looked_at(exported, measurements, name))
+        first, found = _seen_and_calibrated(exported, measurements, name)
         if not all(each.has(Effect.IS_FAR) for each in found.told):
             return first, found
-    return _calibrated(source, measurements, name, _looked_at(source, measurements, name))
+    return _seen_and_calibrated(source, measurements, name)
 
 
 def _uncalibrated(seen: Seen, measurement: Measurement, told: list[Finding]) -> list[Finding]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -204,7 +204,7 @@ def roughly_calibrated(
     beside : mapping of str to float or None
         Factors from which to start instead of the model as exported; those of the result are relative to them.
     uneven : float
-        If the misfits of two excitations differ by this factor, or one is not fitted, the model is calibrated from each alone, and the
+        If the misfits of two excitations differ by this factor, or one is not fitted, the model is calibrated from some of them, and the
         best fit counts: the place of another excitation may be wrong.
 
     Returns
@@ -228,10 +228,11 @@ def roughly_calibrated(
             medians = Seen.of(found, settings.job, measurement).by_excitation
             least = min(medians.values())
             if len(medians) > 1 and max(medians.values()) > min(uneven * least, LEAST_DIFFERENCE):
-                alone = {at: _calibrated_by(source, problem, _rough_theta(_of_excitation(inputs, problem, at))) for at in medians}
-                left = {at: Seen.of(one, settings.job, measurement).by_excitation[at] for at, one in alone.items()}
-                least, best = min((value, at) for at, value in left.items())
-                found = alone[best]
+                for some in _without_worst(medians):
+                    one = _calibrated_by(source, problem, _rough_theta(_of_excitations(inputs, problem, some)))
+                    left = Seen.of(one, settings.job, measurement).by_excitation
+                    if (own := float(np.median([left[at] for at in some]))) < least:
+                        least, found = own, one
             if least > LEAST_DIFFERENCE:
                 # A sensitivity ten times off outweighs the resonances in a descent that begins far away.
                 found = _calibrated_by(source, problem, _rough_theta(_levelled(source, problem, measurement)))
@@ -254,9 +255,15 @@ def _levelled(source: Looking, problem: FactorProblem, measurement: Measurement)
     return replace(problem, measured=problem.measured * 10.0 ** (-change / 20.0))
 
 
-def _of_excitation(inputs: Inputs, problem: FactorProblem, at: int) -> FactorProblem:
-    """The calibration problem with the responses of one excitation only."""
-    own = np.flatnonzero(inputs.input_of[problem.responses] == at)
+def _without_worst(medians: Mapping[int, float], *, few: int = 3) -> list[list[int]]:
+    """Excitations from which to calibrate: each alone if there are ``few``, else the half with the least misfits."""
+    best = sorted(medians, key=medians.__getitem__)
+    return [[at] for at in best] if len(best) <= few else [best[: len(best) // 2]]
+
+
+def _of_excitations(inputs: Inputs, problem: FactorProblem, some: Sequence[int]) -> FactorProblem:
+    """The calibration problem with the responses of some excitations only."""
+    own = np.flatnonzero(np.isin(inputs.input_of[problem.responses], some))
     sigma = None if problem.sigma is None else problem.sigma[:, own]
     return replace(problem, measured=problem.measured[:, own], responses=problem.responses[own], sigma=sigma)
 

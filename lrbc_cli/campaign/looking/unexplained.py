@@ -30,6 +30,7 @@ from lrbc_cli.campaign.looking.causes.rescaled import rescaled_text, softness_te
 from lrbc_cli.campaign.looking.causes.tables import unit_text
 from lrbc_cli.campaign.looking.causes.tightness import looser, tighter_text
 from lrbc_cli.campaign.looking.causes.together import together_text
+from lrbc_cli.campaign.looking.fitted import fitted_frf
 from lrbc_cli.campaign.looking.states import Seen, by_excitation
 from lrbc_cli.campaign.looking.trials import NEARER, UNLIKE
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -55,7 +56,9 @@ def placed(seen: Seen, told: list[Finding]) -> list[Finding]:
     struck_there = [each for each in told if each.kind is Kind.ALONE and calibrated and uneven.issuperset(_struck(seen, each.responses))]
     struck = _of_one_blow(seen, told)
     if Kind.UNLIKE in kinds or struck or (len(struck_there) == len(told) and far):
-        if cause := said(Kind.HAMMER, hammer_text(seen, away) or struck):
+        # Where the model is far from the tight state, too, it does not tell the places of a single job.
+        near = seen.reference or seen.source.left.get(seen.inputs.campaign.update.reference or "", 0.0) <= UNLIKE
+        if cause := said(Kind.HAMMER, (hammer_text(seen, away) if near else "") or struck):
             return cause
         if seen.reference and (cause := said(Kind.HELD, held_text(seen, float(every[0])))):
             return cause
@@ -296,3 +299,13 @@ def foreign(seen: Seen, tight: Complexes) -> list[Finding]:
         "more changed than the bolts"
     )
     return said(Kind.FOREIGN, text)
+
+
+def beside_fit(seen: Seen, tight: Complexes, fitted: Complexes | None) -> list[Finding]:
+    """Findings of a job by its distance from the state that fits best. The first fit is coarse: nothing is said without a better one."""
+    if fitted is None or not (beside_fitted(seen, fitted) or foreign(seen, tight)):
+        return []
+    fitted = fitted_frf(seen, careful=True)
+    assert fitted is not None
+    seen = seen.beside(fitted)
+    return beside_fitted(seen, fitted) or foreign(seen, tight)

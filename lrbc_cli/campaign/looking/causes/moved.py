@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes, Floats, Integers, spaced
+from lrbc_cli.arrays import Bools, Complexes, Floats, Integers, spaced
 from lrbc_cli.campaign.identification.compared.likeness import (
     CLEARLY,
     LEAST_DIFFERENCE,
@@ -82,20 +82,23 @@ def _hammer_text(seen: Seen, at: int, lacking: float, least: float) -> str | Non
 
 def _nearest_place(seen: Seen, dofs: DofTable, at: int) -> tuple[float, float, int, int]:
     """Misfits of excitation ``at`` as stated and at the best place [dB], the DOFs of the best and the stated place; infinite if unknown."""
-    inputs, load = seen.inputs, seen.inputs.model.B[:, [at]].tocoo()
+    inputs, points = seen.inputs, _single_points(seen.inputs)
     there = np.isfinite(levels(seen.measured))
     responses = np.flatnonzero((inputs.input_of == at) & (2 * there.sum(axis=0) > len(there)))
     # A single response without its constant is too little evidence, and a distributed load has no place.
-    if load.nnz != 1 or responses.size < 2:
+    if at not in points or responses.size < 2:
         return 0.0, np.inf, -1, -1
-    own, level = int(load.row[0]), levels(seen.measured[:, responses])[:, None, :]
-    places = _places(dofs, own, MOST_HITS // responses.size)
+    own, level = points[at], levels(seen.measured[:, responses])[:, None, :]
+    # Hammer points with the same sensors share the solves.
+    every = _places(dofs, list(points.values()), MOST_HITS // responses.size)
+    tried = (dofs.component[every] == dofs.component[own]) | ((dofs.node[every] == dofs.node[own]) & _translates(dofs)[every])
+    places = every[tried]
     left, gaps = np.full(places.size, np.inf), not there[:, responses].all()
     with suppress(LrbcError):
-        ports = _reciprocal_ports(seen, places, responses)
+        ports = _reciprocal_ports(seen, every, responses)
         some = ports.select(np.arange(seen.s.size), np.arange(responses.size))
         # The rows of H0p depend on the place only, not on the sensor.
-        held, base = ports.H0p[:, :: responses.size], ports.H00.reshape(seen.s.size, places.size, responses.size)
+        held, base = ports.H0p[:, :: responses.size][:, tried], ports.H00.reshape(seen.s.size, every.size, responses.size)[:, tried]
         for state in values_of(seen.parameters)[0]:
             values = base + held @ some.drive(seen.parameters.dynamic(state, seen.s))[1]
             difference = level - levels(values)
@@ -104,6 +107,17 @@ def _nearest_place(seen: Seen, dofs: DofTable, at: int) -> tuple[float, float, i
             left = np.fmin(left, np.median(off, axis=1))
     best = int(np.argmin(left))
     return float(left[places == own][0]), float(left[best]), int(places[best]), own
+
+
+def _single_points(inputs: Inputs) -> dict[int, int]:
+    """DOF of each excitation that acts on a single one."""
+    loads = [inputs.model.B[:, [at]].tocoo() for at in range(len(inputs.excitations))]
+    return {at: int(load.row[0]) for at, load in enumerate(loads) if load.nnz == 1}
+
+
+def _translates(dofs: DofTable) -> Bools:
+    """(n,) whether a DOF is a translation."""
+    return np.isin(dofs.component, COMPONENTS[:3])
 
 
 def hammers_text(seen: Seen, fitted: Callable[[Complexes], Complexes | None] | None = None) -> str:
@@ -206,7 +220,9 @@ def _reciprocal_ports(seen: Seen, places: Integers, responses: Integers) -> Port
         output_power=np.tile(model.output_power[responses], places.size),
         extras={},
     )
-    return solved(seen, turned, np.tile(np.arange(count), places.size), b"places" + responses.tobytes())
+    sensors = model.L[responses].tocsr()
+    key = b"places" + b"".join(part.tobytes() for part in (sensors.indptr, sensors.indices, sensors.data, model.output_power[responses]))
+    return solved(seen, turned, np.tile(np.arange(count), places.size), key)
 
 
 def sensor_text(seen: Seen, response: int) -> str:
@@ -215,7 +231,7 @@ def sensor_text(seen: Seen, response: int) -> str:
     if dofs is None or point.nnz == 0 or not affordable(seen):
         return ""
     own, model = int(point.col[np.argmax(np.abs(point.data))]), inputs.model
-    places = _places(dofs, own, MOST_PLACES)
+    places = _places(dofs, [own], MOST_PLACES)
     moved = replace(model, L=picking(places, model.size), output_power=np.full(places.size, model.output_power[response]), extras={})
     # A structure has places alike for one hammer point, so all records of the sensor count.
     records, left, best = [response, *same_sensor(inputs, response)], np.full(places.size, np.inf), 0
@@ -235,18 +251,23 @@ def sensor_text(seen: Seen, response: int) -> str:
     return f"; {at} it would differ by {left[best]:.1f} dB ({how})"
 
 
-def _places(dofs: DofTable, own: int, most: int) -> Integers:
-    """DOFs to be tried: translations at the stated node, and DOFs of its component; if too many, half of them the nearest."""
-    translations = np.isin(dofs.component, COMPONENTS[:3])
-    here = np.flatnonzero(translations & (dofs.node == dofs.node[own]))
-    alike = np.flatnonzero(dofs.component == dofs.component[own])
-    alike = alike[np.argsort(np.linalg.norm(dofs.xyz[alike] - dofs.xyz[own], axis=1), kind="stable")]
-    if alike.size > most:
-        near = alike[: most // 2]
-        rest = alike[most // 2 :]
-        alike = np.concatenate([near, rest[spaced(rest.size, most - near.size)]])
-    found: Integers = np.unique(np.concatenate([[own], here, alike]))
-    return found
+def _places(dofs: DofTable, own: Sequence[int], most: int) -> Integers:
+    """DOFs to be tried: translations at the stated nodes, and DOFs of their components; if too many, half of them the nearest."""
+    here = np.flatnonzero(_translates(dofs) & np.isin(dofs.node, dofs.node[own]))
+    found, components = [np.array(own), here], list(dict.fromkeys(dofs.component[own].tolist()))
+    for component in components:
+        stated = [at for at in own if dofs.component[at] == component]
+        alike = np.flatnonzero(dofs.component == component)
+        away = np.linalg.norm(dofs.xyz[alike, None] - dofs.xyz[stated], axis=2)
+        allowed = most // len(components)
+        if alike.size > allowed:
+            # As many about each stated one.
+            nearest = np.argsort(away, axis=0, kind="stable")[: allowed // (2 * len(stated))]
+            near = np.unique(nearest)
+            rest = np.setdiff1d(np.argsort(away.min(axis=1), kind="stable"), near, assume_unique=True)
+            alike = alike[np.concatenate([near, rest[spaced(rest.size, allowed - near.size)]])]
+        found.append(alike)
+    return np.unique(np.concatenate(found))
 
 
 def _place_text(inputs: Inputs, dofs: DofTable, dof: int, own: int) -> tuple[str, str]:
