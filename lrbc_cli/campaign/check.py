@@ -68,7 +68,12 @@ class Findings:
 
 
 def check(
-    inputs: Inputs, folder: Path, detailed: bool = False, pictured: bool = False, progress: Callable[[str], None] = lambda _: None
+    inputs: Inputs,
+    folder: Path,
+    detailed: bool = False,
+    pictured: bool = False,
+    progress: Callable[[str], None] = lambda _: None,
+    section: Callable[[str, list[str]], None] = lambda *_: None,
 ) -> Findings:
     """Examine the inputs of a campaign; changes no files.
 
@@ -83,6 +88,8 @@ def check(
         The structure is drawn, so the hint on how to draw it is omitted.
     progress : callable
         Receives one line of text per step.
+    section : callable
+        Receives title and lines of each section once it is known: a comparison of measurements and model may take minutes.
 
     Returns
     -------
@@ -90,27 +97,33 @@ def check(
         Unusable measurements are errors by job; all other errors were raised when the inputs were read.
     """
     out = Findings()
-    out.sections["files"] = list(inputs.notes)
+
+    def add(title: str, lines: list[str]) -> None:
+        out.sections[title] = lines
+        section(title, lines)
+
+    add("files", list(inputs.notes))
     # Measurements show which matrix is wrong by a factor; a guess from the mesh is then not needed.
     out.found += [Finding(text=text, kind=Kind.GUESSED if text == inputs.units_doubt else None) for text in inputs.warnings]
     out.warn(*passed_over(inputs.campaign), *unnamed(inputs.campaign), *_unwritable(inputs.campaign.output))
     out.warn(*filter(None, [undamped_text(inputs.model, inputs.groups)]))
-    out.sections["model"] = _model(inputs)
+    add("model", _model(inputs))
     parts = cache.key_parts(inputs)
     decision = cache.look_up(folder, parts)
-    out.sections["reduced model"] = _reduction(inputs, decision, out)
+    add("reduced model", _reduction(inputs, decision, out))
     use = inputs.calibration
     if use is not None and use.stale:
         out.warn(f"calibration: {use.text}")
     if use is not None and (use.used or not use.stale):
-        out.sections["calibration"] = [use.text, *(f"{name} = {value:.6g}" for name, value in use.factors.items())]
-    out.sections["method"] = inputs.method.choices
+        add("calibration", [use.text, *(f"{name} = {value:.6g}" for name, value in use.factors.items())])
+    add("method", inputs.method.choices)
     out.warn(*inputs.method.warnings, *_unvalidated(inputs))
-    out.sections["jobs"] = _jobs(inputs, folder, parts, out, detailed, progress)
-    out.sections["more"] = [
+    add("jobs", _jobs(inputs, folder, parts, out, detailed, progress))
+    more = [
         *([] if pictured else ["lrbc check --picture draws the structure with bolts, sensors and updated terms"]),
         "lrbc plan shows, from the model alone, which bolts these responses can detect, and ranks the responses",
     ]
+    add("more", more)
     out.tree = _tree(inputs, out, decision)
     return out
 

@@ -37,21 +37,21 @@ def check(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json:
     except LrbcError as error:
         return _without_model(campaign, error, as_json)
     drawn = _draw(inputs, tell=not as_json) if picture else []
-    findings = examine(inputs, cache_folder(cache), detailed=as_json or verbosity.level >= 1, pictured=picture, progress=progress())
+    detailed, section = as_json or verbosity.level >= 1, (lambda *_: None) if as_json else _section
+    findings = examine(inputs, cache_folder(cache), detailed=detailed, pictured=picture, progress=progress(), section=section)
     if as_json:
         say_json(findings.tree | ({"picture": drawn} if picture else {}))
-    else:
-        for title, lines in findings.sections.items():
-            say(title)
-            for line in lines:
-                say(f"  {line}")
-        if findings.warnings:
-            say("warnings")
-            for line in findings.warnings:
-                say(f"  {line}")
+    elif findings.warnings:
+        _section("warnings", findings.warnings)
     for message in _once(findings.errors.values()):
         complain(message)
     return max((unusable.exit_code for unusable in findings.errors.values()), default=0)
+
+
+def _section(title: str, lines: Iterable[str]) -> None:
+    say(title)
+    for line in lines:
+        say(f"  {line}")
 
 
 def _once(errors: Iterable[LrbcError]) -> list[str]:
@@ -74,9 +74,7 @@ def _draw(inputs: Inputs, *, tell: bool) -> list[Path]:
     record = structure_of(inputs)
     files = write_structure(inputs.campaign.output, record)
     if tell:
-        say("picture")
-        for line in [*map(str, files), *record.notes] if files else [f"none: {record.reason}"]:
-            say(f"  {line}")
+        _section("picture", [*map(str, files), *record.notes] if files else [f"none: {record.reason}"])
     return files
 
 

@@ -382,6 +382,38 @@ def test_a_support_unlike_the_others_is_named_first_of_all() -> None:
     assert "4 nodes: 0, 13, 25, 39; unlike the others, node 25 in UY alone)" in supports_text(frame_of(*feet, (25, "UY")))
 
 
+def test_a_tie_that_bridges_the_bolts() -> None:
+    """Two chains one on the other, with coincident nodes: one pair is a bolt, five are coupled as if glued."""
+    job = frame_of()
+    inputs, half = job.inputs, COUNT // 2
+    assert 2 * half == COUNT
+    xyz = inputs.dofs.xyz.copy()
+    xyz[COUNT:] = xyz[:COUNT]
+    inputs.dofs = replace(inputs.dofs, xyz=xyz)
+    K = inputs.model.K.toarray()
+    # Neighbours at the cut lie apart.
+    assert supports_text(job) == ""
+
+    def coupled(at: int, stiffness: float) -> None:
+        for one, other in ((2 * at, 2 * (at + half)), (2 * at + 1, 2 * (at + half) + 1)):
+            K[np.ix_([one, other], [one, other])] += stiffness * np.array([[1.0, -1.0], [-1.0, 1.0]])
+
+    left = np.zeros((2 * COUNT, 1))
+    left[[2 * 3, 2 * (3 + half)], 0] = 1.0, -1.0
+    inputs.model.terms = SimpleNamespace(left=sp.csc_array(left))
+    coupled(3, 1e6)
+    inputs.model.K = sp.csc_array(K)
+    assert supports_text(job) == ""
+    for at in (5, 7, 9, 11, 13):
+        coupled(at, 1e9)
+    inputs.model.K = sp.csc_array(K)
+    text = supports_text(job)
+    assert text.startswith(". Besides the bolts, nodes at the same place are coupled in the model by up to 1e+09 N/m (pairs: 5, nodes ")
+    assert text.endswith("check whether a tie or a contact was left in there")
+    assert f"5 and {5 + half}" in text
+    assert f"3 and {3 + half}" not in text
+
+
 def test_a_direction_that_one_node_alone_has_lost() -> None:
     """Fixed when the matrices were exported: its row is not there."""
     text = supports_text(frame_of(missing=(25, "UY")))

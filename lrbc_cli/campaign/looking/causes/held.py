@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from contextlib import suppress
 from dataclasses import replace
@@ -16,6 +17,7 @@ from lrbc_cli.campaign.looking.trials import UNLIKE, affordable, gradually, solv
 from lrbc_cli.campaign.reading.doubts.springs import turned_about
 from lrbc_cli.errors import LrbcError, listing
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
+from lrbc_cli.model.fem import FeModel
 
 #: Forces below this share of the sum of a row's magnitudes are rounding.
 _ROUNDING = 1e-6
@@ -118,9 +120,9 @@ def supports_text(seen: Seen) -> str:
         return ""
     rows = _held(model.K, dofs, np.unique(model.terms.left.indices))
     nodes, first = np.unique(dofs.node[rows], return_index=True)
-    lacking = _lacking(dofs)
+    lacking, tied = _lacking(dofs), _tied_text(model, dofs)
     if not nodes.size:
-        return lacking
+        return f"{lacking}{tied}"
     xyz, unit = dofs.xyz[rows[first]], inputs.campaign.unit_system.length
     spans, own = np.ptp(dofs.xyz, axis=0), np.ptp(xyz, axis=0)
     common = [f"{'xyz'[k]} = {xyz[0, k] / unit:.4g}" for k in range(3) if own[k] < 1e-6 * spans.max() < spans[k]]
@@ -131,7 +133,7 @@ def supports_text(seen: Seen) -> str:
     odd = [f"node {node} in {', '.join(own)} alone" for node, own in held.items() if own != usual] if len(held) > 2 else []
     unlike = f"; unlike the others, {' and '.join(odd)}" if 0 < len(odd) <= 2 else ""
     return (
-        f"{lacking}. The model is held to the ground in addition to the bolts (at or next to {nodes.size} "
+        f"{lacking}{tied}. The model is held to the ground in addition to the bolts (at or next to {nodes.size} "
         f"node{'s' if nodes.size > 1 else ''}{alike}: {named}{unlike}): check whether the structure on the test bench is held there, too"
     )
 
@@ -147,6 +149,40 @@ def _lacking(dofs: DofTable, *, most: int = 4) -> str:
         return ""
     named = ", ".join(f"node {node} has no {', '.join(own)}" for node, own in odd.items())
     return f". Alone of all nodes, {named}: check whether a boundary condition was left in there"
+
+
+def _tied_text(model: FeModel, dofs: DofTable, *, near: float = 1e-6) -> str:
+    """Clause that nodes at the same place are coupled without being ends of a term, as by a tie or a contact left in; else empty.
+
+    Parameters
+    ----------
+    model : FeModel
+    dofs : DofTable
+    near : float
+        Largest distance of such nodes, relative to the extent of the model.
+    """
+    # Imported here, since few campaigns come so far.
+    from scipy.spatial import KDTree
+
+    nodes, first = np.unique(dofs.node, return_index=True)
+    xyz = dofs.xyz[first]
+    pairs = KDTree(xyz).query_pairs(near * float(np.ptp(xyz, axis=0).max()), output_type="ndarray")
+    ends = model.terms.left.tocsc()
+    own = {frozenset(dofs.node[ends.indices[a:b]].tolist()) for a, b in itertools.pairwise(ends.indptr.tolist())}
+    rows = {(node, component): row for row, (node, component) in enumerate(zip(dofs.node.tolist(), dofs.component.tolist(), strict=True))}
+    found = dict[tuple[int, int], float]()
+    for one, other in nodes[pairs].tolist():
+        ways = [(rows.get((one, label), -1), rows.get((other, label), -1)) for label in COMPONENTS[:3]]
+        stiffness = max((-float(model.K[a, b].real) for a, b in ways if a >= 0 and b >= 0), default=0.0)
+        if stiffness > 0.0 and frozenset((one, other)) not in own:
+            found[one, other] = stiffness
+    if not found:
+        return ""
+    named = listing([f"{one} and {other}" for one, other in found], 4)
+    return (
+        f". Besides the bolts, nodes at the same place are coupled in the model by up to {max(found.values()):.2g} N/m "
+        f"(pairs: {len(found)}, nodes {named}): check whether a tie or a contact was left in there"
+    )
 
 
 def _held(K: sp.csc_array, dofs: DofTable, terms: Integers) -> Integers:
