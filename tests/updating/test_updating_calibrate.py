@@ -14,7 +14,7 @@ from systems import beam, direct_frf, fe_model, unit
 
 from lrbc_cli.model.factors import make_recipe, with_factors
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.calibration.apart import apart_notes, indistinguishable
+from lrbc_cli.updating.calibration.apart import apart_notes, damping_at_bounds, indistinguishable
 from lrbc_cli.updating.calibration.calibrate import fit_factors, moves_resonances
 from lrbc_cli.updating.search.smooth import smoothed
 from lrbc_cli.updating.search.starts import single_joints
@@ -347,3 +347,16 @@ class TestApart:
         assert self.found(data) == [(("a", "b"), False)]
         (note,) = apart_notes(self.found(data))
         assert "prior" not in note
+
+
+@pytest.mark.parametrize(("value", "told"), [(-2.0, True), (-1.9986, True), (-1.9, False), (0.0, False), (1.995, True)])
+def test_a_damping_exponent_that_creeps_up_to_its_bound_is_told(value: float, told: bool) -> None:
+    """A descent may stop short of the bound, since less and less changes towards it."""
+    P = springs(damped=True)
+    theta = P.initial.copy()
+    (_, _, at), *_ = P.placed
+    theta[at] = value
+    notes = damping_at_bounds(P, theta)
+    assert bool(notes) is told
+    assert not told or notes[0].startswith("springs: the damping exponent is at its bound")
+    assert damping_at_bounds(springs(), springs().initial) == []

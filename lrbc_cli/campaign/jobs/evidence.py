@@ -24,6 +24,7 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misplaced_bolts
 from lrbc_cli.errors import LrbcError, listing
 from lrbc_cli.model.terms import LN10, ParameterGroup
+from lrbc_cli.updating.calibration.apart import damping_at_bounds
 from lrbc_cli.updating.judging.evidence import (
     USED,
     VALIDATION,
@@ -393,7 +394,7 @@ def guessed_text(name: str, limits: Saturation, start: float | None) -> str:
 def remarks(inputs: Inputs, result: Identification) -> list[str]:
     """Notes of a result: guessed limits, values at their bounds, near ties between descents, relative comparison."""
     found = []
-    for group, values, at in result.parameters.placed:
+    for group, values, _ in result.parameters.placed:
         limits = result.saturations.get(group.name)
         config = inputs.campaign.parameters[group.name]
         # Said once, with the reference job: all jobs have the same bounds.
@@ -404,12 +405,7 @@ def remarks(inputs: Inputs, result: Identification) -> list[str]:
         low, high = int(np.sum(p <= bounds[:, 0])), int(np.sum(p >= bounds[:, 1]))
         if low or high:
             found.append(f"{group.name}: {low} of {group.count} values at the lower and {high} at the upper bound")
-        if (
-            at is not None
-            and group.damping is not None
-            and not group.damping.bounds[0] < result.solution.theta[at] < group.damping.bounds[1]
-        ):
-            found.append(f"{group.name}: the damping exponent is at its bound {result.solution.theta[at]:g}: the FRFs do not determine it")
+    found += damping_at_bounds(result.parameters, result.solution.theta)
     tie = near_tie(result.parameters, result.solution.starts)
     if tie is not None:
         best, second, apart = tie

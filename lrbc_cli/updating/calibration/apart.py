@@ -144,9 +144,16 @@ def at_bounds(P: Parameterisation, scalars: Sequence[Nuisance], theta: Floats, *
                 f"{scalar.name}: at its bound {scalar.effect(value - scalar.mean):.4g}: the measurement does not determine it, or its "
                 "start value is too far away (then give one nearer to it)"
             )
+    found += [] if hold else damping_at_bounds(P, theta)
+    return found
+
+
+def damping_at_bounds(P: Parameterisation, theta: Floats, *, near: float = 0.01) -> list[str]:
+    """Notes on damping exponents that end within ``near`` [decades] of their bounds: their effect fades towards these."""
+    found = []
     for group, _, at in P.placed:
-        if at is not None and group.damping is not None and not hold:
+        if at is not None and group.damping is not None:
             low, high = group.damping.bounds
-            if not low < theta[at] < high:
-                found.append(f"{group.name}: the damping exponent is at its bound {theta[at]:g}, the FRFs do not determine it")
+            if not low + near < theta[at] < high - near:
+                found.append(f"{group.name}: the damping exponent is at its bound {theta[at]:.3g}: the FRFs do not determine it")
     return found
