@@ -90,22 +90,24 @@ def hammered(
     uncalibrated: bool = False,
     power: int = 0,
     turned: Collection[str] = (),
+    name: str = "tight",
+    known: tuple[Known, ...] = (),
     **db: float,
 ) -> list[Finding]:
     """Findings of four sensors under two hammer points with these factors, else none; of files with this unit and scale, or in volts."""
     names = [f"a{k}-h{h}" for h in (1, 2) for k in range(1, 5)]
     responses = [SimpleNamespace(name=n, node=int(n[1]), direction=3, quantity="acceleration", input=int(n[-1]) - 1) for n in names]
     job = SimpleNamespace(factor=lambda _: scale, first=Path("tight.uff"), format_of=lambda _: unit and TextFormat(unit=unit))
-    reference = SimpleNamespace(update=SimpleNamespace(reference="tight"), jobs={"tight": job})
+    reference = SimpleNamespace(update=SimpleNamespace(reference="tight"), jobs={name: job})
     method = SimpleNamespace(residual=SimpleNamespace(phase=False))
     inputs: Any = SimpleNamespace(responses=responses, campaign=reference, method=method, excitations=("h1", "h2"))
     own = [db.get(name.replace("-", ""), 0.0) for name in names]
     found = [
-        Offset(response=i, db=size, half=0.3, power=0, known=(), before=max(abs(size), 1.0), after=1.0, named=abs(size) > 2.0)
+        Offset(response=i, db=size, half=0.3, power=0, known=known, before=max(abs(size), 1.0), after=1.0, named=abs(size) > 2.0)
         for i, size in enumerate(own)
     ]
     found = [replace(offset, uncalibrated=uncalibrated, power=power, reversed=names[offset.response] in turned) for offset in found]
-    return offset_findings(inputs, found, "tight")
+    return offset_findings(inputs, found, name)
 
 
 @pytest.mark.parametrize(
@@ -120,6 +122,20 @@ def hammered(
 def test_one_reversed_blow_is_no_reversed_sensor(turned: list[str], what: str) -> None:
     (found,) = hammered(turned=turned)
     assert f"Possible cause: {what}. Write jobs.tight.scale: " in found.text
+
+
+@pytest.mark.parametrize(("db", "name", "sure"), [(3.3, "v1", True), (3.4, "v1", False), (3.4, "tight", True)])
+def test_a_gain_near_the_factor_of_a_convention(db: float, name: str, sure: bool) -> None:
+    """Another hammer with the sensitivity of the first one, 1.48 times: no root of two. In the reference job the model may err as much."""
+    convention = Known(20.0 * np.log10(2.0**0.5), "rms and peak values mixed", of_all=True)
+    every = {f"a{k}h{h}": db for h in (1, 2) for k in range(1, 5)}
+    (found,) = hammered(name=name, known=(convention,), **every)
+    fix = f"probable cause: rms and peak values mixed. Write jobs.{name}.scale: 0.707107"
+    doubt = (
+        "possible cause: rms and peak values mixed (then write jobs.v1.scale: 0.707107), or another hammer, a sensitivity or a gain that is"
+    )
+    assert (fix in found.text) is sure
+    assert (f"{doubt} not known here (then jobs.v1.scale: {10.0 ** (-db / 20.0):.6g})" in found.text) is not sure
 
 
 def test_the_unit_to_write_replaces_the_one_that_is_stated() -> None:

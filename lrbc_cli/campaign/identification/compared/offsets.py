@@ -200,8 +200,12 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
         )
     if not causes:
         return text, f"{likely} {_unknown_text(offset, own, some=some)}"
-    known = next(known for known in recognised if known.cause)
+    known, exact = next(known for known in recognised if known.cause), own
     own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-known.db / 20.0))}"
+    if some and known.unit is None and abs(known.db - offset.db) > offset.half:
+        # Conventions have small factors, which a gain meets by chance; errors of the model are in all jobs.
+        what = "another hammer, a sensitivity or a gain" if len(common.responses) == count else "a sensitivity or a gain"
+        return text, f"possible cause: {' or '.join(causes)} (then write {own}), or {what} that is not known here (then {exact})"
     cause = f"{likely} {' or '.join(causes)}. Write "
     if known.of_model:
         scales = (f"responses.{inputs.responses[i].name}.scale: {10.0 ** (known.db / 20.0):.6g}" for i in common.responses)

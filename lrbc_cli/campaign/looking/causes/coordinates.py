@@ -14,7 +14,7 @@ from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.looking.trials import affordable, gradually, picking, solved
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.reach import parts_of
-from lrbc_cli.errors import LrbcError
+from lrbc_cli.errors import LrbcError, listing
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.selection import nearest, spacing
 
@@ -100,16 +100,16 @@ def _misfits(seen: Seen, others: Sequence[_Other], largest: float) -> list[Float
 
 
 def _text(inputs: Inputs, dofs: DofTable, other: _Other, before: float, after: float) -> str:
-    names = [inputs.responses[i].name for i in other.responses]
-    keys, component = " and ".join(f"responses.{name}" for name in names), dofs.component[other.dof]
+    each, component = [inputs.responses[i].name for i in other.responses], dofs.component[other.dof]
+    names, keys = listing(each, 4), listing([f"responses.{name}" for name in each], 4)
     if other.turned:
         return (
-            f"{', '.join(names)}: sensor stated along {other.how} probably measures along {component}: this reduces the level misfit from "
+            f"{names}: sensor stated along {other.how} probably measures along {component}: this reduces the level misfit from "
             f"{before:.1f} to {after:.1f} dB (mean level of each response removed). Correct {keys}: component: {component}"
         )
     xyz = ", ".join(f"{value:.6g}" for value in dofs.xyz[other.dof] / inputs.campaign.unit_system.length)
     return (
-        f"{', '.join(names)}: sensor probably stated {other.how}: at node {dofs.node[other.dof]} the level misfit falls from "
+        f"{names}: sensor probably stated {other.how}: at node {dofs.node[other.dof]} the level misfit falls from "
         f"{before:.1f} to {after:.1f} dB (mean level of each response removed). If the sensor was there, correct {keys}: near: [{xyz}]"
     )
 
