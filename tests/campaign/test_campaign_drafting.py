@@ -23,6 +23,7 @@ from lrbc_cli.campaign.drafting.recognise import recognise
 from lrbc_cli.campaign.drafting.roles import edge_near, tight_states
 from lrbc_cli.config import load_campaign
 from lrbc_cli.config.document import parse
+from lrbc_cli.config.fields import plain_name
 from lrbc_cli.io.layout import TextLayout
 from lrbc_cli.io.matrices.read import read_matrix
 from lrbc_cli.io.uff.read import read_uff
@@ -99,36 +100,50 @@ def test_several_hammer_points_by_their_nodes(tmp_path: Path) -> None:
     np.testing.assert_allclose(measured["mic1-h2"], 2.0 * measured["mic1-h1"], rtol=1e-5)
 
 
+@pytest.mark.parametrize("names", [("H1", "H2"), ("H:1", "H:2"), ("P1 +Z", "P1 -Z"), ("Stoß 1", "Stoß 2")])
 @pytest.mark.parametrize("numbered", [True, False], ids=["nodes of the analyser", "no nodes"])
-def test_several_hammer_points_by_their_names_in_the_table_of_points(numbered: bool, tmp_path: Path) -> None:
+def test_several_hammer_points_by_their_names_in_the_table_of_points(numbered: bool, names: tuple[str, str], tmp_path: Path) -> None:
     """The numbers in the files are channels, not nodes of the model, but the table has the names of sensors and hammer points."""
     files = box(tmp_path / "box").data
     struck_twice(files, known=True)
     lines = [line.split(",") for line in (files / "dofs.csv").read_text().splitlines()[1:]]
     table = {int(node): tuple(map(float, place)) for _, node, _, *place in lines}
-    names = {"mic1": 103, "mic2": 112, "mic3": 124, "acc1": 7, "H 1": 8, "h2": 6}
-    kinds = {name: "PRES" if name.startswith("mic") else "UZ" for name in names}
-    rows = [f"{name},{','.join(map(repr, table[node]))},{kinds[name]}" for name, node in names.items()]
+    rows_of = ("H 1", "h2") if names[0] == "H1" else names
+    nodes = {"mic1": 103, "mic2": 112, "mic3": 124, "acc1": 7, rows_of[0]: 8, rows_of[1]: 6}
+    kinds = {name: "PRES" if name.startswith("mic") else "UZ" for name in nodes}
+    rows = [f"{name},{','.join(map(repr, table[node]))},{kinds[name]}" for name, node in nodes.items()]
     (files / "points.csv").write_text("\n".join(["name,x,y,z,component", *rows]) + "\n")
 
     def renumbered(own: tuple[FrfRecord, ...]) -> Iterable[FrfRecord]:
         for k, record in enumerate(own):
-            hammer = {8: "H1", 6: "H2"}[record.reference_node or 0]
-            at = (201 + k % 4, 901 if hammer == "H1" else 902) if numbered else (None, None)
+            hammer = {8: names[0], 6: names[1]}[record.reference_node or 0]
+            at = (201 + k % 4, 900 + (record.reference_node or 0)) if numbered else (None, None)
             yield replace(record, response_node=at[0], reference_node=at[1], reference_name=hammer)
 
     rewritten(files, renumbered)
     folder, told = drafted(files, tmp_path / "new")
     campaign = load_campaign(folder.config)
-    assert "2 hammer points: H1, H2" in told.stdout
+    one, two = map(plain_name, names)
+    assert f"2 hammer points: {one}, {two}" in told.stdout
     near = {name: at.near for name, at in campaign.excitation.items()}
-    assert near == {"H1": pytest.approx(table[8]), "H2": pytest.approx(table[6])}
-    assert list(campaign.responses) == [f"{name}-H{k}" for k in (1, 2) for name in ("mic1", "mic2", "mic3", "acc1")]
+    assert near == {one: pytest.approx(table[8]), two: pytest.approx(table[6])}
+    assert list(campaign.responses) == [f"{name}-{hammer}" for hammer in (one, two) for name in ("mic1", "mic2", "mic3", "acc1")]
     assert "to do: its place" not in folder.config.read_text()
     study = load(folder.config)
     measured = dict(zip(study.responses, study.read("tight").values.T, strict=True))
-    np.testing.assert_allclose(measured["mic1-H2"], 2.0 * measured["mic1-H1"], rtol=1e-5)
-    np.testing.assert_allclose(measured["acc1-H2"], 2.0 * measured["acc1-H1"], rtol=1e-5)
+    np.testing.assert_allclose(measured[f"mic1-{two}"], 2.0 * measured[f"mic1-{one}"], rtol=1e-5)
+    np.testing.assert_allclose(measured[f"acc1-{two}"], 2.0 * measured[f"acc1-{one}"], rtol=1e-5)
+
+
+def test_one_name_of_all_blows_is_no_name_of_a_hammer_point(tmp_path: Path) -> None:
+    """Analysers write ``Hammer`` as the reference of every record; the nodes tell the points apart."""
+    files = box(tmp_path / "box").data
+    struck_twice(files, known=True)
+    (files / "points.csv").write_text("name,x,y,z,component\nhammer,2.1,0,0,UZ\n")
+    rewritten(files, lambda own: (replace(record, reference_name="Hammer") for record in own))
+    folder, told = drafted(files, tmp_path / "new")
+    assert "2 hammer points: h1, h2" in told.stdout
+    assert [at.node for at in load_campaign(folder.config).excitation.values()] == [8, 6]
 
 
 @pytest.mark.parametrize("pattern", ["{state}/H{k}.uff", "{state}_H{k}.uff", "H{k}-{state}.uff"])

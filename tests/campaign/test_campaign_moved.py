@@ -187,8 +187,8 @@ def test_places_tried_for_several_hammer_points(most: int) -> None:
     if most > 300:
         assert along["UY"] == along["UZ"] == list(range(1, 101))
     else:
-        assert {8, 9, 10, 11, 12, 78, 79, 80, 81, 82} <= set(along["UZ"])
-        assert min(along["UZ"]) < 5
-        assert max(along["UZ"]) > 85
-        # Half for each component, and the other directions at the stated nodes.
-        assert found.size <= most + 2 * len(own)
+        # As near to each as for one alone, and others between them and beyond.
+        assert {*range(6, 15), *range(76, 85)} <= set(along["UZ"])
+        assert any(35 < node < 55 for node in along["UZ"])
+        assert any(node > 90 for node in along["UZ"])
+        assert 2 * most >= found.size

@@ -1816,6 +1816,14 @@ MISTAKES = [
         "f has 470 entries, H has 471 lines",
     ),
     Mistake(
+        "a loose state as the reference job and for the calibration",
+        "plate",
+        config(("  reference: tight-1", "  reference: b5-loose"), ("  job: tight-1", "  job: b5-loose"), ("  baselines: [tight-2]\n", "")),
+        0,
+        "fit the tight model far better than b5-loose",
+        "With B5 at 0.06 of its stiffness the level misfit is 3.8 dB: check whether all bolts were tight",
+    ),
+    Mistake(
         "files of the reference job and of a loose one exchanged",
         "plate",
         config(("tight-1.uff", "OTHER"), ("b3-half-b4-loose.uff", "tight-1.uff"), ("OTHER", "b3-half-b4-loose.uff")),

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lrbc_cli.campaign.drafting.recognise import FilesFound
-from lrbc_cli.campaign.drafting.roles import BOLTS, HAMMER, names_loose, tight_states
+from lrbc_cli.campaign.drafting.roles import BOLTS, HAMMER, PointFound, names_loose, tight_states
 from lrbc_cli.config.fields import job_name, plain_name
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.io.frf_common import WORDS, alike
@@ -98,9 +98,29 @@ def struck_at(record: FrfRecord) -> Struck:
     return Struck(record.reference_node, record.reference_direction, "" if record.reference_node is not None else record.reference_name)
 
 
-def ends_of(record: FrfRecord) -> tuple[object, ...]:
+def ends(record: FrfRecord) -> tuple[object, ...]:
     """Both ends of a record, its name where the response has no node."""
     return record.response_node, record.response_direction, record.name if record.response_node is None else "", *struck_at(record)
+
+
+def hammers(
+    records: Sequence[FrfRecord],
+    point: Callable[[str], PointFound | None],
+    near: Callable[[PointFound], str],
+    at_node: Callable[[int | None, int], str | None],
+) -> dict[Struck, tuple[str, str | None]]:
+    """Name and place of each hammer point in the files, the place None if not known.
+
+    By the names of the files, if each has a ``point`` and they differ as names in a campaign file; else by their nodes.
+    """
+    called = {struck_at(record): record.reference_name for record in reversed(records)}
+    points = {at: point(name) for at, name in called.items() if name}
+    names = {plain_name(called[at]) for at, own in points.items() if own is not None} - {""}
+    found: dict[Struck, tuple[str, str | None]] = {}
+    for at in map(struck_at, records):
+        own = points.get(at) if len(names) == len(called) else None
+        found.setdefault(at, (f"h{len(found) + 1}", at_node(at.node, at.direction)) if own is None else (plain_name(called[at]), near(own)))
+    return found
 
 
 def address(record: FrfRecord, number: int, quoted: Callable[[str], str], *, several: bool, alone: bool) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.campaign.drafting.channels import NamedFile, Struck, address, ends_of, jobs_of, name_after_files, other_names, struck_at
+from lrbc_cli.campaign.drafting.channels import NamedFile, Struck, address, ends, hammers, jobs_of, name_after_files, other_names, struck_at
 from lrbc_cli.campaign.drafting.recognise import FilesFound, MatrixFound
 from lrbc_cli.campaign.drafting.roles import (
     HAMMER,
@@ -206,13 +206,8 @@ class Draft:
 
     def _struck(self, records: Sequence[FrfRecord]) -> dict[Struck, tuple[str, str | None]]:
         """Name and place of each hammer point: by its name in the table of points, else by its node if the model has those of the files."""
-        found, numbered = dict[Struck, tuple[str, str | None]](), self._numbered(records)
-        for record in records:
-            at, point = struck_at(record), self.roles.point(record.reference_name) if record.reference_name else None
-            node = self._at_node(at.node, at.direction) if numbered else None
-            name = f"h{len(found) + 1}" if point is None else _name(record.reference_name, f"h{len(found) + 1}")
-            found.setdefault(at, (name, node if point is None else self._near(point)))
-        return found
+        at_node = self._at_node if self._numbered(records) else lambda *_: None
+        return hammers(records, self.roles.point, self._near, at_node)
 
     def _driven(self, records: Sequence[FrfRecord]) -> dict[Struck, str]:
         """Names of several hammer points, if the places of all are known; else empty."""
@@ -260,7 +255,7 @@ class Draft:
         """Lines of the section ``responses``, names of the responses that have a place, and the sensor of each, from numbered records."""
         lines, names, lost, sensors = list[str](), list[str](), list[tuple[str, FrfRecord, str]](), dict[str, str]()
         numbered = bool(records) and self._numbered(list(records.values()))
-        several = Counter(map(ends_of, records.values()))
+        several = Counter(map(ends, records.values()))
         for number, record in records.items():
             plain = _name(
                 response_of(record.name),
@@ -270,7 +265,7 @@ class Draft:
             name = f"{plain}-{struck}" if struck else plain
             name = name if name not in names else f"{name}-{number}"
             sensors[name] = plain if struck else name
-            alone = several[ends_of(record)] == 1
+            alone = several[ends(record)] == 1
             further = f", excitation: {struck}" if struck else ""
             further += "" if name == record.name else f", record: {address(record, number, quoted, several=bool(struck), alone=alone)}"
             names.append(name)

@@ -12,6 +12,7 @@ import numpy as np
 from lrbc_cli.arrays import Complexes
 from lrbc_cli.campaign.identification.compared.appended import require_one_measurement
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
+from lrbc_cli.config.fields import plain_name
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.config.structure import FileRecordRef, RecordRef
 from lrbc_cli.errors import DataError
@@ -34,6 +35,8 @@ def describe(record: FrfRecord, several: bool = False) -> str:
         parts.append(f"node {record.response_node} direction {record.response_direction}")
     if record.reference_node is not None:
         parts.append(f"over node {record.reference_node} direction {record.reference_direction}")
+    if record.reference_name:
+        parts.append(f"hammer point {record.reference_name}")
     parts.append(record.quantity or "quantity unknown")
     number = f"record {record.number}"
     place = record.place if record.place == number or not record.number else f"{number} ({record.place})"
@@ -126,8 +129,10 @@ def _one(found: list[FrfRecord], how: str, response: Response, frf: FrfSet, inpu
     if len(own) > 1 and direction is not None:
         own = [r for r in own if r.reference_direction == direction]
     if not own:
-        # Files may name hammer points instead.
-        own = [r for r in found if r.reference_name and alike(r.reference_name) == alike(inputs.excitations[response.input])]
+        # Files may name hammer points instead; in the campaign file a name has no accents or signs.
+        excitation, called = inputs.excitations[response.input], [r for r in found if r.reference_name]
+        own = [r for r in called if excitation in (r.reference_name, plain_name(r.reference_name))]
+        own = own or [r for r in called if alike(r.reference_name) == alike(excitation)]
     if len(own) == 1:
         return own[0]
     names = list(dict.fromkeys(Path(record.file).name for record in found))

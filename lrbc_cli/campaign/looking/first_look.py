@@ -58,7 +58,6 @@ from lrbc_cli.campaign.looking.causes.tightness import (
 )
 from lrbc_cli.campaign.looking.fitted import as_exported, at_bounds_text, fitted_exchanged, fitted_frf, roughly_calibrated, strike_text
 from lrbc_cli.campaign.looking.states import Looking, Seen, nearest_states, on_lines, reach_of_one
-from lrbc_cli.campaign.looking.trials import UNLIKE
 from lrbc_cli.campaign.looking.unexplained import beside_fit, beside_tight, little_in_common, placed, without_repeated
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misread
@@ -215,7 +214,7 @@ def _looked_at(
 ) -> OfJob:
     """Findings of one job, by comparison with the model and, if given, with measurement ``tight`` and ``cycles`` of the reference job.
 
-    If it is ``explained`` otherwise, no causes are looked for that need full solves.
+    Where it is ``explained`` otherwise, no wrong places or supports are looked for, which takes long.
     """
     seen = Seen.of(source, name, measurements[name], tight)
     inputs, held = seen.inputs, seen.held
@@ -239,7 +238,7 @@ def _looked_at(
     shared = seen.reference and any(len(each.responses) == len(offsets) for each in told if each.kind is Kind.UNITS)
     if shared and (text := material_text(seen, measurements[name], offsets)):
         return OfJob(said(Kind.MATERIAL, text))
-    by_chance = (other_tables(seen) or _of_model(seen, measurements)) if _gains_by_chance(seen, told, offsets) else []
+    by_chance = _of_model(seen, measurements) if _gains_by_chance(seen, told, offsets) else []
     if far := [one for one in by_chance if one.kind is not Kind.ALONE]:
         told, offsets = far, tuple(replace(offset, named=False) for offset in offsets)  # not shared with the other jobs, either
     # Places are looked for below; without a better finding these remain.
@@ -254,10 +253,9 @@ def _looked_at(
     if kinds_of(told) <= {Kind.LATE, Kind.EARLY} and (passed := filter_findings(seen, delayed)):
         return OfJob(passed)
     if not told and seen.reference:
-        told = other_tables(seen)
-        if not told and explained():
-            return OfJob(uneven, offsets)
-        told = told or _of_model(seen, measurements)
+        told = _of_model(seen, measurements)
+        if kinds_of(told) <= {Kind.UNLIKE, Kind.ALONE} and explained():
+            return OfJob(told or uneven, offsets)
     told = placed(seen, told)
     if not told and held is not None:
         told = beside_tight(seen, held, reach) or beside_fit(seen, held, fitted)
@@ -293,8 +291,8 @@ def _gains_by_chance(seen: Seen, told: Sequence[Finding], offsets: Sequence[Offs
 
 
 def _of_model(seen: Seen, measurements: Mapping[str, Measurement]) -> list[Finding]:
-    """Findings of the reference job if the model is far from it: a factor or unit, another part, or little in common."""
-    told = little_in_common(seen, measurements)
+    """Findings of the reference job if the model is far from it: another material, factor or unit, or little in common."""
+    told = other_tables(seen) or little_in_common(seen, measurements)
     if Kind.UNLIKE in kinds_of(told):
         stretched = said(Kind.STRETCHED, stretched_text(measurements[seen.job], seen))
         told = stretched or said(Kind.RESCALED, rescaled_text(seen, seen.misfit, further=1.5)) or told
@@ -332,14 +330,11 @@ def _seen_and_calibrated(source: Looking, measurements: Mapping[str, Measurement
     rough, own = cache_of(lambda: roughly_calibrated(source, measurements[name])), source.inputs.campaign.calibration
 
     def explained() -> bool:
-        """Whether a calibration within its bounds brings the model near at all hammer points: then only what it leaves is looked for."""
+        """Whether a calibration with factors within their bounds brings the model near at all hammer points."""
         if own is None or own.job != name or (found := rough()) is None or found.at_bounds:
             return False
-        seen, after = (Seen.of(each, name, measurements[name]) for each in (source, found))
-        if max(after.misfit, *after.by_excitation.values()) > LEAST_DIFFERENCE:
-            return False
-        # A calibration takes a wrong clock for another stiffness.
-        return seen.misfit <= UNLIKE or not stretched_text(measurements[name], seen)
+        after = Seen.of(found, name, measurements[name])
+        return max(after.misfit, *after.by_excitation.values()) <= LEAST_DIFFERENCE
 
     return _calibrated(source, measurements, name, _looked_at(source, measurements, name, explained=explained), rough)
 
@@ -409,7 +404,7 @@ def _uncalibrated(seen: Seen, measurement: Measurement, told: list[Finding]) -> 
     if not told and seen.misfit > LEAST_DIFFERENCE and (held := supports_text(seen)):
         text = (
             f"measured and computed FRFs differ by {seen.misfit:.1f} dB (median of the responses, mean level of each removed), more than a "
-            f"calibration corrects{held}; if not, remove the constraint in the FE model, and export it again"
+            f"calibration corrects{held}. Where the test bench has none, remove the constraint in the FE model, and export it again"
         )
         return said(Kind.UNLIKE, text)
     return told

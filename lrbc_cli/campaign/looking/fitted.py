@@ -228,11 +228,12 @@ def roughly_calibrated(
             medians = Seen.of(found, settings.job, measurement).by_excitation
             least = min(medians.values())
             if len(medians) > 1 and max(medians.values()) > min(uneven * least, LEAST_DIFFERENCE):
+                tried = list[tuple[float, Looking]]()
                 for some in _without_worst(medians):
                     one = _calibrated_by(source, problem, _rough_theta(_of_excitations(inputs, problem, some)))
                     left = Seen.of(one, settings.job, measurement).by_excitation
-                    if (own := float(np.median([left[at] for at in some]))) < least:
-                        least, found = own, one
+                    tried.append((float(np.median([left[at] for at in some])), one))
+                least, found = min(tried, key=lambda each: each[0])
             if least > LEAST_DIFFERENCE:
                 # A sensitivity ten times off outweighs the resonances in a descent that begins far away.
                 found = _calibrated_by(source, problem, _rough_theta(_levelled(source, problem, measurement)))

@@ -155,5 +155,6 @@ def damping_at_bounds(P: Parameterisation, theta: Floats, *, near: float = 0.01)
         if at is not None and group.damping is not None:
             low, high = group.damping.bounds
             if not low + near < theta[at] < high - near:
-                found.append(f"{group.name}: the damping exponent is at its bound {theta[at]:.3g}: the FRFs do not determine it")
+                bound = low if theta[at] - low < high - theta[at] else high
+                found.append(f"{group.name}: the damping exponent is at its bound {bound:g}: the FRFs do not determine it")
     return found

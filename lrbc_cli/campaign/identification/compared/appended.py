@@ -54,7 +54,8 @@ def require_one_measurement(campaign: Campaign, frf: FrfSet, file: str) -> None:
 
 
 def _named(record: FrfRecord) -> tuple[object, ...]:
-    return record.name, record.response_node, record.response_direction, record.reference_node, record.reference_direction
+    struck = record.reference_node, record.reference_direction, record.reference_name
+    return record.name, record.response_node, record.response_direction, *struck
 
 
 def _elsewhere(campaign: Campaign, part: Sequence[FrfRecord], own: str) -> str:

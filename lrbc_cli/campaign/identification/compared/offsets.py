@@ -200,17 +200,23 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
         )
     if not causes:
         return text, f"{likely} {_unknown_text(offset, own, some=some)}"
-    known, exact = next(known for known in recognised if known.cause), own
+    known, every = next(known for known in recognised if known.cause), len(common.responses) == count
+    return text, _known_text(inputs, common, job, known, causes, likely=likely, unit=unit if every else None, gain=own if some else None)
+
+
+def _known_text(
+    inputs: Inputs, common: Common, job: str, known: Known, causes: Sequence[str], *, likely: str, unit: str | None, gain: str | None
+) -> str:
+    """Text on known causes with the key that corrects them; ``gain`` is the key for the factor as it is, None in the reference job."""
     own = f"jobs.{job}.scale: {_factors(inputs, job, common.responses, 10.0 ** (-known.db / 20.0))}"
-    if some and known.unit is None and abs(known.db - offset.db) > offset.half:
+    if gain is not None and known.unit is None and abs(known.db - common.offset.db) > common.offset.half:
         # Conventions have small factors, which a gain meets by chance; errors of the model are in all jobs.
-        what = "another hammer, a sensitivity or a gain" if len(common.responses) == count else "a sensitivity or a gain"
-        return text, f"possible cause: {' or '.join(causes)} (then write {own}), or {what} that is not known here (then {exact})"
+        return f"possible cause: {' or '.join(causes)} (then write {own}), or a sensitivity or a gain that is not known here (then {gain})"
     cause = f"{likely} {' or '.join(causes)}. Write "
     if known.of_model:
         scales = (f"responses.{inputs.responses[i].name}.scale: {10.0 ** (known.db / 20.0):.6g}" for i in common.responses)
-        return text, cause + ", ".join(scales)
-    return text, cause + (f"jobs.{job}.format.unit: {unit}, or {own}" if unit and len(common.responses) == count else own)
+        return cause + ", ".join(scales)
+    return cause + (f"jobs.{job}.format.unit: {unit}, or {own}" if unit else own)
 
 
 def _uncalibrated_text(offset: Offset) -> str:

@@ -161,21 +161,19 @@ def _tied_text(model: FeModel, dofs: DofTable, *, near: float = 1e-6) -> str:
     near : float
         Largest distance of such nodes, relative to the extent of the model.
     """
-    # Imported here, since few campaigns come so far.
-    from scipy.spatial import KDTree
-
-    nodes, first = np.unique(dofs.node, return_index=True)
-    xyz = dofs.xyz[first]
-    pairs = KDTree(xyz).query_pairs(near * float(np.ptp(xyz, axis=0).max()), output_type="ndarray")
+    upper = sp.triu(model.K, 1).tocoo()
+    row, column, stiffness = upper.row, upper.col, -np.asarray(upper.data).real
+    spring = (stiffness > 0.0) & (dofs.component[row] == dofs.component[column]) & np.isin(dofs.component[row], COMPONENTS[:3])
+    row, column, stiffness = row[spring], column[spring], stiffness[spring]
+    away = np.linalg.norm(dofs.xyz[row] - dofs.xyz[column], axis=1)
+    close = (away <= near * float(np.ptp(dofs.xyz, axis=0).max())) & (dofs.node[row] != dofs.node[column])
     ends = model.terms.left.tocsc()
     own = {frozenset(dofs.node[ends.indices[a:b]].tolist()) for a, b in itertools.pairwise(ends.indptr.tolist())}
-    rows = {(node, component): row for row, (node, component) in enumerate(zip(dofs.node.tolist(), dofs.component.tolist(), strict=True))}
     found = dict[tuple[int, int], float]()
-    for one, other in nodes[pairs].tolist():
-        ways = [(rows.get((one, label), -1), rows.get((other, label), -1)) for label in COMPONENTS[:3]]
-        stiffness = max((-float(model.K[a, b].real) for a, b in ways if a >= 0 and b >= 0), default=0.0)
-        if stiffness > 0.0 and frozenset((one, other)) not in own:
-            found[one, other] = stiffness
+    for one, other, size in zip(dofs.node[row[close]].tolist(), dofs.node[column[close]].tolist(), stiffness[close].tolist(), strict=True):
+        if frozenset((one, other)) not in own:
+            pair = min(one, other), max(one, other)
+            found[pair] = max(found.get(pair, 0.0), size)
     if not found:
         return ""
     named = listing([f"{one} and {other}" for one, other in found], 4)

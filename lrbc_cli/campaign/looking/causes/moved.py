@@ -84,13 +84,15 @@ def _nearest_place(seen: Seen, dofs: DofTable, at: int) -> tuple[float, float, i
     """Misfits of excitation ``at`` as stated and at the best place [dB], the DOFs of the best and the stated place; infinite if unknown."""
     inputs, points = seen.inputs, _single_points(seen.inputs)
     there = np.isfinite(levels(seen.measured))
-    responses = np.flatnonzero((inputs.input_of == at) & (2 * there.sum(axis=0) > len(there)))
+    heard = {to: np.flatnonzero((inputs.input_of == to) & (2 * there.sum(axis=0) > len(there))) for to in {at, *points}}
+    responses = heard[at]
     # A single response without its constant is too little evidence, and a distributed load has no place.
     if at not in points or responses.size < 2:
         return 0.0, np.inf, -1, -1
-    own, level = points[at], levels(seen.measured[:, responses])[:, None, :]
+    own, level, sensors = points[at], levels(seen.measured[:, responses])[:, None, :], _sensors(inputs, responses)
     # Hammer points with the same sensors share the solves.
-    every = _places(dofs, list(points.values()), MOST_HITS // responses.size)
+    alike = [point for to, point in points.items() if to == at or _sensors(inputs, heard[to]) == sensors]
+    every = _places(dofs, alike, MOST_HITS // responses.size)
     tried = (dofs.component[every] == dofs.component[own]) | ((dofs.node[every] == dofs.node[own]) & _translates(dofs)[every])
     places = every[tried]
     left, gaps = np.full(places.size, np.inf), not there[:, responses].all()
@@ -113,6 +115,12 @@ def _single_points(inputs: Inputs) -> dict[int, int]:
     """DOF of each excitation that acts on a single one."""
     loads = [inputs.model.B[:, [at]].tocoo() for at in range(len(inputs.excitations))]
     return {at: int(load.row[0]) for at, load in enumerate(loads) if load.nnz == 1}
+
+
+def _sensors(inputs: Inputs, responses: Integers) -> bytes:
+    """Equal for responses at the same places, of the same quantities, in the same order."""
+    rows, powers = inputs.model.L[responses].tocsr(), inputs.model.output_power[responses]
+    return b"".join(part.tobytes() for part in (rows.indptr, rows.indices, rows.data, powers))
 
 
 def _translates(dofs: DofTable) -> Bools:
@@ -220,8 +228,7 @@ def _reciprocal_ports(seen: Seen, places: Integers, responses: Integers) -> Port
         output_power=np.tile(model.output_power[responses], places.size),
         extras={},
     )
-    sensors = model.L[responses].tocsr()
-    key = b"places" + b"".join(part.tobytes() for part in (sensors.indptr, sensors.indices, sensors.data, model.output_power[responses]))
+    key = b"places" + places.tobytes() + _sensors(seen.inputs, responses)
     return solved(seen, turned, np.tile(np.arange(count), places.size), key)
 
 
@@ -251,8 +258,11 @@ def sensor_text(seen: Seen, response: int) -> str:
     return f"; {at} it would differ by {left[best]:.1f} dB ({how})"
 
 
-def _places(dofs: DofTable, own: Sequence[int], most: int) -> Integers:
-    """DOFs to be tried: translations at the stated nodes, and DOFs of their components; if too many, half of them the nearest."""
+def _places(dofs: DofTable, own: Sequence[int], most: int, *, least: int = 30) -> Integers:
+    """DOFs to be tried: translations at the stated nodes, and DOFs of their components, about ``most``.
+
+    If there are more, half of them are the nearest ones, as many about each stated one, but not fewer than ``least``.
+    """
     here = np.flatnonzero(_translates(dofs) & np.isin(dofs.node, dofs.node[own]))
     found, components = [np.array(own), here], list(dict.fromkeys(dofs.component[own].tolist()))
     for component in components:
@@ -261,11 +271,10 @@ def _places(dofs: DofTable, own: Sequence[int], most: int) -> Integers:
         away = np.linalg.norm(dofs.xyz[alike, None] - dofs.xyz[stated], axis=2)
         allowed = most // len(components)
         if alike.size > allowed:
-            # As many about each stated one.
-            nearest = np.argsort(away, axis=0, kind="stable")[: allowed // (2 * len(stated))]
-            near = np.unique(nearest)
+            few = max(allowed // 2 // len(stated), min(least, allowed // 2))
+            near = np.unique(np.argsort(away, axis=0, kind="stable")[:few])
             rest = np.setdiff1d(np.argsort(away.min(axis=1), kind="stable"), near, assume_unique=True)
-            alike = alike[np.concatenate([near, rest[spaced(rest.size, allowed - near.size)]])]
+            alike = alike[np.concatenate([near, rest[spaced(rest.size, max(allowed - near.size, allowed // 2))]])]
         found.append(alike)
     return np.unique(np.concatenate(found))
 
