@@ -185,6 +185,12 @@ def functions(path: Path):
     return [(node, node in methods) for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
 
 
+def test_warnings_are_not_caught_where_threads_run():
+    """``warnings.catch_warnings`` changes the filters of the whole process: of two threads, one restores them under the other."""
+    alone = {"lrbc_cli.report.drawing.png", "lrbc_cli.io.matrices.columns"}
+    assert {name_of(path) for path in MODULES if "catch_warnings" in path.read_text()} == alone
+
+
 def test_few_functions_are_long():
     """From the ``def`` to the last line, docstring included."""
     found = {

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 
 from lrbc_cli.campaign.identification.compared.doubts import FAR_ABOVE_NOISE
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.model.factors import SOUND_SPEED
+from lrbc_cli.updating.robust import medians
 from lrbc_cli.updating.statistics.chain.blows import second_blow
 from lrbc_cli.updating.statistics.chain.modal import ChainFault, other_chain
 from lrbc_cli.updating.statistics.lines import line_noise, noise_shares
@@ -58,10 +57,8 @@ def noise_doubt(own: Measurement, tight: Measurement, reference: str, *, least: 
 
 def _edge(own: Measurement, least: float) -> int:
     """Index of the line that best separates noisy lines from others; 0 if no line is noisy."""
-    with warnings.catch_warnings():
-        # Lines on which no response has a value.
-        warnings.simplefilter("ignore", RuntimeWarning)
-        noisy = np.nanmedian(noise_shares(own.values), axis=1) > least
+    # NaN on lines on which no response has a value.
+    noisy = medians(noise_shares(own.values), 1)[:, 0] > least
     if noisy.size < 2:
         return 0
     count, before = np.arange(1, noisy.size), np.cumsum(noisy)[:-1]

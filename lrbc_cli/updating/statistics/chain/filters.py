@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.updating.robust import medians
 from lrbc_cli.updating.statistics.decibels import decibel
 
 
@@ -85,12 +85,12 @@ def filtered(
     left : float
         Largest share of the median level misfit that is left. Filters left 0.9 to 0.4.
     """
-    with warnings.catch_warnings(), np.errstate(divide="ignore", invalid="ignore"):
-        # Lines on which no response has a value.
-        warnings.simplefilter("ignore", RuntimeWarning)
+    with np.errstate(divide="ignore", invalid="ignore"):
         ratio = measured / model
-        level, turn = decibel(ratio), np.nanmean(ratio / np.abs(ratio), axis=1)
-        level = np.nanmedian(np.where(np.isfinite(level), level, np.nan) - np.nanmedian(level, axis=0), axis=1)
+        level, phases = decibel(ratio), ratio / np.abs(ratio)
+        # NaN on lines on which no response has a value.
+        turn = np.where(np.isnan(phases), 0.0, phases).sum(axis=1) / np.sum(~np.isnan(phases), axis=1)
+        level = medians(np.where(np.isfinite(level), level, np.nan) - medians(level, 0), 1)[:, 0]
     known = np.isfinite(level) & np.isfinite(turn)
     if not known.any():
         return None
