@@ -24,6 +24,7 @@ from campaigns import plate as make_plate
 from looking import seen
 from samples import reduced_cache
 
+from lrbc_cli.campaign.looking import trials
 from lrbc_cli.campaign.looking.causes import rescaled
 from lrbc_cli.io.meshes.nodes import read_nodes
 from lrbc_cli.model.fem import FeModel
@@ -1983,7 +1984,7 @@ def test_factors_that_explain_nothing_cost_a_few_full_lines_each(tmp_path: Path,
         solved.append(s.size)
         return full_ports(model, input_of, s, *args, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(rescaled, "full_ports", counted)
+    monkeypatch.setattr(trials, "full_ports", counted)
     inputs = make_plate(tmp_path).inputs()
     noise, smooth = np.random.default_rng(0).normal(size=(200, 5)) + 0j, np.ones((1, 200, 5), dtype=complex)
     parameters: Any = SimpleNamespace(initial=None, dynamic=lambda _, s: np.ones((s.size, inputs.model.terms.size), dtype=complex))
