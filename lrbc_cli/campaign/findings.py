@@ -17,7 +17,7 @@ class Effect(Flag):
     STOPS = auto()
     #: Says only that the model, or its springs, are far from the measurement: a stored calibration mends it.
     IS_FAR = auto()
-    #: Nevertheless a rough calibration is tried.
+    #: A rough calibration from that job is tried in spite of it.
     IS_CALIBRATED = auto()
     #: In the reference job: it remains the tight state for the others.
     LEAVES_TIGHT = auto()

@@ -21,6 +21,8 @@ from lrbc_cli import load
 from lrbc_cli.campaign.drafting.draft import Draft, draft, quoted
 from lrbc_cli.campaign.drafting.recognise import recognise
 from lrbc_cli.campaign.drafting.roles import edge_near, tight_states
+from lrbc_cli.campaign.jobs.identity import identification
+from lrbc_cli.campaign.reduced.cache import key_parts
 from lrbc_cli.config import load_campaign
 from lrbc_cli.config.document import parse
 from lrbc_cli.config.fields import plain_name
@@ -133,6 +135,27 @@ def test_several_hammer_points_by_their_names_in_the_table_of_points(numbered: b
     measured = dict(zip(study.responses, study.read("tight").values.T, strict=True))
     np.testing.assert_allclose(measured[f"mic1-{two}"], 2.0 * measured[f"mic1-{one}"], rtol=1e-5)
     np.testing.assert_allclose(measured[f"acc1-{two}"], 2.0 * measured[f"acc1-{one}"], rtol=1e-5)
+
+
+def test_exchanged_names_of_hammer_points_are_another_measurement(tmp_path: Path) -> None:
+    """Records are told apart by these names, so that results with the names before are out of date."""
+    files = box(tmp_path / "box").data
+    struck_twice(files, known=True)
+    hammers = {8: "H1", 6: "H2"}
+    rewritten(files, lambda own: (replace(r, reference_name=hammers[r.reference_node or 0], reference_node=None) for r in own))
+    (files / "points.csv").write_text("name,x,y,z,component\nH1,2.1,0,0,UZ\nH2,1.5,0,0,UZ\n")
+    folder, _ = drafted(files, tmp_path / "new")
+    inputs = folder.inputs()
+    before, first = identification(inputs, key_parts(inputs), "tight"), load(folder.config).read("tight").values
+    text = folder.config.read_text()
+    for one, other in (("H1: {near", "HX: {near"), ("H2: {near", "H1: {near"), ("HX: {near", "H2: {near")):
+        text = text.replace(one, other)
+    for one, other in (("excitation: H1", "excitation: HX"), ("excitation: H2", "excitation: H1"), ("excitation: HX", "excitation: H2")):
+        text = text.replace(one, other)
+    folder.config.write_text(text)
+    inputs = folder.inputs()
+    assert not np.allclose(load(folder.config).read("tight").values, first, rtol=1e-3)
+    assert identification(inputs, key_parts(inputs), "tight").digest != before.digest
 
 
 def test_one_name_of_all_blows_is_no_name_of_a_hammer_point(tmp_path: Path) -> None:

@@ -176,7 +176,8 @@ class Inputs:
     @property
     def addresses(self) -> list[tuple[object, ...]]:
         """Quantity of each response and what its record is found by: its name, node and direction, and those of its excitation."""
-        return [(r.name, r.quantity, r.node, r.direction, *self.excitation_points[r.input]) for r in self.responses]
+        struck = list(zip(self.excitations, self.excitation_points, strict=True))
+        return [(r.name, r.quantity, r.node, r.direction, name, *point) for r in self.responses for name, point in [struck[r.input]]]
 
     @property
     def used(self) -> NDArray[np.int64]:
