@@ -12,6 +12,8 @@ from scipy.signal import find_peaks
 from systems import beam, chain, csc, dense_ports, direct_frf, fe_model, random_vectors, relative, unit, whole
 
 from lrbc_cli.reduction.problem.vectors import certificate_vectors
+from lrbc_cli.reduction.reduced import condense
+from lrbc_cli.reduction.reduced.condense import CondensedAir
 from lrbc_cli.reduction.reduced.model import ReducedModel, reference_dynamic
 
 S = 2j * np.pi * np.array([13.0, 55.5, 121.0, 240.0, 333.3])
@@ -190,3 +192,52 @@ class TestSoundBox:
         D = np.full((s.size, box.terms), 300.0, dtype=complex)
         other = replace(box, reference=np.array([[40.0, 1e-2, 0.0]]) * np.ones((box.terms, 1)))
         assert relative(other.ports(s).evaluate(D), box.ports(s).evaluate(D)) < 1e-8
+
+
+def in_air(symmetric: bool, lossy: bool, viscous: bool, rng: np.random.Generator) -> tuple:
+    """K, C, M (r, r) with a diagonal air behind the structure, and left and right vectors of terms on the structure."""
+    ns, na, nt = 7, 5, 3
+
+    def block(rows: int, columns: int) -> np.ndarray:
+        return rng.standard_normal((rows, columns))
+
+    operators = [np.zeros((ns + na, ns + na), dtype=complex if lossy else float) for _ in range(3)]
+    for A, size in zip(operators, (1e6, 10.0, 1.0), strict=True):
+        own = block(ns, ns)
+        A[:ns, :ns] = size * (own @ own.T if symmetric else own)
+        A[ns:, ns:] = np.diag(size * rng.uniform(0.5, 2.0, na))
+    coupling = 1e3 * block(ns, na)
+    K, C, M = operators
+    K[:ns, ns:], M[ns:, :ns] = -coupling, 1.2 * coupling.T if symmetric else block(na, ns)
+    if viscous:
+        # A u-p form with a velocity potential: what K and C say together is symmetric, neither alone is.
+        C[:ns, ns:] = 2.0 * block(ns, na)
+        K[ns:, :ns], C[ns:, :ns] = K[:ns, ns:].T, C[:ns, ns:].T
+        M[ns:, :ns] = 0.0
+    if lossy:
+        K[:ns, :ns] *= 1.0 + 0.02j
+        K[ns:, ns:] *= 1.0 + 0.001j
+    left = np.vstack([block(ns, nt), np.zeros((na, nt))])
+    return operators, left, left.copy() if symmetric else np.roll(left, 1, axis=1), ns
+
+
+@pytest.mark.parametrize("table", [True, False], ids=["one table", "line by line"])
+@pytest.mark.parametrize("viscous", [False, True])
+@pytest.mark.parametrize("lossy", [False, True])
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_the_condensed_air_solves_the_whole_system(
+    monkeypatch: pytest.MonkeyPatch, symmetric: bool, lossy: bool, viscous: bool, table: bool
+) -> None:
+    """Against a dense solution of all coordinates, and one factorisation for both problems exactly where S is symmetric."""
+    if not table:
+        monkeypatch.setattr(condense, "PAIRS", 0)
+    rng = np.random.default_rng([symmetric, lossy, viscous])
+    operators, left, right, ns = in_air(symmetric, lossy, viscous, rng)
+    r, s = operators[0].shape[0], S[:, None, None]
+    D, loads, outputs = 1e5 * (rng.standard_normal((S.size, 3)) + 0.3j), rng.standard_normal((r, 2)), rng.standard_normal((4, r)).T
+    air = CondensedAir(tuple(operators), (left, right), ns)
+    assert air.symmetric == symmetric
+    x, v = air.solve(s, D, loads, outputs)
+    Z = operators[0] + s * operators[1] + s**2 * operators[2] + (left * D[:, None, :]) @ right.T
+    np.testing.assert_allclose(Z @ x, np.broadcast_to(loads, x.shape), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(np.swapaxes(Z, 1, 2) @ v, np.broadcast_to(outputs, v.shape), rtol=1e-9, atol=1e-9)

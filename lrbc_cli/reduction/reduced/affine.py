@@ -15,7 +15,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.factors import FIELDS, OPERATORS, Recipe, parted
-from lrbc_cli.reduction.reduced.condense import air_is_diagonal, condensed_solve, plain, with_diagonal_air
+from lrbc_cli.reduction.reduced.condense import CondensedAir, air_is_diagonal, plain, with_diagonal_air
 from lrbc_cli.reduction.reduced.modal import Motions, diagonal_of, modal_structure
 from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.threads import in_chunks
@@ -183,8 +183,9 @@ class AffineModel:
                 for i in range(2):
                     by_shift[part, :, i] = (heard @ found.x)[:, rows, self.shifts[own, i]] * to_quantity
 
-        # With work shared by all lines of a chunk, chunks are as large as possible.
-        in_chunks(s.size, work, chunk=max(8, -(-s.size // workers)) if shared else 8, workers=workers)
+        # Lines that share one product pay together, but not by matrices that fill the memory; each thread has as many.
+        rounds = -(-s.size // (64 * workers))
+        in_chunks(s.size, work, chunk=-(-s.size // (rounds * workers)) if shared else 8, workers=workers)
         return Linearised(y=y, terms=by_term, factors=by_factor, shifts=by_shift)
 
     def _solver(
@@ -196,15 +197,15 @@ class AffineModel:
         modal = modal_structure(*operators, omega=float(np.median(np.abs(s)))) if base.structure == base.size else None
         if modal is not None:
             return lambda part: modal.motions(s[part], D[part], terms, B, base.L, own), modal.turn, True
-        condense = air_is_diagonal(*operators, base.structure, *terms)
-        kappa = None if condense else self._kappa(*operators)
+        air = CondensedAir(operators, terms, base.structure) if air_is_diagonal(*operators, base.structure, *terms) else None
+        kappa = self._kappa(*operators) if air is None else None
 
         def moved(part: slice) -> Motions:
             z = s[part, None, None]
-            x, v = self._condensed(z, D[part], operators, B) if condense else self._solve(z, D[part], operators, B, kappa)
+            x, v = self._solve(z, D[part], operators, B, kappa) if air is None else air.solve(z, D[part], B, base.L.T)
             return Motions(x=x, v=v, after=base.right.T @ x, before=base.left.T @ v, y=(base.L @ x)[:, rows, own])
 
-        return moved, None, condense
+        return moved, None, air is not None
 
     def _sloping(self, factors: Mapping[str, float], names: Sequence[str], turn: Floats | None) -> list[tuple[Any, Floats]]:
         """Pieces that depend on ``names``: (r, r) matrix or (r,) diagonal, and (k, 3) derivatives of its weights in K, C, M."""
@@ -224,10 +225,6 @@ class AffineModel:
             for load, columns in enumerate(self.shifts):
                 B[:, load] += self.base.B[:, columns] @ offset[load]
         return B
-
-    def _condensed(self, z: Complexes, D: Complexes, operators: tuple[Any, Any, Any], B: Floats) -> tuple[Complexes, Complexes]:
-        base = self.base
-        return condensed_solve(z, D, operators, (base.left, base.right), base.structure, B, base.L.T)
 
     def _solve(
         self, z: Complexes, D: Complexes, operators: tuple[Any, Any, Any], B: Floats, kappa: float | None

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.linalg as la
 
 from lrbc_cli.arrays import Complexes, Floats
-from lrbc_cli.reduction.reduced.condense import air_is_diagonal, air_modes, condensed_solve, turned
+from lrbc_cli.reduction.reduced.condense import CondensedAir, air_is_diagonal, air_modes, turned
 
 
 class ReducedSolver:
@@ -31,6 +31,8 @@ class ReducedSolver:
     ----------
     turn : (r, r) float array
         Maps the coordinates of the solutions to those of the basis.
+    air : CondensedAir or None
+        None if the acoustic blocks cannot be made diagonal, or without air.
     """
 
     def __init__(self, operators: tuple[Any, Any, Any], structure: int, inputs: Floats, dual: Floats, *, symmetric: bool) -> None:
@@ -45,18 +47,17 @@ class ReducedSolver:
                 self.turn, operators = la.block_diag(np.eye(structure), modes), (K, C, M)
             else:
                 modes = None
-        self.condensed = modes is not None
         self._operators = operators
+        self.air = None if modes is None else CondensedAir(operators, (self._none, self._none), structure)
         self.inputs, self.dual = self.turn.T @ inputs, self.turn.T @ dual
 
     def solve(self, s: Complexes) -> tuple[Complexes, Complexes]:
         """(F, r, m) and (F, r, q) solutions X and Y at the lines s; ``turn`` maps them to the coordinates of the basis."""
         z, m = s[:, None, None], self.columns
         both = np.hstack([self.inputs, self.dual])
-        if self.condensed:
+        if self.air is not None:
             loads, outputs = (both, self._none) if self.symmetric else (self.inputs, self.dual)
-            nothing = np.zeros((s.size, 0), dtype=complex)
-            x, y = condensed_solve(z, nothing, self._operators, (self._none, self._none), self.structure, loads, outputs)
+            x, y = self.air.solve(z, np.zeros((s.size, 0), dtype=complex), loads, outputs)
             return (x[:, :, :m], x[:, :, m:]) if self.symmetric else (x, y)
         K, C, M = self._operators
         Z = z**2 * M + z * C + K
@@ -67,7 +68,7 @@ class ReducedSolver:
 
     def chunk(self, lines: int, workers: int = 2) -> int:
         """Number of lines to solve at a time: large chunks pay with diagonal air, where all lines of a chunk share one product."""
-        if not self.condensed:
+        if self.air is None:
             return 8
         size = self.turn.shape[0]
         memory = min(int(4e6 / max(self.structure, 1) ** 2), int(8e6 / (size * (self.columns + 1))))
