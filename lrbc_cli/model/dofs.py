@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +63,7 @@ class DofTable:
         """Number of DOFs."""
         return int(self.node.size)
 
-    @property
+    @cached_property
     def is_acoustic(self) -> NDArray[np.bool_]:
         """(n,) mask of the acoustic pressure DOFs."""
         return np.asarray(self.component == ACOUSTIC_COMPONENT)

@@ -163,7 +163,42 @@ class TestManyLines:
         self.require_same(many.ports_of(model, S[:4]), model.ports(S[:4]))
         assert solved[2:] == [4, 4]
 
-    def test_not_where_damping_couples_the_modes_or_air_does(self, solved: list[int]) -> None:
+    @staticmethod
+    def in_a_box(loss: float) -> ReducedModel:
+        """The structure, with a loss factor, beside air of 40 DOFs whose matrices are full, with the given loss factor."""
+        model, rng = TestManyLines.model(), np.random.default_rng(3)
+        ns, na = model.size, 40
+        Q, coupling = np.linalg.qr(rng.standard_normal((na, na)))[0] + 0.1, rng.standard_normal((ns, na))
+        # Resonances of the air in rigid walls from zero to some times the band.
+        hz = np.linspace(0.0, 4.0 * np.abs(S).max(), na) / (2 * np.pi)
+        K, M = Q.T @ np.diag((2 * np.pi * hz) ** 2) @ Q, Q.T @ Q
+        full = [np.zeros((ns + na, ns + na), dtype=complex) for _ in range(3)]
+        for A, own, air in zip(full, (model.K * (1.0 + 0.01j), model.C, model.M), (K * (1.0 + 1j * loss), 0.0 * K, M), strict=True):
+            A[:ns, :ns], A[ns:, ns:] = own, air
+        full[0][:ns, ns:], full[2][ns:, :ns] = -coupling, 1.2 * coupling.T
+        none = np.zeros((na, model.terms))
+        return replace(
+            model, K=full[0], C=full[1].real, M=full[2].real, structure=ns, B=np.vstack([model.B, np.zeros((na, model.B.shape[1]))]),
+            L=np.hstack([model.L, rng.standard_normal((model.L.shape[0], na))]), left=np.vstack([model.left, none]),
+            right=np.vstack([model.right, none]),
+        )  # fmt: skip
+
+    @pytest.mark.parametrize("loss", [0.0, 0.003])
+    def test_with_the_air_condensed_out(self, loss: float, solved: list[int]) -> None:
+        model = self.in_a_box(loss)
+        self.require_same(many.ports_of(model, S), model.ports(S))
+        assert solved == [3, S.size]
+
+    @pytest.mark.parametrize("near", [0.0, 1e-12, 1e-9, 1e-6])
+    def test_not_about_resonances_of_the_air_in_rigid_walls(self, near: float, solved: list[int]) -> None:
+        model = self.in_a_box(0.0)
+        ns = model.structure
+        squares = np.sort(np.linalg.eigvals(np.linalg.solve(model.M[ns:, ns:], model.K[ns:, ns:].real)).real)
+        s = np.sort_complex(np.append(S, 1j * np.sqrt(squares[3:6]) * (1.0 + near)))
+        self.require_same(many.ports_of(model, s), model.ports(s))
+        assert near > 1e-6 or solved[-2] > 3
+
+    def test_not_where_damping_couples_the_modes_or_terms_act_on_the_air(self, solved: list[int]) -> None:
         model = self.model()
         dashpot = np.zeros_like(model.C)
         dashpot[3, 3] = 50.0

@@ -38,10 +38,14 @@ def air_modes(K: Any, M: Any, structure: int) -> Floats | None:
     Ka, Ma = K[structure:, structure:].real, M[structure:, structure:]
     if any(np.abs(A - A.T).max() > NEGLIGIBLE * np.abs(A).max() for A in (Ka, Ma)):
         return None
+    Ka, Ma = 0.5 * (Ka + Ka.T), 0.5 * (Ma + Ma.T)
     try:
-        return np.asarray(la.eigh(0.5 * (Ka + Ka.T), 0.5 * (Ma + Ma.T))[1])
+        # As in ``modal_structure``: the round-off of the lowest modes must not be relative to the highest one.
+        shift = float(np.median(la.eigvalsh(Ka, Ma)))
+        mu, modes = la.eigh(Ma, Ka + shift * Ma)
     except la.LinAlgError:
         return None
+    return np.asarray(modes / np.sqrt(mu)) if mu[0] > 0.0 else None
 
 
 def turned(A: Any, modes: Floats, structure: int) -> Any:
@@ -178,6 +182,12 @@ class CondensedAir:
         q = both[0] - inverse * _moved(self._below, z, u)
         va = both[1] - inverse * _moved([(power, A.T) for power, A in self._above], z, vs)
         return np.concatenate([u, q], axis=1), np.concatenate([vs, va], axis=1)
+
+    def cancelled(self, s: Complexes) -> Floats:
+        """(F,) largest ratio of the parts of a mode of the air, K and s² M, to their sum at the lines s: digits that the solution loses."""
+        K, C, M = self._air
+        w = s[:, None]
+        return np.asarray(((np.abs(K) + np.abs(w**2 * M)) / np.abs(K + w * C + w**2 * M)).max(axis=1, initial=0.0))
 
     def _schur(self, w: Complexes, D: Complexes, inverse: Complexes) -> Complexes:
         """(F, ns, ns) S at the lines w (F, 1), with ``1 / Z_aa`` (F, na) of the air."""
