@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -33,25 +30,21 @@ def frfs(seed: int) -> Complexes:
     return found
 
 
-def inputs(quantity: str) -> Any:
-    return SimpleNamespace(responses=[SimpleNamespace(name=name, quantity=quantity) for name in ("a", "b")])
-
-
 def test_the_curve_of_the_standard_is_recognised_for_pressures_alone() -> None:
     measured, model = frfs(1), frfs(2)[None]
     weighted = measured * 10.0 ** (weighting(HZ) / 20.0)[:, None]
-    assert other_reading(inputs("pressure"), HZ, measured, model, "tight") is None
-    told = other_reading(inputs("pressure"), HZ, weighted, model, "tight")
+    assert other_reading(["pressure"] * 2, HZ, measured, model, "tight") is None
+    told = other_reading(["pressure"] * 2, HZ, weighted, model, "tight")
     assert told is not None
     assert "A-weighting" in told.text
     assert told.after < 0.4 * told.before
-    other = other_reading(inputs("acceleration"), HZ, weighted, model, "tight")
+    other = other_reading(["acceleration"] * 2, HZ, weighted, model, "tight")
     assert other is None or "A-weighting" not in other.text
 
 
 def test_a_slope_is_no_weighting() -> None:
     """Six decibels an octave: an integral, which is told by other names."""
-    told = other_reading(inputs("pressure"), HZ, frfs(1) * HZ[:, None], frfs(2)[None], "tight")
+    told = other_reading(["pressure"] * 2, HZ, frfs(1) * HZ[:, None], frfs(2)[None], "tight")
     assert told is None or "A-weighting" not in told.text
 
 
@@ -60,11 +53,11 @@ def test_magnitudes_and_angles_under_titles_of_real_and_imaginary_parts() -> Non
     measured = frfs(1)
     wrong = 1e-3 * np.abs(measured) + 1j * np.rad2deg(np.angle(measured))
     for other in (frfs(2)[None], frfs(2)[None, ::-1]):
-        told = other_reading(inputs("acceleration"), HZ, wrong, other, "loose")
+        told = other_reading(["acceleration"] * 2, HZ, wrong, other, "loose")
         assert told is not None
         assert "set jobs.loose.format: {representation: magnitude-phase}" in told.text
     # A real part that changes its sign, as of any FRF over a resonance.
-    assert other_reading(inputs("acceleration"), HZ, measured, frfs(2)[None, ::-1], "loose") is None
+    assert other_reading(["acceleration"] * 2, HZ, measured, frfs(2)[None, ::-1], "loose") is None
 
 
 @pytest.mark.parametrize("hz", [31.5, 100.0, 200.0])

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from lrbc_cli.arrays import Floats
+from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, MOST_LEFT, levels, spread
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.looking.causes.rescaled import both_text, far_text, scaled_text
@@ -149,14 +149,16 @@ def _aside(measurement: Measurement, left: Callable[[Floats], float], frequency_
     return min((left(frequency_hz + shift), shift) for shift in coarse + step * np.arange(-1.5, 2.0, 0.5))[::-1]
 
 
-def _read_at(measurement: Measurement, seen: Seen) -> tuple[Callable[[Floats], Floats], Callable[[Floats], float]]:
-    """Measured levels (F, R) at other frequencies [dB], and the misfit of the model with them."""
+def _read_at(
+    measurement: Measurement, seen: Seen, which: Bools | slice = slice(None)
+) -> tuple[Callable[[Floats], Floats], Callable[[Floats], float]]:
+    """Measured levels (F, R) at other frequencies [dB], and the misfit of the model with them, of the responses ``which`` (mask (R,))."""
     own, here = levels(measurement.values), levels(seen.model)
 
     def read(there: Floats) -> Floats:
         return np.column_stack([np.interp(there, measurement.frequency_hz, level, np.nan, np.nan) for level in own.T])
 
-    return read, lambda there: float(np.median(spread(read(there) - here, 0)))
+    return read, lambda there: float(np.median(spread(read(there) - here, 0)[which]))
 
 
 def _stretches(left: Callable[[Floats], float], frequency_hz: Floats, most: float, steps: int) -> tuple[Floats, Floats]:
@@ -173,7 +175,10 @@ def out_of_reach_text(measurement: Measurement, seen: Seen, *, most: float = 2.0
     measurement, seen, most, steps
         See ``stretched_text``.
     """
-    factors, found = _stretches(_read_at(measurement, seen)[1], seen.measurement.frequency_hz, most, steps)
+    # Resonances of the air stay where they are.
+    moving = np.array(seen.quantities) != "pressure"
+    left = _read_at(measurement, seen, moving if moving.any() else slice(None))[1]
+    factors, found = _stretches(left, seen.measurement.frequency_hz, most, steps)
     return far_text(seen, measurement, float(factors[int(np.argmin(found))]))
 
 

@@ -58,7 +58,7 @@ from lrbc_cli.campaign.looking.causes.tightness import (
 )
 from lrbc_cli.campaign.looking.fitted import as_exported, at_bounds_text, fitted_exchanged, fitted_frf, roughly_calibrated, strike_text
 from lrbc_cli.campaign.looking.states import Looking, Seen, nearest_states, on_lines, reach_of_one
-from lrbc_cli.campaign.looking.unexplained import beside_fit, beside_tight, little_in_common, placed, without_repeated
+from lrbc_cli.campaign.looking.unexplained import beside_fit, beside_tight, little_in_common, of_one_field, placed, without_repeated
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misread
 from lrbc_cli.campaign.reduced import cache
@@ -264,7 +264,7 @@ def _looked_at(
 
 def _of_all(seen: Seen, fitted: Complexes | None, assumed: bool, measurements: Mapping[str, Measurement]) -> list[Finding]:
     """Findings on all FRFs of a job: another damping or reading, a loose bolt if it is ``assumed`` tight, hammer points, strikes."""
-    reading = other_reading(seen.inputs, seen.measurement.frequency_hz, seen.measured, seen.states, seen.job)
+    reading = other_reading(seen.quantities, seen.measurement.frequency_hz, seen.measured, seen.states, seen.job)
     beyond = seen.reference and seen.misfit >= LEAST_DIFFERENCE
     if beyond and (text := overdamped_text(seen, CLEARLY * seen.misfit if reading is None else reading.after)):
         return said(Kind.DAMPING, text)
@@ -400,7 +400,7 @@ def _of_one(source: Looking, measurements: Mapping[str, Measurement], name: str)
 def _uncalibrated(seen: Seen, measurement: Measurement, told: list[Finding]) -> list[Finding]:
     """Findings of the reference job, of which no rough calibration brings the model near: a stiffness out of reach, or supports."""
     if Kind.UNLIKE in kinds_of(told):
-        return said(Kind.MATERIAL, out_of_reach_text(measurement, seen)) or told
+        return said(Kind.MATERIAL, out_of_reach_text(measurement, seen)) or of_one_field(seen, measurement, told)
     if not told and seen.misfit > LEAST_DIFFERENCE and (held := supports_text(seen)):
         text = (
             f"measured and computed FRFs differ by {seen.misfit:.1f} dB (median of the responses, mean level of each removed), more than a "

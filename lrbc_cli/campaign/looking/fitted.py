@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes, Floats, spaced
+from lrbc_cli.arrays import Bools, Complexes, Floats, spaced
 from lrbc_cli.campaign.calibrate import first_problem
 from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, MOST_LEFT, apart, levels
 from lrbc_cli.campaign.identification.records import Measurement
@@ -246,6 +246,20 @@ def roughly_calibrated(
     return replace(found, note=note) if least <= LEAST_DIFFERENCE else None
 
 
+def calibrated_from(source: Looking, measurement: Measurement, own: Bools) -> Looking | None:
+    """Model after a rough calibration from some of the responses, by a mask (R,); None if there is none, or if it fails."""
+    if source.inputs.campaign.calibration is None or source.stage is None:
+        return None
+    try:
+        problem, _ = first_problem(source, measurement)
+        if not own[problem.responses].any():
+            return None
+        with source.threads():
+            return _calibrated_by(source, problem, _rough_theta(_of_responses(problem, own)))
+    except LrbcError:
+        return None
+
+
 def _levelled(source: Looking, problem: FactorProblem, measurement: Measurement) -> FactorProblem:
     """The calibration problem with the median level of each response moved to that of the model."""
     s = 2j * np.pi * measurement.frequency_hz
@@ -264,7 +278,12 @@ def _without_worst(medians: Mapping[int, float], *, few: int = 3) -> list[list[i
 
 def _of_excitations(inputs: Inputs, problem: FactorProblem, some: Sequence[int]) -> FactorProblem:
     """The calibration problem with the responses of some excitations only."""
-    own = np.flatnonzero(np.isin(inputs.input_of[problem.responses], some))
+    return _of_responses(problem, np.isin(inputs.input_of, some))
+
+
+def _of_responses(problem: FactorProblem, some: Bools) -> FactorProblem:
+    """The calibration problem with some of the responses only, by a mask (R,)."""
+    own = np.flatnonzero(some[problem.responses])
     sigma = None if problem.sigma is None else problem.sigma[:, own]
     return replace(problem, measured=problem.measured[:, own], responses=problem.responses[own], sigma=sigma)
 

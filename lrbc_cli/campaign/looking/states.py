@@ -129,6 +129,11 @@ class Seen:
         return self.source.inputs
 
     @property
+    def quantities(self) -> list[str]:
+        """Quantity of each of the R responses."""
+        return [response.quantity for response in self.inputs.responses]
+
+    @property
     def s(self) -> Complexes:
         """(F,) i omega of the lines [rad/s]."""
         return 2j * np.pi * self.measurement.frequency_hz

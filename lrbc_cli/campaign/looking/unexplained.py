@@ -17,6 +17,7 @@ from lrbc_cli.campaign.identification.compared.likeness import (
     apart,
     level_changes,
     off_level,
+    other_reading,
     outlying,
     same_sensor,
 )
@@ -30,7 +31,7 @@ from lrbc_cli.campaign.looking.causes.rescaled import rescaled_text, softness_te
 from lrbc_cli.campaign.looking.causes.tables import unit_text
 from lrbc_cli.campaign.looking.causes.tightness import looser, tighter_text
 from lrbc_cli.campaign.looking.causes.together import together_text
-from lrbc_cli.campaign.looking.fitted import fitted_frf
+from lrbc_cli.campaign.looking.fitted import calibrated_from, fitted_frf
 from lrbc_cli.campaign.looking.states import Seen, by_excitation
 from lrbc_cli.campaign.looking.trials import NEARER, UNLIKE
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -167,6 +168,36 @@ def little_in_common(seen: Seen, measurements: Mapping[str, Measurement]) -> lis
         told = said(Kind.UNLIKE, text)
     # Each on its own: ``placed`` looks for the place of each.
     return told + single_responses(inputs, every, outlying(every), "the model", few=every.size)
+
+
+def of_one_field(seen: Seen, measurement: Measurement, told: list[Finding]) -> list[Finding]:
+    """Findings ``told`` of the reference job, which has little in common with the model, with what each field alone says.
+
+    Where a rough calibration from the motion of the structure, or from the pressures, brings these near and leaves the others far, the
+    fault is that of the others: a weighting, or their sensors.
+    """
+    air = np.array(seen.quantities) == "pressure"
+    for own, words, others in ((~air, "motion of the structure", "pressures"), (air, "pressures", "motion of the structure")):
+        one = calibrated_from(seen.source, measurement, own) if own.any() and not own.all() else None
+        if one is None:
+            continue
+        after = Seen.of(one, seen.job, measurement)
+        every = apart(after.measured, after.model)
+        near, far = float(np.median(every[own])), float(np.median(every[~own]))
+        if near > LEAST_DIFFERENCE or far <= max(LEAST_DIFFERENCE, near / CLEARLY):
+            continue
+        quantities = [quantity for quantity, there in zip(seen.quantities, own, strict=True) if not there]
+        hz, measured, states = after.measurement.frequency_hz, after.measured[:, ~own], after.states[:, :, ~own]
+        if reading := other_reading(quantities, hz, measured, states, seen.job):
+            return said(Kind.READ, f"{others}: {reading.text}")
+        clause = (
+            f". After a rough calibration from the {words} alone, these FRFs are near ({near:.1f} dB), but not those of the {others} "
+            f"({far:.1f} dB): check first what the latter have in common (sensors, conditioner, weighting, places"
+            f"{', coupling and walls of the air in the model' if air[~own].any() else ''})"
+        )
+        usual = ". C" + _usual(seen).removeprefix("c")
+        return [replace(each, text=each.text.replace(usual, clause + usual)) if each.kind is Kind.UNLIKE else each for each in told]
+    return told
 
 
 def _usual(seen: Seen) -> str:

@@ -328,12 +328,13 @@ class Reading:
     after: float
 
 
-def other_reading(inputs: Inputs, frequency_hz: Floats, measured: Complexes, states: Complexes, job: str) -> Reading | None:
+def other_reading(quantities: Sequence[str], frequency_hz: Floats, measured: Complexes, states: Complexes, job: str) -> Reading | None:
     """Interpretation of the numbers with which they fit the model; None if they fit as stated, or with no interpretation.
 
     Parameters
     ----------
-    inputs : Inputs
+    quantities : sequence of str
+        Of the R responses.
     frequency_hz : (F,) float array
     measured : (F, R) complex array
     states : (S, F, R) complex array
@@ -341,7 +342,6 @@ def other_reading(inputs: Inputs, frequency_hz: Floats, measured: Complexes, sta
     """
     computed = levels(states)
     omega = decibel(2.0 * np.pi * frequency_hz)[:, None]
-    quantities = [response.quantity for response in inputs.responses]
 
     def least(values: Complexes, motions: bool, *, sloped: bool = False) -> tuple[float, int]:
         """Least difference [dB] over states and powers of omega (``motions``: derivatives only; ``sloped``: all), and that power."""

@@ -38,6 +38,7 @@ def misdamped_text(inputs: Inputs, own: Measurement, *, decades: float = 1.5, se
     parts = {field: {key: getattr(getattr(damping, field), key) * unit for key, unit in units.items()} for field in there if there[field]}
     ratio = {field: np.sum(list(own.values()), axis=0) for field, own in parts.items()}
     off = {field: float(np.median(np.log10(own / measured))) for field, own in ratio.items() if own.all()}
+    told = list[str]()
     for field in off:
         # Peaks of one field may be those of another, which is damped less or more.
         large = off[field] >= decades and (len(parts) == 1 or np.median(ratio[field]) >= seen)
@@ -48,11 +49,16 @@ def misdamped_text(inputs: Inputs, own: Measurement, *, decades: float = 1.5, se
         power = round(float(np.quantile(np.log10(parts[field][key] / measured), 0.9)))
         stated = getattr(getattr(damping, field), key)
         at = int(np.argsort(ratio[field])[omega.size // 2])
-        return (
+        # As a loss factor it would be twice the damping ratio.
+        typed = key == "beta" and measured.min() <= 0.5 * stated <= measured.max()
+        told.append(
             f"model.damping.{field}: {key}: {stated:g} is probably wrong by a power of ten: at {modes.frequency_hz[at]:.4g} Hz the damping "
             f"ratio is {100.0 * ratio[field][at]:.4g} %, that of the measured resonances {100.0 * measured.min():.2g} to "
             f"{100.0 * measured.max():.2g} %. Write {key}: {stated * 10.0**-power:.6g}{_also(inputs, key, stated)}"
+            f"{f', or loss_factor: {stated:g} if that is what it is' if typed else ''}"
         )
+    if told:
+        return "; ".join(told)
     return _of_hertz(damping.structure, omega, measured) if len(parts) == 1 and there["structure"] else None
 
 

@@ -116,11 +116,14 @@ def supports_text(seen: Seen) -> str:
     """Clause that the model is held at nodes in addition to the terms, a possible cause of a misfit; empty if not, or if unknown."""
     inputs = seen.inputs
     dofs, model = inputs.dofs, inputs.model
-    if dofs is None or model.is_acoustic.any():
+    if dofs is None:
         return ""
+    lacking = _lacking(dofs, inputs.campaign.unit_system.length)
+    if model.is_acoustic.any():
+        return lacking
     rows = _held(model.K, dofs, np.unique(model.terms.left.indices))
     nodes, first = np.unique(dofs.node[rows], return_index=True)
-    lacking, tied = _lacking(dofs), _tied_text(model, dofs)
+    tied = _tied_text(model, dofs)
     if not nodes.size:
         return f"{lacking}{tied}"
     xyz, unit = dofs.xyz[rows[first]], inputs.campaign.unit_system.length
@@ -138,17 +141,34 @@ def supports_text(seen: Seen) -> str:
     )
 
 
-def _lacking(dofs: DofTable, *, most: int = 4) -> str:
-    """Clause that names nodes without some of the components that all others have, fixed at the export; else empty."""
+def _lacking(dofs: DofTable, unit: float, *, most: int = 4, share: float = 0.25) -> str:
+    """Clause that names nodes without some of the components that all others have, fixed at the export; else empty.
+
+    Parameters
+    ----------
+    dofs : DofTable
+    unit : float
+        Of coordinates in the campaign file [m].
+    most, share : int, float
+        Largest number of such nodes; of nodes with one coordinate in common (an edge, a plane), largest share of all.
+    """
     sets: dict[int, frozenset[str]] = {}
-    for node, component in zip(dofs.node.tolist(), dofs.component.tolist(), strict=True):
+    for node, component in zip(*(column[~dofs.is_acoustic].tolist() for column in (dofs.node, dofs.component)), strict=True):
         sets[node] = sets.get(node, frozenset()) | {component}
     usual, count = Counter(sets.values()).most_common(1)[0]
     odd = {node: sorted(usual - own) for node, own in sets.items() if own < usual}
-    if not 0 < len(odd) <= most or len(odd) + count < len(sets):
+    if not odd or len(odd) + count < len(sets):
         return ""
-    named = ", ".join(f"node {node} has no {', '.join(own)}" for node, own in odd.items())
-    return f". Alone of all nodes, {named}: check whether a boundary condition was left in there"
+    left_in = "check whether a boundary condition was left in there"
+    if len(odd) <= most:
+        named = ", ".join(f"node {node} has no {', '.join(own)}" for node, own in odd.items())
+        return f". Alone of all nodes, {named}: {left_in}"
+    xyz, spans = dofs.xyz[np.isin(dofs.node, list(odd)) & ~dofs.is_acoustic], np.ptp(dofs.xyz, axis=0)
+    common = [f"{'xyz'[k]} = {xyz[0, k] / unit:.4g}" for k in range(3) if np.ptp(xyz[:, k]) < 1e-6 * spans.max() < spans[k]]
+    if not common or len(odd) > share * len(sets):
+        return ""
+    components = ", ".join(sorted({label for own in odd.values() for label in own}))
+    return f". Alone of all nodes, {len(odd)} at {', '.join(common)} have no {components}: {left_in}, or a condition of symmetry"
 
 
 def _tied_text(model: FeModel, dofs: DofTable, *, near: float = 1e-6) -> str:
