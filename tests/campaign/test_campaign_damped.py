@@ -48,8 +48,19 @@ def test_a_coefficient_a_thousand_times_too_large(wrong: dict[str, float], fix: 
     text = str(told(**wrong))
     assert f"Write {fix}" in text
     # Springs with the same coefficient.
-    assert text.endswith(", also in the damping of parameters.axial") == ("beta" in wrong and wrong["beta"] > 0.0)
+    assert (", also in the damping of parameters.axial" in text) == ("beta" in wrong and wrong["beta"] > 0.0)
     assert "is probably wrong by a power of ten" in text
+
+
+def test_a_loss_factor_stated_as_beta_of_both_fields() -> None:
+    """Each is told at once, and what it may be."""
+    stated = 0.012
+    text = str(told(alpha=0.0, beta=stated, air=FieldDamping(beta=stated)))
+    for field in ("structure", "acoustic"):
+        assert f"model.damping.{field}: beta: 0.012 is probably wrong by a power of ten" in text
+    assert text.count(", or loss_factor: 0.012 if that is what it is") == 2
+    # Ten times as much is no loss factor of these modes.
+    assert "loss_factor" not in str(told(alpha=0.0, beta=0.4))
 
 
 def test_all_damping_far_too_small() -> None:

@@ -17,6 +17,7 @@ from lrbc_cli.campaign.looking import all_jobs, fitted
 from lrbc_cli.campaign.looking.all_jobs import of_one_sensor
 from lrbc_cli.campaign.looking.causes.held import idle_text
 from lrbc_cli.campaign.looking.fitted import at_bounds_text
+from lrbc_cli.campaign.looking.odd_jobs import _airborne
 from lrbc_cli.campaign.looking.states import Looking
 from lrbc_cli.campaign.reading.inputs import read_as_exported
 from lrbc_cli.config import load_campaign
@@ -44,6 +45,45 @@ def test_warmer_and_colder_air_is_told_with_its_temperature(tmp_path: Path, spee
     percent = float(text.partition("speed of sound about ")[2].partition("%")[0])
     assert percent == pytest.approx(100.0 * abs(speed - 1.0), rel=0.4)
     assert f"% {which} that of the reference job" in text
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({}, ""),
+        ({"air": 20.0}, "With a damping of the air of about 10 times that of the reference job a coarse fit leaves"),
+        ({"clock": 1.09}, "With all its frequencies times 1.09"),
+        ({"clock": 0.92}, "With all its frequencies times 0.918"),
+        ({"mass": 30.0}, "Check whether more changed than the bolts: something added, removed or in contact"),
+    ],
+    ids=["nothing", "absorber", "slow clock", "fast clock", "mass"],
+)
+def test_what_else_changed_in_a_job_is_told(tmp_path: Path, changed: dict[str, float], said: str) -> None:
+    lost = np.array([0.0, 1.5, 0.0, 0.0, 0.0, 0.0])
+    folder = box(tmp_path, {"other": (BOX_TRUTH["tight"] - lost, 1.0)}, {"other": changed})
+    found = [text for text in told(folder.path) if text.startswith("job other")]
+    if not said:
+        assert found == []
+        return
+    (text,) = found
+    assert text.startswith("job other: no state of the bolts explains it: ")
+    assert said in text
+
+
+@pytest.mark.parametrize(
+    ("pressures", "motions", "is_told"),
+    [(4.2, 2.4, True), (4.2, 2.9, False), (2.9, 1.0, False), (4.2, 3.5, False)],
+    ids=["the air alone", "hardly better", "small", "both"],
+)
+def test_pressures_alone_that_no_bolt_explains(pressures: float, motions: float, is_told: bool) -> None:
+    inputs: Any = SimpleNamespace(responses=[SimpleNamespace(quantity=q) for q in ("pressure", "pressure", "acceleration")])
+    own, usual = np.array([pressures, pressures, motions]), np.array([1.5, 1.5, 1.2])
+    source: Any = SimpleNamespace(inputs=inputs, away={"a": usual, "b": usual, "own": own})
+    text = _airborne(source, "own", own, 2.0)
+    assert (text is not None) is is_told
+    assert text is None or text.startswith("no state of the bolts explains its pressures: 4.2 dB are left")
+    # A model with errors of this size in all jobs says nothing of one.
+    assert _airborne(SimpleNamespace(inputs=inputs, away={"a": own, "own": own}), "own", own, 2.0) is None  # type: ignore[arg-type]
 
 
 def test_a_record_wrong_in_the_reference_job_alone(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from looking import seen
+from systems import whole
 
 from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.looking.causes import parts, rescaled
-from lrbc_cli.campaign.looking.causes.added import added_text
+from lrbc_cli.campaign.looking.causes.added import added_text, loaded_text
 from lrbc_cli.campaign.looking.causes.held import held_text, supports_text
 from lrbc_cli.campaign.looking.causes.parts import lump_text, part_text
 from lrbc_cli.campaign.looking.first_look import _gains_by_chance
@@ -315,12 +316,12 @@ def test_a_mass_that_the_structure_does_not_have() -> None:
     assert told(assembly(), assembly(2.9), lump_text) == ""
 
 
-def loaded(*nodes: int, mass: float = 8.0) -> FeModel:
+def loaded(*nodes: int, mass: float = 8.0, damping: float = 0.1) -> FeModel:
     """With a mass at each of some nodes, and light damping."""
     plain = assembly()
     return replace(
         plain,
-        C=sp.csc_array(0.1 * plain.C),
+        C=sp.csc_array(damping * plain.C),
         M=sp.csc_array(plain.M + sp.diags_array(np.where(np.isin(np.arange(2 * COUNT), nodes), mass, 0.0))),
     )
 
@@ -355,8 +356,24 @@ def test_a_foot_in_the_air() -> None:
     assert "probably by a boundary condition that was left in: without it" in every
 
 
-def frame_of(*held: tuple[int, str], missing: tuple[int, str] | None = None) -> Any:
-    """A chain of nodes with UX and UY, free but for stiff springs to the ground."""
+@pytest.mark.parametrize(("nodes", "mass", "is_told"), [((COUNT + 9,), 0.25, True), ((10,), 8.0, False), ((), 0.0, False)])
+def test_a_heavy_sensor(nodes: tuple[int, ...], mass: float, is_told: bool) -> None:
+    """Not a mass elsewhere."""
+    reduced = whole(assembly(), structure=2 * COUNT)
+
+    def cause(job: Seen, _: float) -> str:
+        source: Any = SimpleNamespace(**vars(job.source), stage=SimpleNamespace(reduction=SimpleNamespace(model=reduced)))
+        source.inputs.responses = [SimpleNamespace(name=f"a{k}", quantity="acceleration") for k in range(4)]
+        return loaded_text(replace(job, source=source))
+
+    text = told(assembly(), loaded(*nodes, mass=mass, damping=1.0), cause)
+    assert bool(text) is is_told
+    found = re.match(r"with about (\d+) g more at the sensor of a2 the level misfit falls from", text)
+    assert not is_told or (found is not None and float(found[1]) == pytest.approx(1e3 * mass, rel=0.25))
+
+
+def frame_of(*held: tuple[int, str], missing: tuple[int, str] | None = None, plane: int = 0) -> Any:
+    """A chain of nodes with UX and UY, free but for stiff springs to the ground; the first ``plane`` lie at x = 0 and have UX alone."""
     nodes, components = np.repeat(np.arange(COUNT), 2), np.array(["UX", "UY"] * COUNT)
     row = 2.0 * np.eye(COUNT) - np.eye(COUNT, k=1) - np.eye(COUNT, k=-1)
     row[0, 0] = row[-1, -1] = 1.0
@@ -365,9 +382,11 @@ def frame_of(*held: tuple[int, str], missing: tuple[int, str] | None = None) -> 
         at = 2 * node + (component == "UY")
         K[at, at] += 1e9
     kept = np.array([(node, component) != missing for node, component in zip(nodes.tolist(), components.tolist(), strict=True)])
+    kept &= (nodes >= plane) | (components == "UX")
     model = SimpleNamespace(K=sp.csc_array(K[np.ix_(kept, kept)]), is_acoustic=np.zeros(int(kept.sum()), dtype=bool))
     model.terms = SimpleNamespace(left=sp.csc_array((int(kept.sum()), 0)))
     xyz = np.stack([np.repeat(np.linspace(0.0, 0.8, COUNT), 2), np.tile([0.0, 0.0], COUNT), np.zeros(2 * COUNT)], axis=1)
+    xyz[nodes < plane] = 0.0
     dofs = DofTable(node=nodes[kept], component=components[kept], xyz=xyz[kept])
     inputs = SimpleNamespace(model=model, dofs=dofs, campaign=SimpleNamespace(unit_system=SimpleNamespace(length=1.0)))
     return SimpleNamespace(inputs=inputs)
@@ -418,3 +437,9 @@ def test_a_direction_that_one_node_alone_has_lost() -> None:
     """Fixed when the matrices were exported: its row is not there."""
     text = supports_text(frame_of(missing=(25, "UY")))
     assert text.startswith(". Alone of all nodes, node 25 has no UY: check whether a boundary condition was left in there")
+    text = supports_text(frame_of(plane=6))
+    assert text.startswith(
+        ". Alone of all nodes, 6 at x = 0 have no UY: check whether a boundary condition was left in there, or a condition"
+    )
+    # Most of the nodes: another kind of element.
+    assert "Alone of all" not in supports_text(frame_of(plane=COUNT // 2))

@@ -801,8 +801,8 @@ MISTAKES = [
         "plate",
         text("bushings.csv", lambda t: t.replace("UX,5000", "UX,@").replace("UZ,1000", "UZ,5000").replace("UX,@", "UX,1000")),
         0,
-        "the matrix contains the stiffness of UX where bushings.csv has that of UZ",
-        "exchange the two in bushings.csv",
+        "the matrix contains the stiffnesses of UX and UZ in each other's place",
+        "exchange them in bushings.csv",
     ),
     Mistake("mapping of Ansys without the order", "plate", solver_order, 0, "in the solver's order", "order: NOD2BCS.mtx"),
     Mistake(

@@ -207,10 +207,15 @@ BOX_BAND = (20.0, 400.0)
 BOX_BETA = 2e-5
 
 
-def box(path: Path, further: Mapping[str, tuple[np.ndarray, float]] = MappingProxyType({})) -> Folder:
+def box(
+    path: Path,
+    further: Mapping[str, tuple[np.ndarray, float]] = MappingProxyType({}),
+    changed: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
+) -> Folder:
     """A tiny u-p model: masses, six of eight on springs, on the flank of a duct with 24 pressures; universal files without errors.
 
-    ``further``: log10 stiffness of the springs and relative speed of sound in other jobs.
+    ``further``: log10 stiffness of the springs and relative speed of sound in other jobs. ``changed``: in some of these, times of the
+    damping of the ``air``, true over stated frequencies (``clock``), and mass added at the fourth mass (``mass``).
     """
     ns, na = 8, 24
     K, M, acoustic = duct(ns, na, kappa=1.0, coupling=1.0)
@@ -265,8 +270,13 @@ def box(path: Path, further: Mapping[str, tuple[np.ndarray, float]] = MappingPro
     frequency = np.arange(BOX_BAND[0], BOX_BAND[1] + 1, 2.0)
     s = 2j * np.pi * frequency
     for job, (truth, speed) in {**{name: (truth, 1.0) for name, truth in BOX_TRUTH.items()}, **further}.items():
-        warm = np.where(np.outer(acoustic, acoustic), speed**2, 1.0)
-        y = direct_frf(replace(model, K=csc(model.K.toarray() * warm)), s, np.tile(10.0**truth + 0j, (s.size, 1)))
+        other, added = {"air": 1.0, "clock": 1.0, "mass": 0.0} | dict(changed.get(job, {})), np.zeros(ns + na)
+        warm, damped = (np.where(np.outer(acoustic, acoustic), times, 1.0) for times in (speed**2, other["air"]))
+        added[3] = other["mass"]
+        there = replace(
+            model, K=csc(model.K.toarray() * warm), C=csc(model.C.toarray() * damped), M=csc(model.M.toarray() + np.diag(added))
+        )
+        y = direct_frf(there, other["clock"] * s, np.tile(10.0**truth + 0j, (s.size, 1)))
         points = [("mic1", 103, 0), ("mic2", 112, 0), ("mic3", 124, 0), ("acc1", 7, 3)]
         records = tuple(
             FrfRecord(

@@ -42,6 +42,7 @@ from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.weights import without_noise
 from lrbc_cli.campaign.looking.all_jobs import OfJob, tight_state, together
 from lrbc_cli.campaign.looking.axes import out_of_reach_text, stretched_text
+from lrbc_cli.campaign.looking.causes.added import loaded_text
 from lrbc_cli.campaign.looking.causes.damped import misdamped_text
 from lrbc_cli.campaign.looking.causes.held import idle_text, supports_text
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
@@ -361,7 +362,8 @@ def _calibrated(
         return source, first
     # Nothing found is no all-clear while the FRFs of another excitation are not fitted.
     if not again.told and (Kind.COORDINATES in kinds or any(db > LEAST_DIFFERENCE for db in after.by_excitation.values())):
-        return calibrated, first
+        loaded = "" if again.told else loaded_text(after)
+        return calibrated, OfJob(said(Kind.MATERIAL, loaded)) if loaded else first
     if unit := of_other_unit_text(seen, after):
         return calibrated, OfJob(said(Kind.SPRINGS, unit))
     if not kinds_of(again.told) and after.misfit > NEAR and (far := at_bounds_text(calibrated, after.misfit)):

@@ -76,10 +76,13 @@ def odd_jobs(
         if step is not None and (nuisances.temperature is not None or nuisances.sound_speed is not None):
             # `update` identifies it.
             continue
-        if step is not None:
-            found[name] = Finding(text=_warmer_text(seen, much, step, far[name]), kind=Kind.FOREIGN)
-        elif other := _damped_text(seen, far[name]) or _clock_text(seen, measurements[name], far[name]):
-            found[name] = Finding(text=f"{much}. {other}", kind=Kind.FOREIGN)
+        causes = [_damped(seen, far[name]), _clock(seen, measurements[name], far[name])]
+        least, text = min(causes)
+        # Another temperature is more usual than the others: these must be clearly nearer, and the temperature must not be enough.
+        if step is not None and (step[1] <= CLEARLY * LEAST_DIFFERENCE or least > CLEARLY * step[1]):
+            least, text = step[1], _warmer_text(seen, step, far[name])
+        if least <= CLEARLY * far[name]:
+            found[name] = Finding(text=f"{much}. {text}", kind=Kind.FOREIGN)
         elif moved := hammer_text(seen, apart(seen.measured, seen.states)):
             found[name] = Finding(text=f"{much}; {moved}", kind=Kind.HAMMER)
         elif air is not None:
@@ -107,12 +110,12 @@ def _airborne(source: Looking, name: str, away: Floats, aside: float) -> str | N
     )
 
 
-def _warmer_text(seen: Seen, much: str, step: tuple[float, float], coarse: float) -> str:
-    """Warning on a job that differs by ``much``, where a ``step`` of the speed of sound explains the ``coarse`` misfit [dB]."""
+def _warmer_text(seen: Seen, step: tuple[float, float], coarse: float) -> str:
+    """Clause on a job of which a ``step`` of the speed of sound explains the ``coarse`` misfit [dB]."""
     change, misfit = step
     kelvin = 2.0 * abs(change) * (seen.inputs.method.nuisances.room + KELVIN)
     return (
-        f"{much}. With a speed of sound about {abs(change):.1%} {'above' if change > 0 else 'below'} that of the reference job a "
+        f"With a speed of sound about {abs(change):.1%} {'above' if change > 0 else 'below'} that of the reference job a "
         f"coarse fit leaves {misfit:.1f} instead of {coarse:.1f} dB: the air was probably about {kelvin:.0f} K "
         f"{'warmer' if change > 0 else 'colder'}. Measure again at the temperature of the reference job, or let `lrbc update` identify "
         f"it: update.nuisances: {{temperature: {max(kelvin, 1.0):.0f}}} (standard deviation in K)"
@@ -144,7 +147,7 @@ def _warmer(
     tried : list of float
         Change found in another job, which is tried alone first; the one found here is written to it.
     steps, near : float
-        Changes tried, and the factor by which two more lie about the best of them.
+        Changes tried, and the factor by which two more lie about the best of them; then by its root.
     """
     if SOUND_SPEED not in seen.inputs.recipe.names or seen.source.stage is None or seen.tight is None:
         return None
@@ -154,37 +157,35 @@ def _warmer(
 
     for each in filter(None, (tried, steps)):
         left, step = min(map(with_speed, each))
-        if each is steps:
-            left, step = min((left, step), *map(with_speed, (near * step, step / near)))
+        for nearer in (near, near**0.5) if each is steps else ():
+            left, step = min((left, step), *map(with_speed, (nearer * step, step / nearer)))
         if left <= CLEARLY * before:
             tried[:] = [step]
             return step, left
     return None
 
 
-def _damped_text(seen: Seen, before: float, *, times: tuple[float, ...] = (0.1, 10.0, 100.0)) -> str:
-    """Clause if another damping of one field, by ``times``, explains a job that has ``before`` [dB] left; else empty."""
+def _damped(seen: Seen, before: float, *, times: tuple[float, ...] = (0.1, 10.0, 100.0)) -> tuple[float, str]:
+    """Least misfit of a job with another damping of one field, by ``times``, and a clause on it; ``before``: without [dB]."""
     if seen.source.stage is None or seen.tight is None:
-        return ""
+        return np.inf, ""
     kinds = {"acoustic": "air", "structure": "structure"}
     found = []
     for field, what in kinds.items():
         own = [name for name in seen.inputs.recipe.names if name in {f"{kind}.{field}" for kind in ("alpha", "beta", "loss_factor")}]
         found += [(_left_with(seen, dict.fromkeys(own, factor)), factor, what) for factor in times if own]
     left, factor, what = min(found, default=(np.inf, 1.0, ""))
-    if left > CLEARLY * before:
-        return ""
     more = "absorbing material, or an opening," if what == "air" else "a damping layer, a hand or a cable"
     change = f"{factor:g} times that" if factor > 1.0 else "a tenth of that"
     reason = f"check whether {more} was {'there' if factor > 1.0 else 'there in the reference job'}"
-    return (
+    return left, (
         f"With a damping of the {what} of about {change} of the reference job a coarse fit leaves {left:.1f} instead of {before:.1f} dB: "
         f"{reason}. Measure again as in the reference job"
     )
 
 
-def _clock_text(seen: Seen, whole: Measurement, before: float, *, most: float = 1.1, steps: int = 40) -> str:
-    """Clause if a factor on the frequencies explains a job that has ``before`` [dB] left; else empty.
+def _clock(seen: Seen, whole: Measurement, before: float, *, most: float = 1.1, steps: int = 40) -> tuple[float, str]:
+    """Misfit of a job with a factor on its frequencies, and a clause on it; ``before``: without [dB].
 
     Factors from ``1 / most`` to ``most`` are compared with all states of one loosened bolt, ``steps`` on each side of 1; the bolts are
     fitted with the best one.
@@ -201,9 +202,7 @@ def _clock_text(seen: Seen, whole: Measurement, before: float, *, most: float = 
     moved = seen.reading(read(best))
     fitted = None if best == 1.0 else fitted_frf(moved)
     left = np.inf if fitted is None else float(np.median(apart(moved.measured, fitted)))
-    if left > CLEARLY * before:
-        return ""
-    return (
+    return left, (
         f"With all its frequencies times {best:.3f} a coarse fit leaves {left:.1f} instead of {before:.1f} dB. Check whether another "
         f"sampling rate was entered or set, or the axis was typed. If so, multiply the frequencies of this job by {best:.4g}"
     )

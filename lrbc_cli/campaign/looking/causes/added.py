@@ -1,4 +1,4 @@
-"""Tests whether the structure carries a mass that the model lacks, such as a motor that was left out of the export."""
+"""Tests whether the structure carries a mass that the model lacks: a motor that was left out of the export, or a heavy sensor."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from lrbc_cli.campaign.structure import thinned
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.dofs import COMPONENTS
 from lrbc_cli.reduction.problem.full import full_frfs
+from lrbc_cli.reduction.reduced.many import ports_of
 
 
 def added_text(
@@ -66,6 +67,60 @@ def added_text(
         f"{left:.1f} dB (mean level of each response removed): probably a part that was on the test bench is missing in the model, such as "
         "a motor or a fixture. Compare the mass sum with the weight of the structure; add the part in the FE model and export it again, or "
         "measure without it"
+    )
+
+
+def loaded_text(seen: Seen, *, least: float = 0.005, most: float = 0.5, steps: int = 13, falls: float = 0.15, others: float = 0.33) -> str:
+    """Warning that names the sensor with whose mass the model explains the tight state; empty if there is none.
+
+    A light structure carries each sensor as a mass that the model lacks. Only its inertia along the measured direction is tried.
+
+    Parameters
+    ----------
+    seen : Seen
+        The reference job, with the model as it is or roughly calibrated.
+    least, most : float
+        Masses tried [kg].
+    steps : int
+        Number of them, a factor of 1.5 apart.
+    falls : float
+        Least share by which the misfit must fall. A calibration has taken up a part of it.
+    others : float
+        Largest share of this fall that a mass at another sensor may reach.
+    """
+    before, stage, model = seen.misfit, seen.source.stage, seen.inputs.model
+    single = np.flatnonzero((np.diff(model.L.tocsr().indptr) == 1) & (np.array(seen.quantities) == "acceleration"))
+    _, first = np.unique(model.L.tocsr().indices[model.L.tocsr().indptr[single]], return_index=True)
+    sensors = single[first]
+    if stage is None or not sensors.size:
+        return ""
+    reduced, each = stage.reduction.model, np.arange(seen.inputs.input_of.size)
+    outputs, loads = np.concatenate([each, sensors]), reduced.B.shape[1]
+    row, column = (index.ravel() for index in np.indices((outputs.size, loads + sensors.size)))
+    pairs = replace(
+        reduced,
+        B=np.hstack([reduced.B, reduced.L[sensors].T]),
+        L=reduced.L[outputs[row]],
+        output_power=np.zeros(row.size, dtype=np.int64),
+        input_of=column,
+    )
+    G = ports_of(pairs, seen.s).evaluate(seen.dynamic).reshape(-1, outputs.size, loads + sensors.size)
+    quantity, found = seen.s[:, None] ** model.output_power, list[tuple[float, float, int]]()
+    for k, sensor in enumerate(sensors.tolist()):
+        driven, alone = G[:, each.size + k, :loads], G[:, each.size + k, loads + k]
+        for mass in np.geomspace(least, most, steps).tolist():
+            force = driven / (1.0 / (mass * seen.s**2) + alone)[:, None]
+            values = G[:, each, seen.inputs.input_of] - G[:, : each.size, loads + k] * force[:, seen.inputs.input_of]
+            found.append((float(np.median(apart(seen.measured, values * quantity))), mass, sensor))
+    left, mass, sensor = min(found)
+    fall, rest = before - left, before - min((one for one, _, other in found if other != sensor), default=before)
+    if fall < falls * before or rest > others * fall or not least < mass < most:
+        return ""
+    name, grams = seen.inputs.responses[sensor].name, float(f"{1e3 * mass:.2g}")
+    return (
+        f"with about {grams:g} g more at the sensor of {name} the level misfit falls from {before:.1f} to {left:.1f} dB (mean level of "
+        "each response removed), with a mass at no other sensor: the structure probably carries a heavy sensor, its block or its cable, "
+        "which the model lacks. Add its mass in the FE model and export it again, or measure with a lighter sensor"
     )
 
 

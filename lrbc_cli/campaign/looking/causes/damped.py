@@ -49,8 +49,8 @@ def misdamped_text(inputs: Inputs, own: Measurement, *, decades: float = 1.5, se
         power = round(float(np.quantile(np.log10(parts[field][key] / measured), 0.9)))
         stated = getattr(getattr(damping, field), key)
         at = int(np.argsort(ratio[field])[omega.size // 2])
-        # As a loss factor it would be twice the damping ratio.
-        typed = key == "beta" and measured.min() <= 0.5 * stated <= measured.max()
+        # As a loss factor it would be about twice the damping ratio.
+        typed = key == "beta" and measured.min() <= stated <= 4.0 * measured.max()
         told.append(
             f"model.damping.{field}: {key}: {stated:g} is probably wrong by a power of ten: at {modes.frequency_hz[at]:.4g} Hz the damping "
             f"ratio is {100.0 * ratio[field][at]:.4g} %, that of the measured resonances {100.0 * measured.min():.2g} to "

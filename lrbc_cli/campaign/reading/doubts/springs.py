@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import combinations
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -127,7 +127,7 @@ def _of_bolt(group: TermGroup, term: int, bolts: PointTable | None) -> str:
 def lacking_springs(model: FeModel, group: TermGroup, dofs: DofTable | None, bolts: PointTable | None) -> str | None:
     """Hint on springs of a table that the matrix does not contain as stated; None if unknown. Used once a baseline is known to be missing.
 
-    Examines translational springs to ground, by the forces under a rigid translation.
+    Exchanged components are seen of all springs; else translational springs to ground are examined, by the forces under a translation.
 
     Parameters
     ----------
@@ -139,6 +139,8 @@ def lacking_springs(model: FeModel, group: TermGroup, dofs: DofTable | None, bol
     file, baseline = group.config.select.bushings, group.config.baseline
     if dofs is None or file is None or baseline <= 0.0:
         return None
+    if exchanged := _exchanged_text(model, group, dofs, bolts, file.name):
+        return exchanged
     left = model.terms.left[:, group.terms].tocsc()
     alone = np.flatnonzero(np.diff(left.indptr) == 1)
     alone = alone[np.isin(dofs.component[left.indices[left.indptr[alone]]], COMPONENTS[:3])]
@@ -151,11 +153,6 @@ def lacking_springs(model: FeModel, group: TermGroup, dofs: DofTable | None, bol
     label = dofs.component[rows[lacking]]
     known = [name for name in COMPONENTS[:3] if np.any(label == name)]
     means = {name: tuple(float(np.median(each[lacking][label == name])) for each in (held, stated)) for name in known}
-    for first, second in combinations((name for name in COMPONENTS[:3] if np.any(dofs.component[rows] == name)), 2):
-        both = [dofs.component[rows] == name for name in (first, second)]
-        (have, want), (others, wanted) = ((float(np.median(held[at])), float(np.median(stated[at]))) for at in both)
-        if abs(want / wanted - 1.0) > HELD and abs(have / wanted - 1.0) < HELD and abs(others / want - 1.0) < HELD:
-            return f"the matrix contains the stiffness of {first} where {file.name} has that of {second}: exchange the two in {file.name}"
     if np.all(np.abs(held[lacking]) < HELD * stated[lacking]):
         return _absent(file.name, group, dofs, bolts, (rows, stated, lacking, group.parameter[alone]), force)
     told = ", ".join(f"{have / want * baseline:.4g} times in {name}" for name, (have, want) in means.items())
@@ -199,25 +196,66 @@ def _absent(
     )
 
 
-def _held(model: FeModel, group: TermGroup, dofs: DofTable) -> list[tuple[bool, Floats]]:
-    """Ratios of the stiffness in the matrix to that in the table, separately for translations (False) and rotations (True).
+@dataclass(frozen=True)
+class _Spring:
+    """A spring of a table: its parameter, component and nodes, its stiffness there and the share of it that the matrix contains."""
+
+    parameter: int
+    component: str
+    nodes: tuple[int, ...]
+    stated: float
+    share: float
+
+
+def _springs(model: FeModel, group: TermGroup, dofs: DofTable) -> Iterator[_Spring]:
+    """Springs of a group along one component, with their shares in the matrix.
 
     Springs to ground are found by the forces under a rigid motion, springs between two nodes without common element by the coupling entry.
     """
     K, left = model.K.real, model.terms.left[:, group.terms].tocsc()
-    found: dict[bool, list[float]] = {False: [], True: []}
     moved = {label: K @ (dofs.component == label).astype(float) for label in COMPONENTS[:3]}
     for k in range(left.shape[1]):
         at, size = left.indices[left.indptr[k] : left.indptr[k + 1]], left.data[left.indptr[k] : left.indptr[k + 1]]
-        labels = set(dofs.component[at].tolist())
-        turns = any(label.startswith("ROT") for label in labels)
+        labels = sorted(set(dofs.component[at].tolist()))
+        row, stated = int(at[0]), abs(float(size[0] * size[-1]))
         if at.size == 2 and len(labels) == 1:
-            found[turns].append(float(K[at[0], at[1]] / (size[0] * size[1])))
+            force = K[at[0], at[1]] * np.sign(size[0] * size[1])
         elif at.size == 1:
-            row = int(at[0])
-            force = K[[row]] @ turned_about(dofs, row) if turns else moved.get(str(dofs.component[row]), np.zeros(model.size))[[row]]
-            found[turns].append(float(force[0] / size[0] ** 2))
-    return [(turns, np.array(shares)) for turns, shares in found.items()]
+            force = (
+                (K[[row]] @ turned_about(dofs, row))[0] if labels[0].startswith("ROT") else moved.get(labels[0], np.zeros(model.size))[row]
+            )
+        else:
+            continue
+        nodes = tuple(sorted(dofs.node[at].tolist()))
+        yield _Spring(int(group.parameter[k]), str(labels[0]), nodes, stated, float(force / stated))
+
+
+def _held(model: FeModel, group: TermGroup, dofs: DofTable) -> list[tuple[bool, Floats]]:
+    """Ratios of the stiffness in the matrix to that in the table, separately for translations (False) and rotations (True)."""
+    springs = list(_springs(model, group, dofs))
+    return [(turns, np.array([one.share for one in springs if one.component.startswith("ROT") == turns])) for turns in (False, True)]
+
+
+def _exchanged_text(model: FeModel, group: TermGroup, dofs: DofTable, bolts: PointTable | None, table: str) -> str | None:
+    """Hint if the matrix contains the stiffnesses of a table along each other's components, at all joints or some; else None."""
+    joints: dict[tuple[object, ...], list[_Spring]] = {}
+    for one in _springs(model, group, dofs):
+        joints.setdefault((one.parameter, one.nodes, one.component.startswith("ROT")), []).append(one)
+    named: dict[str, list[str]] = {}
+    for own in joints.values():
+        there = np.array([one.share * one.stated for one in own])
+        stated = np.array([group.config.baseline * one.stated for one in own])
+        off = np.flatnonzero(np.abs(there / stated - 1.0) > HELD)
+        if off.size < 2 or np.any(np.abs(np.sort(there[off]) / np.sort(stated[off]) - 1.0) > HELD):
+            continue
+        owner = -1 if group.bolt is None else int(group.bolt[own[0].parameter])
+        which = bolts.name[owner] if bolts is not None and owner >= 0 else f"node {own[0].nodes[0]}"
+        named.setdefault(" and ".join(sorted(own[k].component for k in off)), []).append(which)
+    if not named:
+        return None
+    every = sum(map(len, named.values())) == len(joints)
+    told = ", and ".join(f"{components}{'' if every else f' of {listing(list(dict.fromkeys(at)), 8)}'}" for components, at in named.items())
+    return f"the matrix contains the stiffnesses of {told} in each other's place: exchange them in {table}"
 
 
 def turned_about(dofs: DofTable, row: int) -> Floats:
