@@ -188,7 +188,7 @@ def _reduction(inputs: Inputs, decision: cache.CacheDecision, out: Findings) -> 
         if decision.missed:
             out.warn(f"the reduced model in the cache: {decision.missed}; --accept-tolerance uses it")
     else:
-        lines.append(f"cache: miss ({decision.reason})")
+        lines.append(f"cache: miss ({decision.reason}); `lrbc reduce` stores the model, and check is faster then")
         try:
             cost, peak = reduction_cost(inputs)
         except NumericalError as error:

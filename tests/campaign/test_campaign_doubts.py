@@ -221,7 +221,12 @@ def test_several_single_responses_are_one_finding() -> None:
     # One with a place of its own, and two without, remain sentences of their own.
     told = single_responses(inputs, every, [1, 3, 5], "its FRF in tight", "loose", better={3: "; at node 7"})
     assert [each.responses for each in told] == [(3,), (1,), (5,)]
-    assert told[0].text.endswith("remove its record from the file of loose; at node 7")
+    assert told[0].text.endswith(
+        "Check whether the sensor was moved: at node 7. Measure it again, or remove its record from the file of loose"
+    )
+    # Of one sensor at one place the records are one sentence.
+    told = single_responses(inputs, every, [1, 3, 5], "its FRF in tight", "loose", better={3: "; at node 7", 5: "; at node 7"})
+    assert [each.responses for each in told] == [(3, 5), (1,)]
 
 
 def test_what_is_found_is_told_apart_by_kind_and_responses(frame: Folder) -> None:

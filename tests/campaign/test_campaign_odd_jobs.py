@@ -70,6 +70,15 @@ def test_what_else_changed_in_a_job_is_told(tmp_path: Path, changed: dict[str, f
     assert said in text
 
 
+def test_a_sensor_moved_in_a_job_with_a_loose_bolt_is_found_where_it_was(tmp_path: Path) -> None:
+    lost = np.array([0.0, 1.5, 0.0, 0.0, 0.0, 0.0])
+    folder = box(tmp_path, {"other": (BOX_TRUTH["tight"] - lost, 1.0)}, {"other": {"moved": 5}})
+    (text,) = (text for text in told(folder.path) if text.startswith("job other"))
+    assert text.startswith("job other: mic2 differs from ")
+    assert "Check whether the sensor was moved: at or near node 117, " in text
+    assert text.endswith("Measure it again, or remove its record from the file of other")
+
+
 @pytest.mark.parametrize(
     ("pressures", "motions", "is_told"),
     [(4.2, 2.4, True), (4.2, 2.9, False), (2.9, 1.0, False), (4.2, 3.5, False)],

@@ -215,7 +215,8 @@ def box(
     """A tiny u-p model: masses, six of eight on springs, on the flank of a duct with 24 pressures; universal files without errors.
 
     ``further``: log10 stiffness of the springs and relative speed of sound in other jobs. ``changed``: in some of these, times of the
-    damping of the ``air``, true over stated frequencies (``clock``), and mass added at the fourth mass (``mass``).
+    damping of the ``air``, true over stated frequencies (``clock``), mass added at the fourth mass (``mass``), and by how many nodes
+    mic2 was ``moved``.
     """
     ns, na = 8, 24
     K, M, acoustic = duct(ns, na, kappa=1.0, coupling=1.0)
@@ -270,11 +271,15 @@ def box(
     frequency = np.arange(BOX_BAND[0], BOX_BAND[1] + 1, 2.0)
     s = 2j * np.pi * frequency
     for job, (truth, speed) in {**{name: (truth, 1.0) for name, truth in BOX_TRUTH.items()}, **further}.items():
-        other, added = {"air": 1.0, "clock": 1.0, "mass": 0.0} | dict(changed.get(job, {})), np.zeros(ns + na)
+        other, added = {"air": 1.0, "clock": 1.0, "mass": 0.0, "moved": 0} | dict(changed.get(job, {})), np.zeros(ns + na)
         warm, damped = (np.where(np.outer(acoustic, acoustic), times, 1.0) for times in (speed**2, other["air"]))
         added[3] = other["mass"]
         there = replace(
-            model, K=csc(model.K.toarray() * warm), C=csc(model.C.toarray() * damped), M=csc(model.M.toarray() + np.diag(added))
+            model,
+            K=csc(model.K.toarray() * warm),
+            C=csc(model.C.toarray() * damped),
+            M=csc(model.M.toarray() + np.diag(added)),
+            L=csc(unit(ns + na, ns + 2, ns + 11 + int(other["moved"]), ns + na - 1, 6).T),
         )
         y = direct_frf(there, other["clock"] * s, np.tile(10.0**truth + 0j, (s.size, 1)))
         points = [("mic1", 103, 0), ("mic2", 112, 0), ("mic3", 124, 0), ("acc1", 7, 3)]

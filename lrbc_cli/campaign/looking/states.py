@@ -166,6 +166,13 @@ class Seen:
             return None
         return np.where(measured_values(self.tight).sum(axis=0) >= 2 * LEAST_LINES, self.tight, self.model)
 
+    def at(self, theta: Floats) -> Seen:
+        """The same with other start values: a job beside one state of the bolts."""
+        values = self.parameters.by_group(theta)
+        parameters = Parameterisation(tuple(_started(group, values) for group in self.parameters.groups))
+        state = self.source.model(self.s, parameters).frf(parameters.initial)
+        return replace(self, parameters=parameters, states=state[None], loosened=[])
+
     def beside(self, state: Complexes | None) -> Seen:
         """The same with a further state (F, R), unless that is None."""
         return self if state is None else replace(self, states=np.concatenate([self.states, state[None]]))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache, partial
 from types import MappingProxyType
 
 import numpy as np
@@ -31,7 +32,7 @@ from lrbc_cli.campaign.looking.causes.rescaled import rescaled_text, softness_te
 from lrbc_cli.campaign.looking.causes.tables import unit_text
 from lrbc_cli.campaign.looking.causes.tightness import looser, tighter_text
 from lrbc_cli.campaign.looking.causes.together import together_text
-from lrbc_cli.campaign.looking.fitted import calibrated_from, fitted_frf
+from lrbc_cli.campaign.looking.fitted import calibrated_from, carefully_fitted, expected_frf
 from lrbc_cli.campaign.looking.states import Seen, by_excitation
 from lrbc_cli.campaign.looking.trials import NEARER, UNLIKE
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -243,7 +244,13 @@ def single_responses(
     Relative to the reference job if ``job``. Those without a ``better`` place, a clause for each, are one finding if more than ``few``.
     """
     plain = [i for i in alone if i not in better]
-    groups = [[i] for i in alone if i in better] + ([plain] if len(plain) > few else [[i] for i in plain])
+    groups: list[list[int]] = [plain] if len(plain) > few else [[i] for i in plain]
+    placed_at: dict[object, list[int]] = {}
+    for i in alone:
+        if i in better:
+            # In one job a sensor was moved with all its records; of the campaign file each response is corrected.
+            placed_at.setdefault(better[i] if job is not None else i, []).append(i)
+    groups = [*placed_at.values(), *groups]
     typical = f"(mean level removed), the median of all responses is {float(np.median(every)):.1f} dB"
     found = []
     for group in groups:
@@ -259,10 +266,13 @@ def single_responses(
             causes = "places and components of these responses (lrbc check --picture), and that the channels are not those of other sensors"
         if job is not None:
             causes = f"whether {sensor} dead, overloaded or moved, or another one was connected"
-            if any(set(same_sensor(inputs, i)) - set(alone) for i in group):
+            if group[0] in better:
+                causes = f"whether the sensor was moved: {better[group[0]].removeprefix('; ')}"
+            elif any(set(same_sensor(inputs, i)) - set(alone) for i in group):
                 causes = f"whether {sensor} overloaded, or a cable loose, during these blows (it is right at other hammer points)"
             causes += f". Measure {it} again, or remove {record} from the file of {job}"
-        text = f"{names} {differ} from {of} by {sizes} dB {typical}. Check {causes}{better.get(group[0], '')}"
+        where = better.get(group[0], "") if job is None else ""
+        text = f"{names} {differ} from {of} by {sizes} dB {typical}. Check {causes}{where}"
         found.append(Finding(text=text, kind=Kind.ALONE, responses=tuple(group), detail=better.get(group[0], "")))
     return found
 
@@ -299,11 +309,31 @@ def beside_tight(seen: Seen, tight: Complexes, reach: tuple[Floats | float, Floa
     limit, off = np.broadcast_to(reach[1], every.shape), {k for i in away for k in (i, *same_sensor(seen.inputs, i))}
     # A dead channel differs in shape, too; its level says more.
     far = [i for i in outlying(every) if CLEARLY * every[i] > limit[i] and i not in off]
-    return single_responses(seen.inputs, every, far, f"its FRF in {reference}", seen.job) + found
+    place = _placing(seen)
+    better = {i: text for i in far if (text := place(i))}
+    return single_responses(seen.inputs, every, far, f"its FRF in {reference}", seen.job, better=better) + found
 
 
-def beside_fitted(seen: Seen, fitted: Complexes) -> list[Finding]:
-    """Hammer point or sensors far from the state of the bolts that fits best (``fitted``, (F, R)), if that explains the others."""
+def _placing(seen: Seen) -> Callable[[int], str]:
+    """A clause on another place of a response in the state of the bolts that fits best, which is found when it is first asked for."""
+
+    @cache
+    def fitted() -> Seen | None:
+        theta = carefully_fitted(seen)
+        return None if theta is None else seen.at(theta)
+
+    def place(response: int) -> str:
+        there = fitted()
+        return "" if there is None else sensor_text(there, response)
+
+    return place
+
+
+def beside_fitted(seen: Seen, fitted: Complexes, place: Callable[[int], str] = lambda _: "") -> list[Finding]:
+    """Hammer point or sensors far from the state of the bolts that fits best (``fitted``, (F, R)), if that explains the others.
+
+    ``place``: a clause on another place of a response that explains it, if there is one.
+    """
     every, what = apart(seen.measured, fitted), "the state of the bolts that fits best"
     away = by_excitation(every, seen.inputs.input_of)
     worst = max(away, key=away.__getitem__)
@@ -316,7 +346,7 @@ def beside_fitted(seen: Seen, fitted: Complexes) -> list[Finding]:
     own = [[i, *same_sensor(seen.inputs, i)] for i in range(every.size)]
     # A record alone may be overloaded; those of its sensor at other hammer points are right.
     far = [i for i in outlying(np.array([np.median(every[at]) for at in own])) if every[i] > LEAST_DIFFERENCE]
-    return single_responses(seen.inputs, every, far, what, seen.job)
+    return single_responses(seen.inputs, every, far, what, seen.job, better={i: text for i in far if (text := place(i))})
 
 
 def foreign(seen: Seen, tight: Complexes) -> list[Finding]:
@@ -336,7 +366,7 @@ def beside_fit(seen: Seen, tight: Complexes, fitted: Complexes | None) -> list[F
     """Findings of a job by its distance from the state that fits best. The first fit is coarse: nothing is said without a better one."""
     if fitted is None or not (beside_fitted(seen, fitted) or foreign(seen, tight)):
         return []
-    fitted = fitted_frf(seen, careful=True)
-    assert fitted is not None
-    seen = seen.beside(fitted)
-    return beside_fitted(seen, fitted) or foreign(seen, tight)
+    theta = carefully_fitted(seen)
+    assert theta is not None
+    fitted = expected_frf(seen, theta)
+    return beside_fitted(seen.beside(fitted), fitted, partial(sensor_text, seen.at(theta))) or foreign(seen.beside(fitted), tight)
