@@ -134,7 +134,7 @@ def calibrated(
     monkeypatch.setattr(first_look, "Seen", SimpleNamespace(of=lambda *_: stand_in))
     monkeypatch.setattr(first_look, "roughly_calibrated", lambda *_: SimpleNamespace(at_bounds=at_bounds or {}))
     monkeypatch.setattr(first_look, "_looked_at", lambda *_: OfJob())
-    for text in ("tighter_text", "looser"):
+    for text in ("tighter_text", "looser", "loaded_text"):
         monkeypatch.setattr(first_look, text, lambda *_: "")
     source: Any = SimpleNamespace(inputs=SimpleNamespace(campaign=SimpleNamespace(calibration=SimpleNamespace(job="tight"))))
     measurement: Any = None

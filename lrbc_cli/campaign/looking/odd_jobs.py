@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
-from lrbc_cli.campaign.findings import Finding, Kind
+from lrbc_cli.campaign.findings import Finding, Kind, said
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart, levels, spread
 from lrbc_cli.campaign.identification.nuisances import KELVIN
 from lrbc_cli.campaign.identification.records import Measurement
@@ -57,7 +57,7 @@ def odd_jobs(
         Least ratio of the misfit of the pressures to their median in the other jobs from which these are told alone, while the motion of
         the structure is explained: no bolt does that. On right campaigns it was 1.3 at most.
     """
-    inputs, reference = source.inputs, source.inputs.campaign.update.reference or ""
+    reference = source.inputs.campaign.update.reference or ""
     far = {name: float(np.median(own)) for name, own in source.away.items()}
     found, tried = dict[str, Finding](), list[float]()
     for name in (name for name in far if name in names):
@@ -72,24 +72,29 @@ def odd_jobs(
             continue
         seen = Seen.of(source, name, measurements[name], measurements[reference])
         much = f"no state of the bolts explains it: {left:.1f} dB are left (mean level of each response removed), {usual:.1f} dB of another"
-        much, step, nuisances = f"{much} job", _warmer(seen, far[name], tried), inputs.method.nuisances
-        if step is not None and (nuisances.temperature is not None or nuisances.sound_speed is not None):
-            # `update` identifies it.
-            continue
-        causes = [_damped(seen, far[name]), _clock(seen, measurements[name], far[name])]
-        least, text = min(causes)
-        # Another temperature is more usual than the others: these must be clearly nearer, and the temperature must not be enough.
-        if step is not None and (step[1] <= CLEARLY * LEAST_DIFFERENCE or least > CLEARLY * step[1]):
-            least, text = step[1], _warmer_text(seen, step, far[name])
-        if least <= CLEARLY * far[name]:
-            found[name] = Finding(text=f"{much}. {text}", kind=Kind.FOREIGN)
-        elif moved := hammer_text(seen, apart(seen.measured, seen.states)):
-            found[name] = Finding(text=f"{much}; {moved}", kind=Kind.HAMMER)
-        elif air is not None:
-            found[name] = Finding(text=air, kind=Kind.FOREIGN)
-        elif left > clearly * usual:
-            found[name] = Finding(text=f"{much}. {MORE}", kind=Kind.FOREIGN)
+        further = air or (f"{much} job. {MORE}" if left > clearly * usual else "")
+        if cause := _told(seen, measurements[name], f"{much} job", far[name], tried, further):
+            found[name] = cause[0]
     return found
+
+
+def _told(seen: Seen, whole: Measurement, much: str, coarse: float, tried: list[float], further: str) -> list[Finding]:
+    """Finding of a job that differs by ``much``; none without a cause or ``further`` text, or if ``update`` identifies the cause.
+
+    ``whole``: the job on all its lines; ``coarse``: the misfit after a first, coarse fit; ``tried``: see ``_warmer``.
+    """
+    step, nuisances = _warmer(seen, coarse, tried), seen.inputs.method.nuisances
+    if step is not None and (nuisances.temperature is not None or nuisances.sound_speed is not None):
+        return []
+    least, text = min(_damped(seen, coarse), _clock(seen, whole, coarse))
+    # Another temperature is more usual than the others: these must be clearly nearer, and the temperature must not be enough.
+    if step is not None and (step[1] <= CLEARLY * LEAST_DIFFERENCE or least > CLEARLY * step[1]):
+        least, text = step[1], _warmer_text(seen, step, coarse)
+    if least <= CLEARLY * coarse:
+        return said(Kind.FOREIGN, f"{much}. {text}")
+    if moved := hammer_text(seen, apart(seen.measured, seen.states)):
+        return said(Kind.HAMMER, f"{much}; {moved}")
+    return said(Kind.FOREIGN, further)
 
 
 def _airborne(source: Looking, name: str, away: Floats, aside: float) -> str | None:

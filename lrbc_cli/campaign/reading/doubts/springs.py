@@ -196,7 +196,7 @@ def _absent(
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Spring:
     """A spring of a table: its parameter, component and nodes, its stiffness there and the share of it that the matrix contains."""
 
@@ -227,7 +227,8 @@ def _springs(model: FeModel, group: TermGroup, dofs: DofTable) -> Iterator[_Spri
         else:
             continue
         nodes = tuple(sorted(dofs.node[at].tolist()))
-        yield _Spring(int(group.parameter[k]), str(labels[0]), nodes, stated, float(force / stated))
+        share = float(force / stated)
+        yield _Spring(parameter=int(group.parameter[k]), component=str(labels[0]), nodes=nodes, stated=stated, share=share)
 
 
 def _held(model: FeModel, group: TermGroup, dofs: DofTable) -> list[tuple[bool, Floats]]:
