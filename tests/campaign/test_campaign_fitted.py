@@ -265,7 +265,9 @@ def test_with_springs_at_wrong_nodes_exchanged_sensors_of_other_jobs_are_not_tol
 
 def test_a_baseline_that_differs_from_a_reference_job_with_a_loose_bolt_is_not_told() -> None:
     settings = SimpleNamespace(update=SimpleNamespace(reference="tight", baselines=("tight-2",)), calibration=None)
-    inputs = SimpleNamespace(campaign=settings, springs_doubt=False, bolts=SimpleNamespace(name=["B1"], xyz=np.zeros((1, 3))), odd_bolts=())
+    inputs = SimpleNamespace(
+        campaign=settings, springs_doubt=False, bolts=SimpleNamespace(name=["B1"], xyz=np.zeros((1, 3))), odd_bolts=(), responses=()
+    )
     freed = Finding(text="differs", kind=Kind.FREED)
 
     def told(change: float) -> list[str]:

@@ -71,7 +71,8 @@ def together(source: Looking, measurements: Mapping[str, Measurement], found: di
     closer = partial(closely_fitted, source, measurements)
     found.update(of_sensors(inputs, found, source.away, reference, closer))
     if explained:
-        quiet = [name for name, of in found.items() if not of.told and name != reference]
+        # A state that nothing comes near may have a cause, too.
+        quiet = [name for name, of in found.items() if kinds_of(of.told) <= {Kind.FOREIGN} and name != reference]
         found.update({name: replace(found[name], told=[odd]) for name, odd in odd_jobs(source, measurements, quiet, closer).items()})
     told = pooled(of_all_jobs(inputs, found, reference), reference)
     if inputs.springs_doubt or (reference in found and Kind.UNLIKE in kinds_of(found[reference].told)):

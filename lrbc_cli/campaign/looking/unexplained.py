@@ -196,8 +196,14 @@ def of_one_field(seen: Seen, measurement: Measurement, told: list[Finding]) -> l
             f"({far:.1f} dB): check first what the latter have in common (sensors, conditioner, weighting, places"
             f"{', coupling and walls of the air in the model' if air[~own].any() else ''})"
         )
-        usual = ". C" + _usual(seen).removeprefix("c")
-        return [replace(each, text=each.text.replace(usual, clause + usual)) if each.kind is Kind.UNLIKE else each for each in told]
+        usual = ". Check" + _usual(seen).removeprefix("check")
+        otherwise = f"{clause}. Otherwise check{usual.removeprefix('. Check')}"
+        return [
+            replace(each, text=each.text.replace(usual, otherwise) if usual in each.text else each.text + clause)
+            if each.kind is Kind.UNLIKE
+            else each
+            for each in told
+        ]
     return told
 
 

@@ -184,8 +184,8 @@ class AffineModel:
                     by_shift[part, :, i] = (heard @ found.x)[:, rows, self.shifts[own, i]] * to_quantity
 
         # Lines that share one product pay together, but not by matrices that fill the memory; each thread has as many.
-        rounds = -(-s.size // (64 * workers))
-        in_chunks(s.size, work, chunk=-(-s.size // (rounds * workers)) if shared else 8, workers=workers)
+        rounds = max(-(-s.size // (64 * workers)), 1)
+        in_chunks(s.size, work, chunk=max(-(-s.size // (rounds * workers)), 1) if shared else 8, workers=workers)
         return Linearised(y=y, terms=by_term, factors=by_factor, shifts=by_shift)
 
     def _solver(

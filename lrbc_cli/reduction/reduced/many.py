@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes
-from lrbc_cli.reduction.reduced.condense import CondensedAir, air_is_diagonal, with_diagonal_air
+from lrbc_cli.reduction.reduced.condense import PAIRS, CondensedAir, air_is_diagonal, with_diagonal_air
 from lrbc_cli.reduction.reduced.modal import modal_structure
 from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.reduced.ports import PortFrf, port_frf
@@ -79,9 +79,9 @@ def _by_modes(model: ReducedModel, s: Complexes, louder: float) -> tuple[PortFrf
 def _by_air(model: ReducedModel, s: Complexes, louder: float) -> tuple[PortFrf, Bools] | None:
     """Port FRFs with the air condensed out, and (F,) which lines are rough; None if its modes are not diagonal or it costs more."""
     ns, na, loads = model.structure, model.size - model.structure, model.B.shape[1] + model.terms
-    if ns == 0 or not _cheaper(
-        model, s.size, 8.0 / 3.0 * ns**3 + 8.0 * ns**2 * loads + 4.0 * ns**2 * (na + model.terms) + 8.0 * ns * na * loads
-    ):
+    # One real product of lower triangles for real and imaginary parts, or complex ones of whole matrices.
+    formed = (2.0 if (na + model.terms) * ns**2 < 2 * PAIRS else 8.0) * ns**2 * (na + model.terms)
+    if ns == 0 or not _cheaper(model, s.size, 8.0 / 3.0 * ns**3 + 8.0 * ns**2 * loads + formed + 8.0 * ns * na * loads):
         return None
     turned = with_diagonal_air(model)
     operators, terms = (turned.K, turned.C, turned.M), (turned.left, turned.right)

@@ -88,30 +88,29 @@ def loaded_text(seen: Seen, *, least: float = 0.005, most: float = 0.5, steps: i
     others : float
         Largest share of this fall that a mass at another sensor may reach.
     """
-    before, stage, model = seen.misfit, seen.source.stage, seen.inputs.model
-    single = np.flatnonzero((np.diff(model.L.tocsr().indptr) == 1) & (np.array(seen.quantities) == "acceleration"))
-    _, first = np.unique(model.L.tocsr().indices[model.L.tocsr().indptr[single]], return_index=True)
+    before, stage, L = seen.misfit, seen.source.stage, seen.inputs.model.L.tocsr()
+    single = np.flatnonzero((np.diff(L.indptr) == 1) & (np.array(seen.quantities) == "acceleration"))
+    _, first = np.unique(L.indices[L.indptr[single]], return_index=True)
     sensors = single[first]
     if stage is None or not sensors.size:
         return ""
-    reduced, each = stage.reduction.model, np.arange(seen.inputs.input_of.size)
-    outputs, loads = np.concatenate([each, sensors]), reduced.B.shape[1]
-    row, column = (index.ravel() for index in np.indices((outputs.size, loads + sensors.size)))
-    pairs = replace(
+    reduced, terms = stage.reduction.model, seen.inputs.model.terms.size
+    # The mass of a sensor is one more term, zero in the state compared.
+    ends = (reduced.L[sensors] / L.data[L.indptr[sensors]][:, None]).T
+    beside = replace(
         reduced,
-        B=np.hstack([reduced.B, reduced.L[sensors].T]),
-        L=reduced.L[outputs[row]],
-        output_power=np.zeros(row.size, dtype=np.int64),
-        input_of=column,
+        left=np.hstack([reduced.left, ends]),
+        right=np.hstack([reduced.right, ends]),
+        reference=np.vstack([reduced.reference, np.zeros((sensors.size, 3))]),
     )
-    G = ports_of(pairs, seen.s).evaluate(seen.dynamic).reshape(-1, outputs.size, loads + sensors.size)
-    quantity, found = seen.s[:, None] ** model.output_power, list[tuple[float, float, int]]()
+    D = np.hstack([seen.dynamic, np.zeros((seen.s.size, sensors.size))])
+    ports, masses = ports_of(beside, seen.s).about(D), np.geomspace(least, most, steps)
+    found = list[tuple[float, float, int]]()
     for k, sensor in enumerate(sensors.tolist()):
-        driven, alone = G[:, each.size + k, :loads], G[:, each.size + k, loads + k]
-        for mass in np.geomspace(least, most, steps).tolist():
-            force = driven / (1.0 / (mass * seen.s**2) + alone)[:, None]
-            values = G[:, each, seen.inputs.input_of] - G[:, : each.size, loads + k] * force[:, seen.inputs.input_of]
-            found.append((float(np.median(apart(seen.measured, values * quantity))), mass, sensor))
+        with_mass = np.tile(D, (steps, 1, 1))
+        with_mass[:, :, terms + k] = masses[:, None] * seen.s**2
+        away = np.median(apart(seen.measured, ports.evaluate(with_mass)), axis=1)
+        found += [(float(own), float(mass), sensor) for own, mass in zip(away, masses, strict=True)]
     left, mass, sensor = min(found)
     fall, rest = before - left, before - min((one for one, _, other in found if other != sensor), default=before)
     if fall < falls * before or rest > others * fall or not least < mass < most:
@@ -119,8 +118,8 @@ def loaded_text(seen: Seen, *, least: float = 0.005, most: float = 0.5, steps: i
     name, grams = seen.inputs.responses[sensor].name, float(f"{1e3 * mass:.2g}")
     return (
         f"with about {grams:g} g more at the sensor of {name} the level misfit falls from {before:.1f} to {left:.1f} dB (mean level of "
-        "each response removed), with a mass at no other sensor: the structure probably carries a heavy sensor, its block or its cable, "
-        "which the model lacks. Add its mass in the FE model and export it again, or measure with a lighter sensor"
+        "each response removed), and with a mass at any other sensor it does not: the structure probably carries a heavy sensor, its block "
+        "or its cable, which the model lacks. Add its mass in the FE model and export it again, or measure with a lighter sensor"
     )
 
 

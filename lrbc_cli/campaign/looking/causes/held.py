@@ -127,8 +127,7 @@ def supports_text(seen: Seen) -> str:
     if not nodes.size:
         return f"{lacking}{tied}"
     xyz, unit = dofs.xyz[rows[first]], inputs.campaign.unit_system.length
-    spans, own = np.ptp(dofs.xyz, axis=0), np.ptp(xyz, axis=0)
-    common = [f"{'xyz'[k]} = {xyz[0, k] / unit:.4g}" for k in range(3) if own[k] < 1e-6 * spans.max() < spans[k]]
+    common = _common(xyz, np.ptp(dofs.xyz, axis=0), unit)
     alike = f", all at {', '.join(common)}" if common and nodes.size > 2 else ""
     named = listing(nodes.tolist(), 12)
     held = {node: tuple(dofs.component[rows[dofs.node[rows] == node]].tolist()) for node in nodes.tolist()}
@@ -155,6 +154,8 @@ def _lacking(dofs: DofTable, unit: float, *, most: int = 4, share: float = 0.25)
     sets: dict[int, frozenset[str]] = {}
     for node, component in zip(*(column[~dofs.is_acoustic].tolist() for column in (dofs.node, dofs.component)), strict=True):
         sets[node] = sets.get(node, frozenset()) | {component}
+    if not sets:
+        return ""
     usual, count = Counter(sets.values()).most_common(1)[0]
     odd = {node: sorted(usual - own) for node, own in sets.items() if own < usual}
     if not odd or len(odd) + count < len(sets):
@@ -163,12 +164,20 @@ def _lacking(dofs: DofTable, unit: float, *, most: int = 4, share: float = 0.25)
     if len(odd) <= most:
         named = ", ".join(f"node {node} has no {', '.join(own)}" for node, own in odd.items())
         return f". Alone of all nodes, {named}: {left_in}"
-    xyz, spans = dofs.xyz[np.isin(dofs.node, list(odd)) & ~dofs.is_acoustic], np.ptp(dofs.xyz, axis=0)
-    common = [f"{'xyz'[k]} = {xyz[0, k] / unit:.4g}" for k in range(3) if np.ptp(xyz[:, k]) < 1e-6 * spans.max() < spans[k]]
-    if not common or len(odd) > share * len(sets):
+    common = _common(dofs.xyz[np.isin(dofs.node, list(odd)) & ~dofs.is_acoustic], np.ptp(dofs.xyz, axis=0), unit)
+    # Nodes of solid elements beside shells have no rotations.
+    solid = all(set(own) == {label for label in usual if label.startswith("ROT")} for own in odd.values())
+    if not common or solid or len(odd) > share * len(sets):
         return ""
     components = ", ".join(sorted({label for own in odd.values() for label in own}))
     return f". Alone of all nodes, {len(odd)} at {', '.join(common)} have no {components}: {left_in}, or a condition of symmetry"
+
+
+def _common(xyz: Floats, spans: Floats, unit: float) -> list[str]:
+    """Coordinates that all of some places (n, 3) have in common, of those along which the model extends (``spans``), in words."""
+    least = 1e-6 * float(spans.max())
+    middle = np.where(np.abs(xyz).max(axis=0) < least, 0.0, xyz[0])
+    return [f"{'xyz'[k]} = {middle[k] / unit:.4g}" for k in range(3) if np.ptp(xyz[:, k]) < least < spans[k]]
 
 
 def _tied_text(model: FeModel, dofs: DofTable, *, near: float = 1e-6) -> str:

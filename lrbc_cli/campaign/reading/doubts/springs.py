@@ -251,7 +251,7 @@ def _exchanged_text(model: FeModel, group: TermGroup, dofs: DofTable, bolts: Poi
             continue
         owner = -1 if group.bolt is None else int(group.bolt[own[0].parameter])
         which = bolts.name[owner] if bolts is not None and owner >= 0 else f"node {own[0].nodes[0]}"
-        named.setdefault(" and ".join(sorted(own[k].component for k in off)), []).append(which)
+        named.setdefault(listing(sorted(own[k].component for k in off), 6, " and " if off.size == 2 else ", "), []).append(which)
     if not named:
         return None
     every = sum(map(len, named.values())) == len(joints)
