@@ -48,7 +48,7 @@ def test_the_plan_of_the_frame(tmp_path: Path) -> None:
     assert "10 rank-one terms (same left and right vectors), 1 excitation(s), 4 response(s), 3 used" in model
     reduced = section(result.stdout, "reduced model")
     assert reduced[0].startswith("band 30 to 500 Hz, tolerance 0.001, back end ")
-    assert "cache: miss (the cache is empty)" in reduced
+    assert "cache: miss (the cache is empty); `lrbc reduce` stores the model, and check is faster then" in reduced
     estimate = next(line for line in reduced if line.startswith("estimate:"))
     for part in (" s, a peak of ", " GB", "entries of the factors", "available on this machine"):
         assert part in estimate

@@ -25,7 +25,7 @@ from lrbc_cli.updating.comparison.scale import LEAST_LINES
 #: What to check of a job that bolts do not explain.
 MORE = (
     "Check whether more changed than the bolts: something added, removed or in contact, other supports, another temperature, another "
-    "hammer point, or the file of another state. Until it is corrected, `lrbc update` may not explain this job either"
+    "hammer point, or the file of another state or another structure. Until that is corrected, `lrbc update` may not explain this job"
 )
 
 
