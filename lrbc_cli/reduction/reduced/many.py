@@ -92,7 +92,9 @@ def _by_air(model: ReducedModel, s: Complexes, louder: float) -> tuple[PortFrf, 
     H = np.empty((s.size, outputs.shape[0], inputs.shape[1]), dtype=complex)
 
     def work(part: slice) -> None:
-        H[part] = outputs @ air.solve(s[part, None, None], D[part], inputs, np.zeros((model.size, 0)))[0]
+        # Each thread has settings of its own.
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            H[part] = outputs @ air.solve(s[part, None, None], D[part], inputs, np.zeros((model.size, 0)))[0]
 
     try:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
