@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.check import check
 from lrbc_cli.campaign.identification.compared.likeness import _unweighted, other_reading
 from lrbc_cli.io.frf import read_frf, write_frf
+from lrbc_cli.model.frf import FrfRecord
 
 HZ = np.arange(20.0, 400.0, 2.0)
 
@@ -75,33 +77,27 @@ def test_levels_are_those_of_the_table(hz: float) -> None:
     assert -20.0 * np.log10(abs(found[0, 0] / found[1, 0])) == pytest.approx(TABLE[hz] - TABLE[400.0], abs=0.2)
 
 
-def test_pressures_with_the_weighting_beside_motions_without_it(tmp_path: Path) -> None:
-    """Three microphones and one accelerometer: a calibration from the motion alone shows that only the pressures are wrong."""
-    folder = box(tmp_path)
+def of_the_reference_job(path: Path, wrong: Callable[[FrfRecord], Complexes]) -> str:
+    """First warning on the reference job if the pressures of all jobs have other values; the calibration has factors of both fields."""
+    folder = box(path)
     tree = yaml.safe_load(folder.config.read_text())
     tree["calibration"] = {"job": "tight", "factors": ["stiffness.acoustic", "alpha.structure"]}
     folder.write(tree)
     for job in tree["jobs"]:
-        path = tmp_path / "data" / f"{job}.uff"
-        found = read_frf(path)
-        weight = 10.0 ** (weighting(found.records[0].frequency_hz) / 20.0)
-        records = tuple(one if one.name == "acc1" else replace(one, values=one.values * weight) for one in found.records)
-        write_frf(path, replace(found, records=records))
-    (text,) = (line for line in check(folder.inputs(), tmp_path / "cache").warnings if line.startswith("job tight"))
+        found = read_frf(file := path / "data" / f"{job}.uff")
+        records = tuple(one if one.name == "acc1" else replace(one, values=wrong(one)) for one in found.records)
+        write_frf(file, replace(found, records=records))
+    return next(line for line in check(folder.inputs(), path / "cache").warnings if line.startswith("job tight"))
+
+
+def test_pressures_with_the_weighting_beside_motions_without_it(tmp_path: Path) -> None:
+    """Three microphones and one accelerometer: a calibration from the motion alone shows that only the pressures are wrong."""
+    text = of_the_reference_job(tmp_path, lambda one: one.values * 10.0 ** (weighting(one.frequency_hz) / 20.0))
     assert "pressures: levels probably follow the A-weighting: switch the weighting of the microphones off" in text
 
 
 def test_what_only_one_field_says_is_told(tmp_path: Path) -> None:
     """Pressures of another duct: nothing names the cause, but the motion fits."""
-    folder = box(tmp_path)
-    tree = yaml.safe_load(folder.config.read_text())
-    tree["calibration"] = {"job": "tight", "factors": ["stiffness.acoustic", "alpha.structure"]}
-    folder.write(tree)
-    for job in tree["jobs"]:
-        path = tmp_path / "data" / f"{job}.uff"
-        found = read_frf(path)
-        records = tuple(one if one.name == "acc1" else replace(one, values=one.values[::-1].conj()) for one in found.records)
-        write_frf(path, replace(found, records=records))
-    text = next(line for line in check(folder.inputs(), tmp_path / "cache").warnings if line.startswith("job tight"))
+    text = of_the_reference_job(tmp_path, lambda one: one.values[::-1].conj())
     assert re.search(r"from the motion of the structure alone, these FRFs are near \([0-2]\.\d dB\), but not those of the pressures", text)
     assert "weighting, places, coupling and walls of the air in the model). Otherwise check first the mass sum" in text

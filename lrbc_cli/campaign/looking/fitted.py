@@ -79,13 +79,10 @@ def fitted_theta(seen: Seen, *, lines: int = 100, iterations: int = 6, kept: int
     return theta
 
 
-def fitted_frf(seen: Seen, *, careful: bool = False) -> Complexes | None:
-    """(F, R) FRFs expected in the state of the bolts that fits best; None without tight state, or if no bolt has values.
-
-    A ``careful`` fit takes seconds instead of half a second.
-    """
+def fitted_frf(seen: Seen) -> Complexes | None:
+    """(F, R) FRFs expected in the state of the bolts that fits best; None without tight state, or if no bolt has values."""
     with seen.source.threads():
-        theta = carefully_fitted(seen) if careful else fitted_theta(seen)
+        theta = fitted_theta(seen)
     return None if theta is None else expected_frf(seen, theta)
 
 
@@ -98,8 +95,8 @@ def carefully_fitted(seen: Seen) -> Floats | None:
 def closely_fitted(source: Looking, measurements: Mapping[str, Measurement], name: str) -> Floats:
     """(R,) level misfits of a job with the state that a careful fit finds [dB]; of a job that was fitted before."""
     seen = Seen.of(source, name, measurements[name], measurements[source.inputs.campaign.update.reference or ""])
-    fitted = fitted_frf(seen, careful=True)
-    return source.away[name] if fitted is None else apart(seen.measured, fitted)
+    theta = carefully_fitted(seen)
+    return source.away[name] if theta is None else apart(seen.measured, expected_frf(seen, theta))
 
 
 def fitted_exchanged(seen: Seen, exchanged: Complexes, *, further: float = 1.1) -> Complexes | None:
