@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.states import Seen
@@ -169,29 +169,36 @@ def freed(seen: Seen) -> tuple[list[str], str, float]:
             owners = [] if group.bolt is None or inputs.bolts is None else [inputs.bolts.name[b] for b in group.bolt[at] if b >= 0]
             values = f"values {at[0] + 1} to {at[-1] + 1} of parameters.{group.name}"
             names = list(dict.fromkeys(owners)) or [values]
+            several = sum(each.bolt is not None for each, *_ in seen.parameters.placed) > 1
+            how = f"free in {group.name}" if owners and several else "free"
     return min([(names, how, left), *_partly_loose(seen)], key=lambda each: each[2])
 
 
 def _partly_loose(seen: Seen) -> Iterator[tuple[list[str], str, float]]:
-    """As ``freed``, for each joint at each of the levels that a search tries."""
+    """As ``freed``, for each joint, and for each of its groups if it has several, at each of the levels that a search tries."""
     parameters, bolts = seen.parameters, seen.inputs.bolts
     if bolts is None:
         return
-    joints = zip(bolts.name, joints_of(parameters, len(bolts.name)), strict=True)
-    owned = [(name, np.concatenate(list(own.values()))) for name, own in joints if own]
-    states = np.tile(parameters.initial, (len(owned), len(LEVELS), 1))
-    for own, (_, at) in zip(states, owned, strict=True):
-        own[:, at] = np.maximum(own[:, at] + np.array(LEVELS)[:, None], parameters.bounds[at, 0])
+    owned = list[tuple[str, str, Integers]]()
+    for name, own in zip(bolts.name, joints_of(parameters, len(bolts.name)), strict=True):
+        if own:
+            owned.append((name, "", np.concatenate(list(own.values()))))
+        if len(own) > 1:
+            owned += [(name, f" in {parameters.placed[group][0].name}", at) for group, at in own.items()]
     if not owned:
         return
+    states = np.tile(parameters.initial, (len(owned), len(LEVELS), 1))
+    for state, (*_, at) in zip(states, owned, strict=True):
+        state[:, at] = np.maximum(state[:, at] + np.array(LEVELS)[:, None], parameters.bounds[at, 0])
     key = b"partly loose" + seen.s.tobytes()
     if key not in seen.source.known:
-        frf = seen.source.model(seen.s, parameters).nearby(parameters.initial)
-        seen.source.known[key] = frf(states.reshape(-1, parameters.initial.size))
+        nearby = seen.source.model(seen.s, parameters).nearby(parameters.initial)
+        # One joint at a time: only its own terms are solved for.
+        seen.source.known[key] = np.concatenate([nearby(own) for own in states])
     distances = np.median(apart(seen.measured, seen.source.known[key]), axis=1).reshape(len(owned), -1)
-    for (name, _), own in zip(owned, distances, strict=True):
-        best = int(np.argmin(own))
-        yield [name], f"at {10.0 ** LEVELS[best]:.1g} of its stiffness", float(own[best])
+    for (name, group, _), away in zip(owned, distances, strict=True):
+        best = int(np.argmin(away))
+        yield [name], f"at {10.0 ** LEVELS[best]:.1g} of its stiffness{group}", float(away[best])
 
 
 def lowered_text(before: Seen, after: Seen, *, least: float = 1.0) -> str:
