@@ -9,8 +9,9 @@ import click
 from lrbc_cli.campaign.beside import outlived, passed_over
 from lrbc_cli.campaign.documents import require_own_output
 from lrbc_cli.campaign.jobs.plans import of_earlier_files
+from lrbc_cli.campaign.jobs.status import of_other_settings
 from lrbc_cli.campaign.protect import require_inputs_apart
-from lrbc_cli.cli.common import progress, say_json
+from lrbc_cli.cli.common import progress, read, say_json
 from lrbc_cli.cli.options import campaign_options
 from lrbc_cli.cli.terminal import complain, say
 from lrbc_cli.config import load_campaign
@@ -50,7 +51,8 @@ def report(
     require_own_output(campaign)
     require_inputs_apart(campaign)
     workers = min(2, cores())
-    expected, gone, earlier = list(campaign.jobs), outlived(campaign), of_earlier_files(campaign)
+    expected, gone = list(campaign.jobs), outlived(campaign)
+    earlier = of_other_settings(campaign, lambda: read(campaign, warn=False)) | of_earlier_files(campaign)
     page = write_report(
         campaign.output,
         jobs=jobs or None,

@@ -11,11 +11,12 @@ import click
 
 from lrbc_cli.campaign.beside import outlived, passed_over
 from lrbc_cli.campaign.jobs.plans import choose_jobs, of_earlier_files
+from lrbc_cli.campaign.jobs.status import of_other_settings
+from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.cli.common import load, progress, say_json, tell_calibration
 from lrbc_cli.cli.options import accept_tolerance_option, calibration_option, campaign_options
 from lrbc_cli.cli.terminal import complain, remark, say
 from lrbc_cli.cli.update import FAIL_HELP, finished, outcome_tree, tell_clearance, tell_troubles
-from lrbc_cli.config import Campaign
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.reduction.threads import cores
 from lrbc_cli.report.old import outdating
@@ -67,7 +68,7 @@ def run(
     tell_troubles(outcome)
     code, page = outcome.exit_code(fail_on_loose), None
     try:
-        page = _page(inputs.campaign, tell)
+        page = _page(inputs, tell)
         wrong = [*read_results(output).unreadable.values()]
     except LrbcError as error:
         wrong = [error]
@@ -92,12 +93,13 @@ def run(
     return code
 
 
-def _page(campaign: Campaign, tell: Callable[[str], None]) -> Path:
-    """Write the report of all jobs; it says of which measurements that are no longer there results are."""
+def _page(inputs: Inputs, tell: Callable[[str], None]) -> Path:
+    """Write the report of all jobs; it says which results are those of earlier measurements or settings."""
+    campaign = inputs.campaign
     return write_report(
         campaign.output,
         expected=list(campaign.jobs),
-        earlier=of_earlier_files(campaign),
+        earlier=of_other_settings(campaign, lambda: inputs) | of_earlier_files(campaign),
         passed_over=[*passed_over(campaign), *outlived(campaign)],
         workers=min(2, cores()),
         progress=tell,

@@ -66,8 +66,8 @@ def test_a_result_of_a_file_that_was_replaced_is_told_on_the_page(tight: Folder)
     with_job(tight, "loose-all")
     assert tight.run("run", "--job", "loose-all").code == 0
     head = head_of(tight)
-    assert "results of earlier measurements: 1" in head
-    assert "no loose bolt found: 6 tight (result of an earlier measurement, see below)" in head
+    assert "results of earlier measurements or settings: 1" in head
+    assert "no loose bolt found: 6 tight (result of an earlier measurement or of earlier settings, see below)" in head
     told = tight.run("report").stdout
     assert "again: again.csv is not the file that was identified; the result is that of an earlier measurement (`lrbc update`)\n" in told
     assert tight.run("run").code == 0
@@ -80,8 +80,23 @@ def test_a_result_that_rests_on_an_earlier_reference_job_is_told_on_the_page(tig
     with_job(tight, "loose-all")
     assert tight.run("run", "--job", "loose-all").code == 0
     head = head_of(tight)
-    assert "results of earlier measurements: 1" in head
+    assert "results of earlier measurements or settings: 1" in head
     assert "again: it rests on a result of tight that is no longer there; the result is that of earlier tight states" in head
+
+
+def test_a_result_of_other_settings_is_told_on_the_page(tight: Folder) -> None:
+    """Only if these settings matter, and no longer once the jobs were identified or judged again."""
+    assert tight.run("run").code == 0
+    assert "earlier" not in tight.run("report", "--override", "description=other words").stdout
+    for override, why in (("update.confidence=0.9", "changed: the decision rule"), ("reduction.band=[30, 400]", "changed: ")):
+        told = tight.run("report", "--override", override).stdout
+        assert f"again: {why}" in told, told
+        assert "; the result is that of earlier settings (`lrbc update`)" in told
+        assert "results of earlier measurements or settings: 2" in head_of(tight)
+        tight.run("run", "--override", override)
+        assert "earlier" not in head_of(tight)
+    (tight.data / "model" / "mass.mtx.gz").unlink()
+    assert "the model cannot be read now" in tight.run("report").stdout
 
 
 def test_copies_are_known_by_the_present_files(tight: Folder) -> None:

@@ -221,7 +221,7 @@ def choose_jobs(campaign: Campaign, wanted: Sequence[str]) -> list[str]:
 
 def of_earlier_files(campaign: Campaign, *, contents: bool = True) -> dict[str, str]:
     """Notes on results, by job, whose file is gone or, with ``contents``, was replaced, or that rest on replaced tight states."""
-    return _replaced(campaign, _stored(campaign), contents=contents)
+    return _replaced(campaign, stored_jobs(campaign), contents=contents)
 
 
 def other_findings(campaign: Campaign, own: Mapping[str, JobFinding]) -> dict[str, JobFinding]:
@@ -229,7 +229,7 @@ def other_findings(campaign: Campaign, own: Mapping[str, JobFinding]) -> dict[st
     if own.keys() >= campaign.jobs.keys():
         return {}
     twins = {content_of(file) or "": name for name in own for file in campaign.jobs[name].all_files}
-    stored, found = _stored(campaign), dict[str, JobFinding]()
+    stored, found = stored_jobs(campaign), dict[str, JobFinding]()
     earlier = _replaced(campaign, stored, contents=True)
     for name, job in campaign.jobs.items():
         if name in own:
@@ -242,7 +242,7 @@ def other_findings(campaign: Campaign, own: Mapping[str, JobFinding]) -> dict[st
     return found
 
 
-def _stored(campaign: Campaign) -> dict[str, Job]:
+def stored_jobs(campaign: Campaign) -> dict[str, Job]:
     """Results and failures that can be read, by job."""
     found = {}
     for name in campaign.jobs:

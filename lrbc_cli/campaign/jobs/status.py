@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 from lrbc_cli.campaign.beside import passed_over
+from lrbc_cli.campaign.digests import content_of
 from lrbc_cli.campaign.identification.records import read_measurement
-from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
+from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, needs, plan, stored_jobs
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import reduction_cost
+from lrbc_cli.config import Campaign
 from lrbc_cli.errors import DataError, LrbcError, NumericalError, on_one_line
 from lrbc_cli.results.job import FailedJob, Job, JobRecord
 from lrbc_cli.results.model import ReductionRecord
 from lrbc_cli.results.store import read, read_job
 from lrbc_cli.updating.judging.clearance import sentence
+
+#: Keys of a campaign file on which no result depends.
+_ABOUT = ("campaign", "output", "description", "test_article", "operator", "compare_with", "watch")
 
 #: States of a job, and the words shown for them.
 STATES = {
@@ -98,6 +106,45 @@ def status(inputs: Inputs, folder: Path) -> CampaignStatus:
     reduction = 0.0 if decision.hit or inputs.method.full_order else _reduction_seconds(inputs)
     left = None if not known or reduction is None else reduction + ahead * median(known)
     return replace(found, seconds_left=left)
+
+
+def of_other_settings(campaign: Campaign, read_model: Callable[[], Inputs]) -> dict[str, str]:
+    """Notes on results, by job, that rest on other settings or another model than the campaign file states now.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    read_model : callable
+        Reads the inputs; only called if settings or files differ. Not every difference matters.
+    """
+    results = {name: record for name, record in stored_jobs(campaign).items() if isinstance(record, JobRecord)}
+    others = {name for name, record in results.items() if _differ(campaign, name, record)}
+    if not others:
+        return {}
+    try:
+        inputs = read_model()
+        plans = plan(inputs, cache.key_parts(inputs), choose_jobs(campaign, ()))
+    except (LrbcError, OSError):
+        unread = "the campaign file or the model changed since, and the model cannot be read now"
+        return dict.fromkeys(sorted(others), unread)
+    outdated = (job for job in plans if job.name in others and (job.run or job.judge))
+    return {job.name: f"{job.reason}; the result is that of earlier settings (`lrbc update`)" for job in outdated}
+
+
+def _differ(campaign: Campaign, name: str, record: JobRecord) -> bool:
+    """Whether settings, or files of the model, differ from those of a result; its measurement is not looked at."""
+    jobs = {name, *filter(None, (needs(campaign, name)[0],)), *needs(campaign, name)[1]}
+
+    def settings(tree: Mapping[str, Any]) -> str:
+        own = {key: value for key, value in tree.items() if key not in _ABOUT}
+        own["jobs"] = {job: about for job, about in tree.get("jobs", {}).items() if job in jobs}
+        return json.dumps(own, sort_keys=True, default=str)
+
+    if settings(record.provenance.configuration) != settings(campaign.resolved()):
+        return True
+    measured = {file.as_posix() for job in campaign.jobs.values() for file in job.all_files}
+    files = {file: known for file, known in record.provenance.inputs.items() if file not in measured}
+    return any(content_of(Path(file)) not in (known, None) for file, known in files.items())
 
 
 def _status(inputs: Inputs, job: JobPlan) -> JobStatus:

@@ -27,8 +27,8 @@ UNREADABLE = "no verdict: its result cannot be read"
 CANNOT_BE_USED = "no verdict: its files cannot be used"
 EARLIER = "result of an earlier measurement; the present files cannot be used"
 
-#: Text for a job whose files are gone or were replaced since it was identified.
-REPLACED = "result of an earlier measurement, see below"
+#: Text for a job whose files are gone or were replaced, or whose settings were changed, since it was identified.
+REPLACED = "result of an earlier measurement or of earlier settings, see below"
 
 #: Number of sentences shown; further ones are folded away.
 _SENTENCES = 24
@@ -79,7 +79,7 @@ def _files(content: Content) -> Markup | None:
         return None
     return tag(
         "div",
-        tag("p", "Files that cannot be read, were not judged, were replaced, or no longer exist:"),
+        tag("p", "Files that cannot be read, were not judged, were replaced or no longer exist, and results of earlier settings:"),
         tag("ul", *(tag("li", line) for line in lines)),
         class_="warning",
     )
@@ -109,7 +109,7 @@ def campaign_sentence(content: Content) -> str:
         "without verdict": len(compared) - len(judged),
         "without result": len(missing),
         "with files that cannot be used": sum(job.job in content.unusable for job in compared),
-        "with results of earlier measurements": sum(job.job in content.earlier for job in content.jobs),
+        "with results of earlier measurements or settings": sum(job.job in content.earlier for job in content.jobs),
         "not validated": sum(not job.validated for job in judged),
         "with inconclusive bolts": sum(bool(job.names("undecided")) for job in judged),
         "with bolts that may be loose together": sum(bool(job.finding.together) for job in judged),
