@@ -98,7 +98,8 @@ def hammered(
     names = [f"a{k}-h{h}" for h in (1, 2) for k in range(1, 5)]
     responses = [SimpleNamespace(name=n, node=int(n[1]), direction=3, quantity="acceleration", input=int(n[-1]) - 1) for n in names]
     job = SimpleNamespace(factor=lambda _: scale, first=Path("tight.uff"), format_of=lambda _: unit and TextFormat(unit=unit))
-    reference = SimpleNamespace(update=SimpleNamespace(reference="tight"), jobs={name: job})
+    blows = {h: SimpleNamespace(scale=1.0) for h in ("h1", "h2")}
+    reference = SimpleNamespace(update=SimpleNamespace(reference="tight"), jobs={name: job}, excitation=blows)
     method = SimpleNamespace(residual=SimpleNamespace(phase=False))
     inputs: Any = SimpleNamespace(responses=responses, campaign=reference, method=method, excitations=("h1", "h2"))
     own = [db.get(name.replace("-", ""), 0.0) for name in names]
@@ -108,6 +109,19 @@ def hammered(
     ]
     found = [replace(offset, uncalibrated=uncalibrated, power=power, reversed=names[offset.response] in turned) for offset in found]
     return offset_findings(inputs, found, name)
+
+
+def test_one_factor_of_all_sensors_for_one_hammer_point_is_that_of_the_force() -> None:
+    (one,) = hammered(a1h1=6.6, a2h1=6.2, a3h1=6.5, a4h1=6.5)
+    assert "all FRFs of h1: measured over computed +6.50 dB at all lines (median; a1-h1, a2-h1, a3-h1, a4-h1)" in one.text
+    assert "those of other hammer points +0.00 dB. No sensor depends on the hammer point, so the force was wrong" in one.text
+    fix = "{a1-h1: 0.473151, a2-h1: 0.473151, a3-h1: 0.473151, a4-h1: 0.473151}"
+    assert one.text.endswith(f"write jobs.tight.scale: {fix}, or excitation.h1.scale: 2.11349 if all jobs show it")
+    assert one.responses == (0, 1, 2, 3)
+    # Nor the force alone, if other hammer points show it, or of two sensors.
+    assert not any("the force was wrong" in each.text for each in hammered(**{f"a{k}h{h}": 6.5 for h in (1, 2) for k in range(1, 5)}))
+    assert not any("the force was wrong" in each.text for each in hammered(a1h1=6.5, a2h1=6.5))
+    assert not any("the force was wrong" in each.text for each in hammered(a1h1=6.5, a2h1=-6.5, a3h1=12.0))
 
 
 @pytest.mark.parametrize(

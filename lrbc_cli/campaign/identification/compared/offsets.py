@@ -285,7 +285,8 @@ def offset_findings(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list
     # A factor without which most of the misfit remains is neither unit nor gain.
     shared = [common for common in grouped(offsets, quantities_of(inputs)) if firm.intersection(common.responses)]
     placed = [common for common in shared if not causes_of(inputs, common, compared) and differing.intersection(common.responses)]
-    found = [
+    struck = [] if placed else _of_one_hammer(inputs, shared, offsets, job)
+    found = struck or [
         Finding(
             text="probably not in the model's units: " + "; ".join(factor_text(inputs, common, compared, job)),
             kind=Kind.UNITS,
@@ -328,6 +329,35 @@ def offset_findings(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list
         )
         found.append(Finding(text=text, kind=Kind.CONJUGATE, responses=mirrored))
     return found
+
+
+def _of_one_hammer(inputs: Inputs, shared: Sequence[Common], offsets: Sequence[Offset], job: str, *, least: int = 3) -> list[Finding]:
+    """Finding of factors that most sensors, ``least`` at least, have for one hammer point and none for others: that of the force."""
+    points = {inputs.responses[i].input for common in shared for i in common.responses}
+    constant = [o for o in offsets if not o.power]
+    own = [o for o in constant if inputs.responses[o.response].input in points]
+    others = [o.db for o in constant if inputs.responses[o.response].input not in points]
+    firm = [o for o in own if any(o.response in common.responses for common in shared)]
+    compared = [o.response for o in offsets]
+    recognised = [known for common in shared for known in _recognised(inputs, common, compared) if known.cause]
+    if len(points) != 1 or not others or any(known.unit for known in recognised) or any(common.offset.power for common in shared):
+        return []
+    db, usual, at = float(np.median([o.db for o in firm])), float(np.median(others)), points.pop()
+    # Of many intervals some miss, as in ``grouped``.
+    away = sum(abs(o.db - db) > max(MOST_REACH, o.half) for o in own)
+    sensors = {sensor_of(inputs, o.response) for o in firm}
+    if len(sensors) < least or 2 * len(firm) <= len(own) or 4 * away > len(own) or max(abs(usual), LEAST_OFFSET) > abs(db - usual):
+        return []
+    responses, name, factor = tuple(sorted(o.response for o in own)), inputs.excitations[at], 10.0 ** (db / 20.0)
+    whole = f"excitation.{name}.scale: {factor * inputs.campaign.excitation[name].scale:.6g}"
+    text = (
+        f"probably not in the model's units: all FRFs of {name}: measured over computed {db:+.2f} dB at all lines (median; "
+        f"{_names(inputs, [o.response for o in firm], len(offsets))}), those of other hammer points {usual:+.2f} dB. No sensor depends on "
+        "the hammer point, so the force was wrong; probable cause: the sensitivity or the range of the force sensor during these "
+        f"blows{''.join(f', or {cause}' for cause in dict.fromkeys(known.cause for known in recognised))}. "
+        f"Check it, then write jobs.{job}.scale: {_factors(inputs, job, responses, 1.0 / factor)}, or {whole} if all jobs show it"
+    )
+    return [Finding(text=text, kind=Kind.UNITS, responses=responses)]
 
 
 def sign_tail(inputs: Inputs) -> str:
