@@ -46,6 +46,7 @@ from lrbc_cli.campaign.looking.causes.added import loaded_text
 from lrbc_cli.campaign.looking.causes.damped import misdamped_text
 from lrbc_cli.campaign.looking.causes.held import idle_text, supports_text
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
+from lrbc_cli.campaign.looking.causes.parts import by_parts_text
 from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings
 from lrbc_cli.campaign.looking.causes.rescaled import material_text, overdamped_text, rescaled_text
 from lrbc_cli.campaign.looking.causes.tables import of_other_unit_text, other_tables
@@ -58,27 +59,19 @@ from lrbc_cli.campaign.looking.causes.tightness import (
     within_scatter,
 )
 from lrbc_cli.campaign.looking.fitted import as_exported, at_bounds_text, fitted_exchanged, fitted_frf, roughly_calibrated, strike_text
-from lrbc_cli.campaign.looking.states import Looking, Seen, nearest_states, on_lines, reach_of_one
+from lrbc_cli.campaign.looking.states import BUILT_WORK, Looking, Seen, coarsely_reduced, nearest_states, on_lines, reach_of_one
 from lrbc_cli.campaign.looking.unexplained import beside_fit, beside_tight, little_in_common, of_one_field, placed, without_repeated
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misread
 from lrbc_cli.campaign.reduced import cache
-from lrbc_cli.campaign.reduced.memory import options_of, reduction_cost
+from lrbc_cli.campaign.reduced.memory import reduction_cost
 from lrbc_cli.campaign.reduced.stage import ReductionStage, require_baselines
 from lrbc_cli.errors import DataError, LrbcError
-from lrbc_cli.reduction.build import reduce_model
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.comparison.scale import Offset, grouped
 
 #: Misfit up to which no fit of loosened bolts is needed to explain a measurement [dB].
 NEAR = 2.0
-
-#: Predicted operations up to which a reduced model is built here if none is in the cache: at most ten seconds. Counted, not timed, so that
-#: the findings do not depend on the load of the machine. 20 000 DOFs of a plate with a cavity take 5e11.
-BUILT_WORK = 6e11
-
-#: Tolerance of that model.
-COARSE = 3e-2
 
 #: Number of nearest states for which exchanged sensors are looked for.
 NEAREST = 4
@@ -186,12 +179,7 @@ def _source(inputs: Inputs, folder: Path, progress: Callable[[str], None]) -> Lo
     decision = cache.look_up(folder, cache.key_parts(inputs))
     if not decision.hit and reduction_cost(inputs)[0].work > BUILT_WORK:
         return None
-    options = replace(options_of(inputs), tolerance=max(COARSE, inputs.campaign.reduction.tolerance), held_out=1)
-    backend = inputs.campaign.reduction.backend
-    if decision.hit:
-        found = cache.load(decision, inputs)
-    else:
-        found = reduce_model(inputs.model, inputs.input_of, options, backend=backend, progress=progress)
+    found = cache.load(decision, inputs) if decision.hit else coarsely_reduced(inputs, progress)
     return Looking(inputs=inputs, stage=ReductionStage(found, decision, 0.0), kind="port")
 
 
@@ -402,7 +390,8 @@ def _of_one(source: Looking, measurements: Mapping[str, Measurement], name: str)
 def _uncalibrated(seen: Seen, measurement: Measurement, told: list[Finding]) -> list[Finding]:
     """Findings of the reference job, of which no rough calibration brings the model near: a stiffness out of reach, or supports."""
     if Kind.UNLIKE in kinds_of(told):
-        return said(Kind.MATERIAL, out_of_reach_text(measurement, seen)) or of_one_field(seen, measurement, told)
+        text = out_of_reach_text(measurement, seen) or by_parts_text(seen, measurement)
+        return said(Kind.MATERIAL, text) or of_one_field(seen, measurement, told)
     if not told and seen.misfit > LEAST_DIFFERENCE and (held := supports_text(seen)):
         text = (
             f"measured and computed FRFs differ by {seen.misfit:.1f} dB (median of the responses, mean level of each removed), more than a "

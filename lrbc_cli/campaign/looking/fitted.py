@@ -263,6 +263,27 @@ def calibrated_from(source: Looking, measurement: Measurement, own: Bools) -> Lo
         return None
 
 
+def calibrated_by_rounds(
+    source: Looking, measurement: Measurement, names: tuple[str, ...], rounds: int
+) -> tuple[Looking, dict[str, float]]:
+    """Model after rough calibrations of the factors ``names``, each from the end of the one before, and the factors found.
+
+    Raises
+    ------
+    LrbcError
+        If one fails.
+    """
+    assert source.stage is not None
+    now, affine, found = dict.fromkeys(names, 1.0), affine_model(source.inputs, source.stage), source
+    for _ in range(rounds):
+        begun = multiplied(source, affine, now)
+        problem = replace(first_problem(begun, measurement)[0], names=names)
+        with source.threads():
+            found = _calibrated_by(begun, problem, _rough_theta(problem))
+        now = {name: value * found.factors[name] for name, value in now.items()}
+    return found, now
+
+
 def _levelled(source: Looking, problem: FactorProblem, measurement: Measurement) -> FactorProblem:
     """The calibration problem with the median level of each response moved to that of the model."""
     s = 2j * np.pi * measurement.frequency_hz

@@ -1,21 +1,26 @@
-"""Tests whether one part of an assembly has the material of another, or the model holds a mass that the structure does not."""
+"""Tests whether one part of an assembly has another material or thickness, or the model holds a mass that the structure does not."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 import scipy.sparse as sp
 
 from lrbc_cli.arrays import Bools
-from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart
+from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.causes.rescaled import explains
-from lrbc_cli.campaign.looking.states import Seen
-from lrbc_cli.campaign.looking.trials import FEWEST, MOST_WORK, UNLIKE, left_of, ported, resonances
+from lrbc_cli.campaign.looking.fitted import calibrated_by_rounds
+from lrbc_cli.campaign.looking.states import Looking, Seen, coarsely_reduced
+from lrbc_cli.campaign.looking.trials import EXPLAINED, FEWEST, MOST_WORK, UNLIKE, left_of, ported, resonances
+from lrbc_cli.campaign.reading.factors import recipe_of
 from lrbc_cli.campaign.reading.places import extents
 from lrbc_cli.campaign.reading.reach import parts_of
+from lrbc_cli.campaign.reduced.memory import reduction_cost
 from lrbc_cli.errors import LrbcError, listing
 from lrbc_cli.model.fem import FeModel
 
@@ -101,6 +106,105 @@ def lump_text(seen: Seen, before: float, *, times: float = 20.0, most: int = 8) 
                 "not, remove it in the FE model, and export it again"
             )
     return ""
+
+
+def by_parts_text(
+    seen: Seen,
+    whole: Measurement,
+    *,
+    passes: int = 2,
+    rounds: int = 2,
+    least: float = 1.2,
+    clear: float = 0.5,
+    most: int = 6,
+    exact: float = 1.0,
+) -> str:
+    """Warning that names the part, of those that only springs join, whose stiffness or mass is wrong by any factor; else empty.
+
+    Rough calibrations find factors of the stiffness and of the mass of each part, and full solves confirm them.
+
+    Parameters
+    ----------
+    seen : Seen
+    whole : Measurement
+        The same on all its lines.
+    passes, rounds : int
+        Number of reduced models, each of the matrices found with the one before, and of calibrations with each: a calibration reaches a
+        factor of 1.35.
+    least, clear : float
+        Least factor of that part, and largest share of its logarithm that those of any other part may have.
+    most : int
+        Largest number of parts.
+    exact : float
+        Largest error of the reduced model at the factors found [dB].
+    """
+    source, before, parts = seen.source, seen.misfit, list(_parts(seen))
+    settings, inputs = source.inputs.campaign.calibration, source.inputs
+    free = settings is not None and settings.job == seen.job and not inputs.model.extras and source.stage is not None
+    if not free or not 2 <= len(parts) <= most or before <= LEAST_DIFFERENCE or reduction_cost(inputs)[0].work > MOST_WORK:
+        return ""
+    assert settings is not None
+    keys = [(f"stiffness {k}", f"mass {k}") for k in range(len(parts))]
+    others = tuple(name for name in settings.names if name not in ("stiffness.structure", "mass.structure"))
+    names, found = (*others, *chain(*keys)), source
+    factors = dict.fromkeys(names, 1.0)
+    try:
+        for _ in range(passes):
+            found, further = calibrated_by_rounds(_with_parts(found, keys, parts), whole, names, rounds)
+            factors = {name: value * further[name] for name, value in factors.items()}
+        after = Seen.of(found, seen.job, whole)
+        few = after.few(FEWEST)
+        full = ported(few, found.inputs.model).evaluate(few.dynamic)
+    except LrbcError:
+        return ""
+    logs = np.log([[factors[name] for name in own] for own in keys])
+    sizes = np.linalg.norm(logs, axis=1)
+    worst = int(np.argmax(sizes))
+    second = float(np.delete(sizes, worst).max())
+    # The basis is that of the model before the last calibrations.
+    errs = float(np.median(apart(full, few.model))) > exact
+    if errs or after.misfit > min(EXPLAINED, CLEARLY * before) or max(np.log(least), second / clear) > sizes[worst]:
+        return ""
+    stiffness, mass = logs[worst].tolist()
+    dofs = inputs.dofs
+    where = f"part {worst + 1}" if dofs is None else f"part at {extents(dofs.xyz[parts[worst]])}"
+    return (
+        f"with the stiffness of the {where} times {np.exp(stiffness):.2g}, and its mass times {np.exp(mass):.2g}, a rough calibration "
+        f"leaves a level misfit of {after.misfit:.1f} dB, of {before:.1f} dB (mean level of each response removed). "
+        f"{_cause(stiffness, mass)}. Correct it in the FE model, and export it again"
+    )
+
+
+def _cause(stiffness: float, mass: float) -> str:
+    """The likeliest mistake that multiplies stiffness and mass of a part by the exponentials of these numbers."""
+
+    def wrong(size: float) -> str:
+        return f"{np.exp(-size):.2g} times too large" if size < 0.0 else f"{np.exp(size):.2g} times too small"
+
+    # Distances from what each mistake leaves, and its size. A thickness stiffens plates by its third power.
+    thin, both = (3.0 * stiffness + mass) / 10.0, (stiffness + mass) / 2.0
+    lacking = "missing in the model" if mass > 0.0 else "not on the structure"
+    ways = [
+        (abs(stiffness - 3.0 * mass) / 10.0**0.5, f"The thickness of its plates, or the height of its beams, is probably {wrong(thin)}"),
+        (abs(stiffness - mass) / 2.0**0.5, f"Its modulus and density are probably both {wrong(both)} (aluminium for steel: 2.9)"),
+        (abs(mass), f"Its modulus is probably {wrong(stiffness)}"),
+        (abs(stiffness), f"Its density is probably {wrong(mass)}, or a mass on it is {lacking}"),
+    ]
+    return min(ways)[1]
+
+
+def _with_parts(source: Looking, keys: Sequence[tuple[str, str]], parts: Sequence[Bools]) -> Looking:
+    """The model with a factor of the stiffness, and one of the mass, of each part, named by ``keys``."""
+    inputs, model = source.inputs, source.inputs.model
+    groups = dict[str, dict[str, sp.csc_array]]()
+    for (stiffness, mass), part in zip(keys, parts, strict=True):
+        # The coupling of structure and air stays.
+        own = sp.diags_array(part.astype(float))
+        groups |= {stiffness: {"stiffness": sp.csc_array(own @ model.K @ own)}, mass: {"mass": sp.csc_array(own @ model.M @ own)}}
+    model = replace(model, extras=groups)
+    inputs = replace(inputs, model=model, recipe=recipe_of(inputs.campaign, model))
+    assert source.stage is not None
+    return Looking(inputs=inputs, stage=replace(source.stage, reduction=coarsely_reduced(inputs)), kind="port")
 
 
 def _misfit(seen: Seen, model: FeModel) -> tuple[float, float]:
