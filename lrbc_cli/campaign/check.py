@@ -18,6 +18,7 @@ from lrbc_cli.campaign.identification.records import Measurement, read_measureme
 from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
 from lrbc_cli.campaign.looking.axes import other_lines, without_coherence
+from lrbc_cli.campaign.looking.causes.damped import uncalibrated_text
 from lrbc_cli.campaign.looking.exchanges import exchanged_files, foreign_titles, mistitled
 from lrbc_cli.campaign.looking.first_look import FirstLook, first_look
 from lrbc_cli.campaign.looking.measured import of_file, other_chains, other_runs, unclear, without_phases
@@ -308,6 +309,10 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     if Kind.RESCALED in kinds_of(look.found):
         out.found = [each for each in out.found if each.kind is not Kind.GUESSED]
     out.found += told
+    reference = inputs.campaign.update.reference or ""
+    if reference in compared and not of_tight & {Kind.DAMPING, Kind.READ} and (damped := uncalibrated_text(inputs, compared[reference])):
+        # Beside it, other jobs seem to be unlike any state of the bolts.
+        out.found = [*(each for each in out.found if each.kind is not Kind.FOREIGN), Finding(place=tight, text=damped)]
     return look.note
 
 

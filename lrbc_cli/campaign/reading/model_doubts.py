@@ -12,12 +12,12 @@ from lrbc_cli.campaign.reading.dof_source import MANY
 from lrbc_cli.campaign.reading.doubts.chosen import part_of_stiffness
 from lrbc_cli.campaign.reading.doubts.coupled import one_way_text, opposed_text
 from lrbc_cli.campaign.reading.doubts.cut import cut_edges
-from lrbc_cli.campaign.reading.doubts.materials import massless_part
+from lrbc_cli.campaign.reading.doubts.materials import massless_part, too_heavy
 from lrbc_cli.campaign.reading.doubts.names import sorted_names
 from lrbc_cli.campaign.reading.doubts.numbering import numbering_doubts
 from lrbc_cli.campaign.reading.doubts.rigid import require_single_diagonal
 from lrbc_cli.campaign.reading.doubts.settings import setting_slips, start_slips
-from lrbc_cli.campaign.reading.doubts.springs import doubled_springs, half_grounded, held_springs
+from lrbc_cli.campaign.reading.doubts.springs import doubled_springs, exceeding_springs, half_grounded, held_springs
 from lrbc_cli.campaign.reading.groups import TermGroup
 from lrbc_cli.campaign.reading.places import AT_NODE
 from lrbc_cli.config import Campaign, ModelConfig
@@ -182,8 +182,10 @@ def slips(
     yield from _one_place(model, responses, astray)
     yield from _terms_twice(model, groups, dofs, bolts)
     yield from held_springs(campaign, model, groups, dofs)
+    yield from exceeding_springs(model, groups, dofs, bolts)
     yield from half_grounded(model, groups, dofs)
     yield from massless_part(model, dofs)
+    yield from too_heavy(model, dofs, campaign.unit_system)
     yield from _out_of_reach(campaign, groups, bolts, dofs, misnamed)
     yield from sorted_names(bolts)
 
@@ -195,6 +197,7 @@ def misread(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup], dof
         *_damping(campaign, model),
         *_terms_twice(model, groups, dofs, None),
         *start_slips(campaign).values(),
+        *too_heavy(model, dofs, campaign.unit_system),
     )
     return bool(told or opposed_text(model))
 

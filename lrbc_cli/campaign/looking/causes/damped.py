@@ -62,6 +62,40 @@ def misdamped_text(inputs: Inputs, own: Measurement, *, decades: float = 1.5, se
     return _of_hertz(damping.structure, omega, measured) if len(parts) == 1 and there["structure"] else None
 
 
+def uncalibrated_text(inputs: Inputs, own: Measurement, *, least: float = 0.5, most: float = 1.5) -> str | None:
+    """Warning if the damping of a structure without air is wrong by a factor that no calibration corrects; else None.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    own : Measurement
+        Of the tight state, on all its lines.
+    least, most : float
+        Median difference of the damping ratios [decades]: on right campaigns it was at most 0.4; more is a matter of ``misdamped_text``.
+    """
+    calibration, damping, rule = inputs.campaign.calibration, inputs.campaign.model.damping, inputs.statistics.modal
+    corrected = calibration is not None and any(name.startswith(("alpha.", "beta.", "loss_factor.")) for name in calibration.names)
+    if corrected or not isinstance(damping, ProportionalDamping) or inputs.model.is_acoustic.any():
+        return None
+    modes = fitted_modes(own.frequency_hz, own.values, rule)
+    omega = 2.0 * np.pi * modes.frequency_hz
+    stated, units = damping.structure, {"alpha": 0.5 / omega, "beta": 0.5 * omega, "loss_factor": np.full(omega.size, 0.5)}
+    parts = {key: getattr(stated, key) * unit for key, unit in units.items()}
+    computed, measured = np.sum(list(parts.values()), axis=0), modes.decay / omega
+    if modes.decay.size < rule.least or not computed.all():
+        return None
+    off = float(np.median(np.log10(computed / measured)))
+    if not least <= abs(off) < most:
+        return None
+    key, low, high = max(parts, key=lambda name: float(np.median(parts[name]))), *(1e2 * np.quantile(measured, (0.1, 0.9)))
+    right = " and ".join(f"{name}: {getattr(stated, name) * 10.0**-off:.2g}" for name in parts if getattr(stated, name))
+    return (
+        f"the damping of the model is {10.0 ** abs(off):.2g} times too {'large' if off > 0.0 else 'small'}: damping ratios of "
+        f"{1e2 * float(np.median(computed)):.2g} %, those of {omega.size} measured resonances {low:.2g} to {high:.2g} %. Write about "
+        f"{right} under model.damping.structure, or add {key}.structure to calibration.factors"
+    )
+
+
 def _also(inputs: Inputs, key: str, stated: float) -> str:
     """Clause on springs that are stated with the same damping; empty if there are none."""
     tied = {name: one.damping for name, one in inputs.campaign.parameters.items() if key == "beta"}

@@ -69,9 +69,10 @@ def held_text(seen: Seen, before: float, *, most: int = 8) -> str | None:
     dofs, model = seen.inputs.dofs, seen.inputs.model
     if dofs is None or model.is_acoustic.any():
         return None
-    rows = _held(model.K, dofs, np.unique(model.terms.left.indices))
-    nodes = np.unique(dofs.node[rows])
+    rows, beside = _held(model.K, dofs, np.unique(model.terms.left.indices))
+    nodes, joints = np.unique(dofs.node[rows]), np.unique(dofs.node[beside])
     alone = [rows[dofs.node[rows] == node] for node in nodes] if 1 < nodes.size <= most else []
+    alone += [beside[dofs.node[beside] == node] for node in joints] if joints.size <= most else []
     cases = [each for each in (rows, *alone) if each.size]
     if not cases or not affordable(seen, len(cases)):
         return None
@@ -82,6 +83,11 @@ def held_text(seen: Seen, before: float, *, most: int = 8) -> str | None:
     named = listing(at.tolist(), 6)
     components = ", ".join(label for label in COMPONENTS if np.any(dofs.component[cases[best]] == label))
     falls = f"the level misfit falls from {before:.1f} to {left:.1f} dB (mean level of each response removed)"
+    if np.isin(cases[best], beside).all():
+        return (
+            f"the stiffness matrix holds node {named} of a bolt to the ground ({components}) in addition to its springs: without that "
+            f"{falls}. Probably a boundary condition was left in there. Remove it in the FE model, and export the matrices again"
+        )
     if best:
         return (
             f"the stiffness matrix holds {nodes.size} nodes to the ground in addition to the terms ({listing(nodes.tolist(), 6)}). Without "
@@ -121,9 +127,13 @@ def supports_text(seen: Seen) -> str:
     lacking = _lacking(dofs, inputs.campaign.unit_system.length)
     if model.is_acoustic.any():
         return lacking
-    rows = _held(model.K, dofs, np.unique(model.terms.left.indices))
+    rows, beside = _held(model.K, dofs, np.unique(model.terms.left.indices))
     nodes, first = np.unique(dofs.node[rows], return_index=True)
     tied = _tied_text(model, dofs)
+    joints = np.unique(dofs.node[beside]).tolist()
+    if 0 < len(joints) <= 2:
+        named = " and ".join(f"node {node}" for node in joints)
+        tied += f". At {named} of a bolt the model is held to the ground in addition to the springs"
     if not nodes.size:
         return f"{lacking}{tied}"
     xyz, unit = dofs.xyz[rows[first]], inputs.campaign.unit_system.length
@@ -212,16 +222,25 @@ def _tied_text(model: FeModel, dofs: DofTable, *, near: float = 1e-6) -> str:
     )
 
 
-def _held(K: sp.csc_array, dofs: DofTable, terms: Integers) -> Integers:
-    """Rows outside the terms at which a rigid translation, or a rigid rotation about the row's node, causes a force."""
-    size = np.abs(K) @ np.ones(dofs.size)
-    translations = np.setdiff1d(np.flatnonzero(np.isin(dofs.component, COMPONENTS[:3])), terms)
-    held = translations[_forces(K, dofs, translations).real[translations] > _ROUNDING * size[translations]]
-    nodes = np.unique(dofs.node[held])[:_MOST_NODES]
-    rotations = np.setdiff1d(np.flatnonzero(np.isin(dofs.component, COMPONENTS[3:]) & np.isin(dofs.node, nodes)), terms)
-    turned = rotations[_forces(K, dofs, rotations).real[rotations] > _ROUNDING * size[rotations]]
-    found: Integers = np.concatenate([held, turned])
-    return found
+def _held(K: sp.csc_array, dofs: DofTable, terms: Integers, *, left_over: float = 1e-2) -> tuple[Integers, Integers]:
+    """Rows at which a rigid translation, or a rigid rotation about the row's node, causes a force: others than those of terms, and these.
+
+    ``left_over``: least force at a term, from which springs that the matrices held were subtracted, as a share of the row's magnitudes.
+    """
+    size, moving = np.abs(K) @ np.ones(dofs.size), np.isin(dofs.component, COMPONENTS[:3])
+    least = np.full(dofs.size, _ROUNDING)
+    least[terms] = left_over
+
+    def held(rows: Integers) -> Integers:
+        found: Integers = rows[_forces(K, dofs, rows).real[rows] > least[rows] * size[rows]]
+        return found
+
+    found = held(np.flatnonzero(moving))
+    nodes = np.unique(dofs.node[found])[:_MOST_NODES]
+    turned = held(np.flatnonzero(np.isin(dofs.component, COMPONENTS[3:]) & np.isin(dofs.node, nodes)))
+    every = np.concatenate([found, turned])
+    of_terms = np.isin(every, terms)
+    return every[~of_terms], every[of_terms]
 
 
 def _forces(A: sp.csc_array, dofs: DofTable, rows: Integers) -> Floats | Complexes:

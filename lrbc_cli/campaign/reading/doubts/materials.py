@@ -71,6 +71,41 @@ def _name(known: Mapping[str, float], size: float) -> str | None:
     return next((name for name, own in known.items() if np.isclose(size, own, rtol=1e-3, atol=0.0)), None)
 
 
+def too_heavy(model: FeModel, dofs: DofTable | None, unit: UnitSystem, *, most: float = 2.26e4, thin: float = 0.05) -> Iterator[str]:
+    """Warning if the mass sum exceeds that of the smallest box about the structure, were it full of the densest material.
+
+    Parameters
+    ----------
+    model : FeModel
+    dofs : DofTable or None
+    unit : UnitSystem
+        Stated by the campaign.
+    most : float
+        Density of osmium [kg/m³].
+    thin : float
+        Least ratio of the shortest to the longest side of the box: shells and beams extend beyond their nodes by half a thickness.
+    """
+    if dofs is None:
+        return
+    moves = np.isin(dofs.component, COMPONENTS[:3]) & ~dofs.is_acoustic
+    sides = np.ptp(dofs.xyz[moves], axis=0) if moves.any() else np.zeros(3)
+    if float(sides.min()) <= thin * float(sides.max()):
+        return
+    row = {label: np.real(model.M @ (dofs.component == label).astype(float))[dofs.component == label] for label in COMPONENTS[:3]}
+    # One node may hold a large mass that only fixes a motion.
+    mass = max(float(own.sum() - np.abs(own).max()) for own in row.values() if own.size)
+    density = mass / float(np.prod(sides))
+    if density > most:
+        box = " x ".join(f"{side / unit.length:.4g}" for side in sides)
+        required = unit.mass / unit.length**3
+        yield (
+            f"model.mass: the masses add up to {mass:.3g} kg in a box of {box} {unit.length_name}: {density:.2g} kg/m³ on average, more "
+            f"than any material. Check the unit of the density: {unit.text if unit.text == 'SI' else f'`units: {unit.text}`'} requires "
+            f"{_name(DENSITIES, required) or f'{required:.4g} kg/m³'}, {STEEL['mass'] / required:.4g} for steel; and that of coordinates "
+            "and masses. Correct it in the FE model, and export the mass matrix again, or write model.mass: {file: ..., scale: ...}"
+        )
+
+
 def massless_part(model: FeModel, dofs: DofTable | None, *, least: float = 0.1) -> Iterator[str]:
     """Warning if parts without mass have at least the share ``least`` of the nodes.
 

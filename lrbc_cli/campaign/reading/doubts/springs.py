@@ -41,6 +41,35 @@ def held_springs(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup]
             yield f"parameters {group.name}: the baseline {group.config.baseline:g} is more than the stiffness matrix contains there"
 
 
+def exceeding_springs(
+    model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | None, bolts: PointTable | None, *, share: float = 0.25
+) -> Iterator[str]:
+    """Warnings about a few springs, at most ``share`` of a table, of which the matrix contains more than stated, and of the others as much.
+
+    A common element would add to each spring.
+    """
+    for group in groups:
+        baseline, file = group.config.baseline, group.config.select.bushings
+        if dofs is None or file is None or group.config.kind != "stiffness":
+            continue
+        springs, near = list(_springs(model, group, dofs)), HELD * (baseline or 1.0)
+        over = [one for one in springs if one.share > baseline + near]
+        right = sum(abs(one.share - baseline) <= near for one in springs)
+        if not over or len(over) > share * len(springs) or len(over) + right < len(springs):
+            continue
+        named = dict[str, list[str]]()
+        for one in over:
+            owner = -1 if group.bolt is None else int(group.bolt[one.parameter])
+            which = bolts.name[owner] if bolts is not None and owner >= 0 else f"node {one.nodes[0]}"
+            named.setdefault(which, []).append(f"{one.component} {one.share:.3g} times")
+        told = listing([f"{which} ({', '.join(each)})" for which, each in named.items()], 4)
+        yield (
+            f"parameters {group.name}: the stiffness matrix contains {baseline:g} times the springs of {file.name}, as the baseline says, "
+            f"but more at {told}. Check whether a boundary condition or a contact was left in the FE model there, and export it without; "
+            f"otherwise correct {file.name}"
+        )
+
+
 def half_grounded(model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | None) -> Iterator[str]:
     """Warnings about springs to ground whose nodes, bolt by bolt, are joined to other nodes by the springs of another table."""
     if dofs is None:
