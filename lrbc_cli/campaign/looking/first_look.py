@@ -49,7 +49,7 @@ from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
 from lrbc_cli.campaign.looking.causes.parts import by_parts_text
 from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings
 from lrbc_cli.campaign.looking.causes.rescaled import material_text, overdamped_text, rescaled_text
-from lrbc_cli.campaign.looking.causes.tables import of_other_unit_text, other_tables
+from lrbc_cli.campaign.looking.causes.tables import joints_text, of_other_unit_text, other_tables
 from lrbc_cli.campaign.looking.causes.tightness import (
     looser,
     lowered_text,
@@ -284,7 +284,8 @@ def _of_model(seen: Seen, measurements: Mapping[str, Measurement]) -> list[Findi
     told = other_tables(seen) or little_in_common(seen, measurements)
     if Kind.UNLIKE in kinds_of(told):
         stretched = said(Kind.STRETCHED, stretched_text(measurements[seen.job], seen))
-        told = stretched or said(Kind.RESCALED, rescaled_text(seen, seen.misfit, further=1.5)) or told
+        joints = said(Kind.SPRINGS, joints_text(seen))
+        told = joints or stretched or said(Kind.RESCALED, rescaled_text(seen, seen.misfit, further=1.5)) or told
     return told
 
 

@@ -17,6 +17,7 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import affine_model
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.factors import with_factors
+from lrbc_cli.model.terms import ParameterGroup, Parameterisation
 from lrbc_cli.reduction.reduced.affine import AffineModel
 from lrbc_cli.updating.calibration.calibrate import FactorProblem, descents, moves_resonances
 from lrbc_cli.updating.comparison.correlation import measured_values
@@ -25,7 +26,7 @@ from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.search.descent import descend
 from lrbc_cli.updating.search.search import search
 from lrbc_cli.updating.statistics.residuals import ResidualOptions
-from lrbc_cli.updating.unknowns.shapes import Shapes, bolt_shapes, neighbouring_columns
+from lrbc_cli.updating.unknowns.shapes import Shapes, bolt_shapes, joints_of, neighbouring_columns
 
 #: Standard deviation of the gain of a response, large because levels are compared up to a constant [dB].
 ANY_LEVEL_DB = 20.0
@@ -108,6 +109,55 @@ def fitted_exchanged(seen: Seen, exchanged: Complexes, *, further: float = 1.1) 
     moved, tight = np.flatnonzero((exchanged != seen.measured).any(axis=0)), seen.tight
     as_stated, now = (float(np.median(apart(values[:, moved], tight[:, moved]))) for values in (seen.measured, exchanged))
     return fitted_frf(seen.reading(exchanged)) if now <= further * as_stated else None
+
+
+def widely_fitted(
+    seen: Seen, *, reach: float = 4.0, starts: Sequence[float] = (0.0, -2.0, -1.0, 1.0, 2.0, 3.0), lines: int = 100, iterations: int = 30
+) -> tuple[float, Floats] | None:
+    """Misfit [dB] and changes of the joints [decades] in the state that fits best, far beyond the bounds; None if joints own no values.
+
+    Parameters
+    ----------
+    seen : Seen
+    reach : float
+        Largest change of a joint, and twice the standard deviation of its prior [decades].
+    starts : sequence of float
+        Changes of all joints from which descents start [decades].
+    lines, iterations : int
+        See ``fitted_theta``.
+    """
+    inputs, source, s, bolts = seen.inputs, seen.source, seen.s, seen.inputs.bolts
+    if bolts is None:
+        return None
+
+    def wide(group: ParameterGroup) -> ParameterGroup:
+        low, high = np.minimum(group.bounds[:, 0], group.initial - reach), np.maximum(group.bounds[:, 1], group.initial + reach)
+        return replace(group, bounds=np.stack([low, high], axis=1)) if group.kind == "stiffness" else group
+
+    parameters = Parameterisation(tuple(map(wide, seen.parameters.groups)))
+    shapes = bolt_shapes(parameters, bolts.xyz, inputs.statistics.values, inputs.statistics.bolts)
+    if not any(joints_of(parameters, len(bolts.name))):
+        return None
+    few = np.arange(0, s.size, max(1, s.size // lines))
+    misfit = Misfit(
+        source.model(s, parameters, few, inputs.used),
+        seen.measured[few][:, inputs.used],
+        parameters.initial,
+        (0.5 * reach) ** 2,
+        np.zeros_like(shapes.penalty()),
+        options=ResidualOptions(loss_scale=LEAST_DIFFERENCE),
+        errors=inputs.statistics.errors,
+        gains=ANY_LEVEL_DB * np.eye(inputs.used.size),
+    )
+    stiff = np.zeros(parameters.size)
+    for group, where, _ in parameters.placed:
+        stiff[where] = group.kind == "stiffness"
+    model, found = source.model(s, parameters), list[tuple[float, Floats]]()
+    with source.threads():
+        for start in starts:
+            theta = descend(misfit, parameters.initial + start * stiff, parameters.bounds, shapes.T, max_iterations=iterations).theta
+            found.append((float(np.median(apart(seen.measured, model.frf(theta)))), _changes(shapes, theta - parameters.initial)))
+    return min(found, key=lambda each: each[0])
 
 
 def _changes(shapes: Shapes, change: Floats) -> Floats:

@@ -53,7 +53,38 @@ def factors_of(inputs: Inputs, measurement: Measurement, states: Sequence[Comple
     if np.ptp(measurement.frequency_hz) < LEAST_BAND * (high - low):
         return ()
     found = offsets_of(measurement.frequency_hz, measurement.values, states, quantities_of(inputs))
-    return tuple(replace(offset, uncalibrated=measurement.uncalibrated) for offset in found)
+    return _of_sensors(inputs, [replace(offset, uncalibrated=measurement.uncalibrated) for offset in found])
+
+
+def _of_sensors(
+    inputs: Inputs, offsets: Sequence[Offset], *, least: float = 3.0, times: float = 4.0, most: float = 2.0
+) -> tuple[Offset, ...]:
+    """The same, in which a factor counts as named if a sensor has it at several hammer points, and no other sensor has any like it.
+
+    Beside a model that leaves as much as the factor, it does not explain most of the misfit of any response.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    offsets : sequence of Offset
+    least, times : float
+        Least factor [dB], and ratio to the scatter of those of other sensors.
+    most : float
+        Largest difference between the factors at the hammer points [dB].
+    """
+    constant = {o.response: o for o in offsets if not o.power}
+    points = {i: inputs.responses[i].input for i in constant}
+    middle = {point: float(np.median([o.db for i, o in constant.items() if points[i] == point])) for point in points.values()}
+    above = {i: o.db - middle[points[i]] for i, o in constant.items()}
+    sensors = {frozenset({i, *same_sensor(inputs, i)} & above.keys()) for i in above}
+    levels = {own: float(np.mean([above[i] for i in own])) for own in sensors if len(own) > 1}
+    if len(levels) < 5:
+        return tuple(offsets)
+    scatter = 1.4826 * float(np.median(np.abs(list(levels.values()))))
+    told = [own for own, db in levels.items() if abs(db) >= max(least, times * scatter)]
+    clear = [own for own in told if max(above[i] for i in own) - min(above[i] for i in own) <= most]
+    alone = {i for own in clear for i in own} if len(told) == 1 else set()
+    return tuple(replace(o, named=o.named or o.response in alone) for o in offsets)
 
 
 def late_together(inputs: Inputs, offsets: Sequence[Offset]) -> tuple[Offset, ...]:

@@ -9,9 +9,11 @@ import numpy as np
 from lrbc_cli.arrays import Bools, Floats, Integers
 from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, levels, spread
+from lrbc_cli.campaign.looking.fitted import widely_fitted
 from lrbc_cli.campaign.looking.states import Seen
-from lrbc_cli.campaign.looking.trials import NEARER
+from lrbc_cli.campaign.looking.trials import EXPLAINED, NEARER
 from lrbc_cli.campaign.reading.places import POWERS
+from lrbc_cli.errors import listing
 from lrbc_cli.model.terms import ParameterGroup
 
 #: Changes of all springs relative to the model [decades]: wider than the ratios of materials, in small steps.
@@ -22,6 +24,40 @@ _NEARER, _ALIKE = 0.7, 1.5
 
 #: Least difference of level if the whole model is of another material, and largest disagreement of level and springs on its factor [dB].
 _LEAST_LEVEL, _OFF_LEVEL = 4.0, 2.0
+
+
+def joints_text(seen: Seen, *, least: float = 1.0, others: float = 0.5, alike: float = 0.3) -> str:
+    """Warning that names the joints whose springs are a decade or more too soft or too stiff, if that explains the tight state; else empty.
+
+    Parameters
+    ----------
+    seen : Seen
+        The reference job.
+    least, others : float
+        Least change of these joints, and largest change of all others [decades].
+    alike : float
+        Largest deviation of a joint from a factor that these joints share [decades].
+    """
+    before, bolts = seen.misfit, seen.inputs.bolts
+    fit = widely_fitted(seen) if before > LEAST_DIFFERENCE else None
+    if fit is None or bolts is None or fit[0] > min(EXPLAINED, CLEARLY * before):
+        return ""
+    left, change = fit
+    far = np.flatnonzero(np.abs(change) >= least)
+    if not far.size or bool((np.delete(np.abs(change), far) > others).any()):
+        return ""
+    names, middle = [bolts.name[b] for b in far], float(np.median(change[far]))
+    if bool((np.abs(change[far] - middle) <= alike).all()):
+        what = f"{listing(names, 12)} about {10.0**middle:.2g} times as stiff"
+    else:
+        what = listing([f"{name} {10.0**own:.2g} times" for name, own in zip(names, change[far].tolist(), strict=True)], 12) + " as stiff"
+    files = dict.fromkeys(file.name for group in seen.inputs.groups if (file := group.config.select.bushings) is not None)
+    loose = f", and whether {'it was' if far.size == 1 else 'they were'} loose in {seen.job}" if middle < 0.0 else ""
+    return (
+        f"the springs of some joints are probably wrong: with those of {what}, and the others nearly as stated, the level misfit falls "
+        f"from {before:.1f} to {left:.1f} dB (mean level of each response removed). Check their stiffnesses and units in "
+        f"{' and '.join(files) or 'the parameters'} and in the FE model{loose}"
+    )
 
 
 def other_tables(seen: Seen) -> list[Finding]:

@@ -42,19 +42,26 @@ def held_springs(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup]
 
 
 def exceeding_springs(
-    model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | None, bolts: PointTable | None, *, share: float = 0.25
+    model: FeModel,
+    groups: Sequence[TermGroup],
+    dofs: DofTable | None,
+    bolts: PointTable | None,
+    *,
+    share: float = 0.25,
+    rounding: float = 1e-3,
 ) -> Iterator[str]:
     """Warnings about a few springs, at most ``share`` of a table, of which the matrix contains more than stated, and of the others as much.
 
-    A common element would add to each spring.
+    A common element would add to each spring. ``rounding``: of matrix and coordinates, relative to the magnitudes of a row.
     """
     for group in groups:
         baseline, file = group.config.baseline, group.config.select.bushings
         if dofs is None or file is None or group.config.kind != "stiffness":
             continue
-        springs, near = list(_springs(model, group, dofs)), HELD * (baseline or 1.0)
-        over = [one for one in springs if one.share > baseline + near]
-        right = sum(abs(one.share - baseline) <= near for one in springs)
+        springs = list(_springs(model, group, dofs))
+        off = [(one.share - baseline) / max(HELD * (baseline or 1.0), rounding * one.size) for one in springs]
+        over = [one for one, excess in zip(springs, off, strict=True) if excess > 1.0]
+        right = sum(abs(excess) <= 1.0 for excess in off)
         if not over or len(over) > share * len(springs) or len(over) + right < len(springs):
             continue
         named = dict[str, list[str]]()
@@ -227,13 +234,17 @@ def _absent(
 
 @dataclass(frozen=True, kw_only=True)
 class _Spring:
-    """A spring of a table: its parameter, component and nodes, its stiffness there and the share of it that the matrix contains."""
+    """A spring of a table: its parameter, component and nodes, its stiffness there and the share of it that the matrix contains.
+
+    ``size``: sum of the magnitudes from which that share was found, relative to the stiffness, by which rounding of the files counts.
+    """
 
     parameter: int
     component: str
     nodes: tuple[int, ...]
     stated: float
     share: float
+    size: float
 
 
 def _springs(model: FeModel, group: TermGroup, dofs: DofTable) -> Iterator[_Spring]:
@@ -249,15 +260,23 @@ def _springs(model: FeModel, group: TermGroup, dofs: DofTable) -> Iterator[_Spri
         row, stated = int(at[0]), abs(float(size[0] * size[-1]))
         if at.size == 2 and len(labels) == 1:
             force = K[at[0], at[1]] * np.sign(size[0] * size[1])
+            summed = abs(force)
+        elif at.size == 1 and labels[0].startswith("ROT"):
+            turned = turned_about(dofs, row)
+            force, summed = (K[[row]] @ turned)[0], (abs(K[[row]]) @ np.abs(turned))[0]
         elif at.size == 1:
-            force = (
-                (K[[row]] @ turned_about(dofs, row))[0] if labels[0].startswith("ROT") else moved.get(labels[0], np.zeros(model.size))[row]
-            )
+            force, summed = moved.get(labels[0], np.zeros(model.size))[row], abs(K[[row]]).sum()
         else:
             continue
         nodes = tuple(sorted(dofs.node[at].tolist()))
-        share = float(force / stated)
-        yield _Spring(parameter=int(group.parameter[k]), component=str(labels[0]), nodes=nodes, stated=stated, share=share)
+        yield _Spring(
+            parameter=int(group.parameter[k]),
+            component=str(labels[0]),
+            nodes=nodes,
+            stated=stated,
+            share=float(force / stated),
+            size=float(summed / stated),
+        )
 
 
 def _held(model: FeModel, group: TermGroup, dofs: DofTable) -> list[tuple[bool, Floats]]:
