@@ -86,8 +86,8 @@ class Draft:
 
     def matrix(self, found: MatrixFound) -> str:
         """A reference to a matrix, as written in the campaign file."""
-        if found.group is None and "#" not in found.path.name:
-            return self.path(found.path)
+        if found.group is None and "#" not in (text := self.path(found.path)):
+            return text
         group = "" if found.group is None else f", group: {quoted(found.group)}"
         arrays = "" if found.arrays is None else f", {found.arrays.setting(quoted)}"
         return f"{{file: {self.path(found.path)}{group}{arrays}}}"

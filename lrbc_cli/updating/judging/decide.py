@@ -392,11 +392,14 @@ def _doubt_of_tight(bolt: BoltEvidence, posterior: Change, at: Threshold, rule: 
     if posterior.may_be_free:
         return "the data do not rule out that it is free: no response is sensitive to it in its present state"
     by_data = (by_prior(posterior, at.limit, at.spread, rule), not_excluded(posterior, rule))
-    for doubt in (_excused(posterior, at.own, rule), *by_data, lost_note(lost)):
-        if doubt is not None:
-            return doubt
+    doubt = next(filter(None, (_excused(posterior, at.own, rule), *by_data)), None)
+    if lost or doubt is not None:
+        return "; ".join(filter(None, (lost_note(lost), doubt)))
     if bolt.joint and bolt.difference is not None and bolt.difference <= at.limit:
-        return "its posterior probability says tight, but the identified stiffness is below the threshold"
+        return (
+            f"its posterior probability says tight, but in the state that fits best its change is {bolt.difference:.2f} decades, below the "
+            "threshold"
+        )
     return None
 
 

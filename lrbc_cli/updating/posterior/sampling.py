@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 from scipy.special import expit, logsumexp
 
-from lrbc_cli.arrays import Floats
+from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.reduction.threads import side_by_side
+from lrbc_cli.updating.normal import NORMAL_95
 from lrbc_cli.updating.posterior.excluded import between, loss_ratios
 from lrbc_cli.updating.posterior.kinds import KindScore, along_edges
 from lrbc_cli.updating.posterior.mixture import (
@@ -218,21 +219,38 @@ def _other_kind(
     kinds = state.kinds.copy()
     kinds[i] = not kinds[i]
 
+    def end(form: MixtureProblem, start: Floats, of: Bools) -> State:
+        return _tight_enough(form, prior, settle(form, prior, of, start, stop), i, stop)
+
     def ended(first: float) -> State:
         z = state.z.copy()
         z[problem.bolts[i]] = first
-        return settle(here, prior, kinds, z, stop)
+        return end(here, z, kinds)
 
     # The linear problem may lead to the next valley only.
     other = max(map(ended, (change, problem.loosened(i, prior)) if kinds[i] else (0.0,)), key=lambda end: end.evidence)
     sign = 1.0 if kinds[i] else -1.0
     odds = sign * prior.log_odds
-    gains = [odds + between(here, state, other, odds)]
+    gains = [odds + between(here, _tight_enough(here, prior, state, i, stop), other, odds)]
     if problem.about is not None:
         there = pinned(problem, other.z)
-        before, after = (settle(there, prior, one.kinds, one.z, stop) for one in (state, other))
+        before, after = (end(there, one.z, one.kinds) for one in (state, other))
         gains.append(odds + between(there, before, after, odds))
     return other, sign * float(logsumexp(sign * np.array(gains)) - np.log(len(gains)))
+
+
+def _tight_enough(problem: MixtureProblem, prior: BoltPrior, state: State, i: int, stop: Stop) -> State:
+    """The state; if joint ``i`` is tight but below what 97.5 % of tight joints keep, the end of a descent with it held there.
+
+    Where residuals are large against its prior, a tight joint may lose as much as a loose one: both kinds then explain the FRFs by its
+    loss, and say nothing on whether it is tight.
+    """
+    least = -NORMAL_95 * prior.joint_tight_std
+    if state.kinds[i] or not problem.joint[i] or state.z[problem.bolts[i]] >= least:
+        return state
+    z = state.z.copy()
+    z[problem.bolts[i]] = least
+    return settle(problem, prior, state.kinds, z, stop, held=(i, least))
 
 
 def _profiles(
