@@ -49,6 +49,8 @@ class Findings:
     tree : dict
     predicted : dict or None
         Memory [bytes] and time [s] of the reduction, if it has to be done.
+    compared : bool
+        Whether measured and computed FRFs were compared.
     """
 
     sections: dict[str, list[str]] = field(default_factory=dict)
@@ -57,6 +59,7 @@ class Findings:
     jobs: list[JobPlan] = field(default_factory=list)
     tree: dict[str, Any] = field(default_factory=dict)
     predicted: dict[str, Any] | None = None
+    compared: bool = False
 
     def warn(self, *texts: str) -> None:
         """Add findings that no other place shares."""
@@ -284,7 +287,7 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     """Add findings from comparing measurements with each other and with the model; returns why they were not compared, if so."""
     usable = {name: found for name, found in readable.items() if not normalised(found.values)}
     look = _looks(inputs, folder, usable, progress)
-    tight = f"job {inputs.campaign.update.reference}"
+    out.compared, tight = look.compared, f"job {inputs.campaign.update.reference}"
     of_tight = kinds_of(each for each in look.found if each.place == tight)
     # Peaks of an inverse FRF are the zeros of the FRF, and phases read as imaginary parts jump.
     misread = {each.place for each in look.found if each.kind is Kind.READ}
@@ -327,14 +330,14 @@ def _of_files(job: JobConfig, measurement: Measurement) -> Iterator[Finding]:
 def _looks(inputs: Inputs, folder: Path, readable: dict[str, Measurement], progress: Callable[[str], None]) -> FirstLook:
     """Comparison of measurements with the model, unless places are in doubt, or the band is a part of the file with few resonances."""
     if inputs.places_doubt:
-        return FirstLook(note="measured and computed FRFs are compared once the places in the warnings are corrected")
+        return FirstLook(note="measured and computed FRFs are compared once the places in the warnings are corrected", compared=False)
     tight = readable.get(inputs.campaign.update.reference or "")
     if (
         tight is not None
         and sum(tight.left_out) > tight.frequency_hz.size
         and few_resonances(tight.frequency_hz, tight.values[:, inputs.used], inputs.statistics.resonances) is not None
     ):
-        return FirstLook(note="measured and computed FRFs are compared only if the band contains more resonances")
+        return FirstLook(note="measured and computed FRFs are compared only if the band contains more resonances", compared=False)
     return first_look(inputs, folder, readable, progress)
 
 

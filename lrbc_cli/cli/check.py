@@ -43,6 +43,8 @@ def check(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json:
         say_json(findings.tree | ({"picture": drawn} if picture else {}))
     elif findings.warnings:
         _section("warnings", findings.warnings)
+    elif not findings.errors:
+        say("no warnings" if findings.compared else "no warnings, but measured and computed FRFs were not compared: see jobs", finding=True)
     for message in _once(findings.errors.values()):
         complain(message)
     return max((unusable.exit_code for unusable in findings.errors.values()), default=0)

@@ -86,6 +86,8 @@ class FirstLook:
     found : list of Finding
     note : str
         Why nothing was compared, or with which rough calibration; empty if with the model as given.
+    compared : bool
+        False if nothing was compared.
     doubted : frozenset of str
         Jobs with faults of numbers or responses that the reference job does not have; other comparisons with it are meaningless.
     """
@@ -93,6 +95,7 @@ class FirstLook:
     found: list[Finding] = field(default_factory=list)
     note: str = ""
     doubted: frozenset[str] = frozenset()
+    compared: bool = True
 
 
 def first_look(
@@ -112,18 +115,19 @@ def first_look(
     reference = inputs.campaign.update.reference
     try:
         if inputs.held_doubt or misread(inputs.campaign, inputs.model, inputs.groups, inputs.dofs):
-            return FirstLook(note="measured and computed FRFs are compared once the warnings on model and parameters are corrected")
+            first = "measured and computed FRFs are compared once the warnings on model and parameters are corrected"
+            return FirstLook(note=first, compared=False)
         band = LEAST_BAND * float(np.ptp(inputs.campaign.reduction.band))
         whole = [name for name, found in measurements.items() if np.ptp(found.frequency_hz) > band]
         if measurements and not whole:
-            return FirstLook(note="measured and computed FRFs are compared once reduction.band is a band that was measured")
+            return FirstLook(note="measured and computed FRFs are compared once reduction.band is a band that was measured", compared=False)
         if reference in whole and (text := misdamped_text(inputs, measurements[reference])):
             note = "measured and computed FRFs are compared once the damping is corrected"
             return FirstLook([Finding(place=f"job {reference}", text=text, kind=Kind.DAMPING)], note=note)
         source = _source(inputs, folder, progress)
         if source is None:
             unbuilt = "measured and computed FRFs (units, signs, exchanged sensors) are compared once `lrbc reduce` has been run"
-            return FirstLook(note=unbuilt)
+            return FirstLook(note=unbuilt, compared=False)
         order = sorted(whole, key=lambda name: name != reference)
         # A matrix that does not contain the baseline subtracted from it gives no FRFs to compare with.
         if lacking := _lacking(inputs, source):
@@ -152,7 +156,7 @@ def first_look(
             doubted=_doubted(told, found, reference or ""),
         )
     except LrbcError as error:
-        return FirstLook(note=f"measured and computed FRFs were not compared: {error.problem}")
+        return FirstLook(note=f"measured and computed FRFs were not compared: {error.problem}", compared=False)
 
 
 def _doubted(told: Sequence[Finding], names: Iterable[str], reference: str) -> frozenset[str]:
