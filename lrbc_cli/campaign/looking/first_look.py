@@ -344,8 +344,10 @@ def _calibrated(
     if calibration is None or calibration.job != name or not all(each.has(Effect.IS_CALIBRATED) for each in first.told):
         return source, first
     seen = Seen.of(source, name, measurements[name])
-    if tighter_text(seen, measurements) or looser(seen, seen.misfit):
-        return source, first
+    if loose := tighter_text(seen, measurements) or looser(seen, seen.misfit).removeprefix(". "):
+        # Below what counts as unlike, nothing was said yet.
+        told = first.told if first.told or seen.misfit <= LEAST_DIFFERENCE else said(Kind.NOT_TIGHT, _loose_text(seen, loose))
+        return source, replace(first, told=told)
     calibrated = rough()
     if calibrated is None:
         return source, replace(first, told=_uncalibrated(seen, measurements[name], first.told))
@@ -363,6 +365,15 @@ def _calibrated(
         return calibrated, OfJob(said(Kind.MATERIAL, far))
     lowered = lowered_text(seen, after)
     return calibrated, replace(again, told=[*again.told, Finding(text=lowered, kind=Kind.LOWERED)]) if lowered else again
+
+
+def _loose_text(seen: Seen, loose: str) -> str:
+    """Warning about a reference job that is explained with loose bolts, as the clause ``loose`` says."""
+    return (
+        f"measured and computed FRFs differ by {seen.misfit:.1f} dB (median of the responses, mean level of each removed). {loose}. If "
+        "they were not, set update.reference to a tight job, or tighten them and measure this job again; otherwise check the springs of "
+        "these bolts in the model"
+    )
 
 
 def _of_reference(source: Looking, measurements: Mapping[str, Measurement], name: str) -> tuple[Looking, OfJob]:

@@ -73,7 +73,7 @@ def own_fault_text(inputs: Inputs, misfits: Floats, reference: str, known: str =
         what += "was overloaded, moved, turned or exchanged."
     return (
         f"{reference} is explained, so the fault is probably in this measurement. {what} Measure it again. If the result is the same, the "
-        "structure changed by more than the model can follow: joints that hardly hold, a part that is missing"
+        "structure changed by more than the model can follow: joints that hardly hold, a part that is missing or was added"
     )
 
 
@@ -196,23 +196,25 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     swapped = "; ".join(exchanged_text(inputs, cycles, result.name) for cycles in by_sensors(inputs, exchanges))
     units = offset_findings(inputs, offsets, result.name)
     compared = f"{compared_text(inputs, result)}; {largest_text(inputs, offsets, result.misfit_final)}"
+    job = inputs.campaign.jobs[result.name]
+    noise = noise_level(inputs, result.measurement, job)
     if reference is not None and reference.explained:
         wide = too_wide((result.measurement.frequency_hz, result.measurement.values[:, inputs.used]), rule=inputs.statistics.resolution)
         # What the reference job shows, too, is no fault of this measurement alone.
         known = None if result.tight is None else (result.tight.frequency_hz, result.tight.values[:, inputs.used])
-        if known is not None and too_wide(known, rule=inputs.statistics.resolution) is not None:
+        alike = known is not None and too_wide(known, rule=inputs.statistics.resolution) is not None
+        # Nor is noise, by its coherence or repeats, of that size.
+        if alike or (noise is not None and float(np.nanmedian(result.misfit_final)) > _wanted(noise)):
             wide = None
         fault = "exchanged sensors" if swapped else "a factor or a phase, see the warnings" if units else wide and wide.text
         fault = fault or _levels_off(inputs, result, reference.job)
         coarse = "" if fault else coarse_text(reference, inputs.method.rule)
         compared += f"; {coarse or own_fault_text(inputs, result.misfit_final, reference.job, fault)}"
-    job = inputs.campaign.jobs[result.name]
     found = [*([swapped] if swapped else []), *map(str, units)]
     if gains is not None and kinds_of(units).isdisjoint({Kind.UNITS, Kind.PLACES}):
         found.append((gain_text if gains.shared else level_text)(inputs, result.name, gains))
     if bare := phaseless(result.measurement.values, inputs.statistics.resolution):
         found.append(f"{job.first.name}: {phaseless_text(inputs.responses[i].name for i in bare)}")
-    noise = noise_level(inputs, result.measurement, job)
     # In a relative comparison the model discrepancy cancels, so the misfit need not reach the noise.
     further = [None if result.relative or misfit[1] is None else unreached(misfit[1], noise, reference), worsened(*misfit, noise)]
     untrusted = [Doubt(kind="exchanged", text=swapped)] if swapped else []

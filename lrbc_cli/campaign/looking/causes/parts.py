@@ -14,13 +14,14 @@ from lrbc_cli.arrays import Bools
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.causes.rescaled import explains
-from lrbc_cli.campaign.looking.fitted import calibrated_by_rounds
+from lrbc_cli.campaign.looking.fitted import calibrated_by_rounds, multiplied
 from lrbc_cli.campaign.looking.states import Looking, Seen, coarsely_reduced
 from lrbc_cli.campaign.looking.trials import EXPLAINED, FEWEST, MOST_WORK, UNLIKE, left_of, ported, resonances
 from lrbc_cli.campaign.reading.factors import recipe_of
 from lrbc_cli.campaign.reading.places import extents
 from lrbc_cli.campaign.reading.reach import parts_of
 from lrbc_cli.campaign.reduced.memory import reduction_cost
+from lrbc_cli.campaign.reduced.stage import affine_model
 from lrbc_cli.errors import LrbcError, listing
 from lrbc_cli.model.fem import FeModel
 
@@ -146,9 +147,10 @@ def by_parts_text(
     assert settings is not None
     keys = [(f"stiffness {k}", f"mass {k}") for k in range(len(parts))]
     others = tuple(name for name in settings.names if name not in ("stiffness.structure", "mass.structure"))
-    names, found = (*others, *chain(*keys)), source
-    factors = dict.fromkeys(names, 1.0)
+    names = (*others, *chain(*keys))
     try:
+        found, begun = _begun(source, seen, keys, parts)
+        factors = dict.fromkeys(names, 1.0) | begun
         for _ in range(passes):
             found, further = calibrated_by_rounds(_with_parts(found, keys, parts), whole, names, rounds)
             factors = {name: value * further[name] for name, value in factors.items()}
@@ -173,6 +175,33 @@ def by_parts_text(
         f"leaves a level misfit of {after.misfit:.1f} dB, of {before:.1f} dB (mean level of each response removed). "
         f"{_cause(stiffness, mass)}. Correct it in the FE model, and export it again"
     )
+
+
+def _begun(
+    source: Looking,
+    seen: Seen,
+    keys: Sequence[tuple[str, str]],
+    parts: Sequence[Bools],
+    *,
+    sizes: tuple[float, ...] = (0.7, 0.83, 1.2, 1.4),
+    lines: int = 60,
+) -> tuple[Looking, dict[str, float]]:
+    """The model, as it is or with stiffness and mass of one part multiplied, that is nearest to the measurement, and these factors.
+
+    A calibration finds the nearest valley only, and resonances that cross others lead into another one. ``sizes`` are the factors tried on
+    a thickness, on about ``lines`` lines.
+    """
+    whole, few = _with_parts(source, keys, parts), seen.few(lines)
+    assert whole.stage is not None
+    affine = affine_model(whole.inputs, whole.stage)
+    found = list[tuple[float, int, Looking, dict[str, float]]]()
+    # Another thickness, another modulus, another density.
+    ways = [way for size in sizes for way in ((size**3, size), (size**3, 1.0), (1.0, size**2))]
+    for factors in [{}, *(dict(zip(own, way, strict=True)) for own in keys for way in ways)]:
+        one = multiplied(whole, affine, factors)
+        values = one.model(few.s, few.parameters).frf(few.parameters.initial)
+        found.append((float(np.median(apart(few.measured, values))), len(found), one, factors))
+    return min(found)[2:]
 
 
 def _cause(stiffness: float, mass: float) -> str:
