@@ -12,6 +12,7 @@ TOPICS: dict[str, str] = {
     "campaign": "every key of the campaign file, from the schema that validates it",
     "export": "matrices and coordinates from Abaqus, Ansys, CalculiX, COMSOL, Nastran and others; units",
     "measure": "what to export from Testlab, PULSE, Head, PAK, Dewesoft and Python; several files, roving hammer",
+    "checking": "what lrbc check compares, in which order, and what its figures mean",
     "sensors": "choosing responses before anything is measured: lrbc plan",
     "rehearsal": "simulated measurements of your own model with loosened bolts: lrbc rehearse",
     "formats": "files that are read and written; the reduced model in other programs",
