@@ -137,7 +137,16 @@ def test_a_part_that_is_wrong_by_any_factor_is_named(tmp_path: Path, stiffness: 
 
 
 def test_joints_a_decade_too_soft_are_named(tmp_path: Path) -> None:
-    text = told(two_parts(tmp_path / "joints", springs=dict.fromkeys(FEET, 30.0)))
+    """With a calibration or without."""
+    folder = two_parts(tmp_path / "joints", springs=dict.fromkeys(FEET, 30.0))
+    text = told(folder)
+    assert "a rough calibration from this job raises the stiffness of F1 (by 1.4 decades, a factor of 2" in text
+    assert "F4 (by 1.5 decades" in text
+    assert "L1" not in text
+    tree = folder.tree()
+    del tree["calibration"]
+    folder.write(tree)
+    text = told(folder)
     found = re.search(r"with those of (.*?) about (\S+) times as stiff, and the others nearly as stated", text)
     assert found is not None, text
     assert found[1] == ", ".join(FEET)

@@ -51,9 +51,11 @@ from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings
 from lrbc_cli.campaign.looking.causes.rescaled import material_text, overdamped_text, rescaled_text
 from lrbc_cli.campaign.looking.causes.tables import joints_text, of_other_unit_text, other_tables
 from lrbc_cli.campaign.looking.causes.tightness import (
+    loose_text,
     looser,
     lowered_text,
     not_tight,
+    raised_text,
     taken_as_tight,
     tighter_text,
     within_scatter,
@@ -247,8 +249,10 @@ def _looked_at(
         return OfJob(passed)
     if not told and seen.reference:
         told = _of_model(seen, measurements)
-        if kinds_of(told) <= {Kind.UNLIKE, Kind.ALONE} and explained():
-            return OfJob(told or uneven, offsets)
+        kinds = kinds_of(told)
+        if kinds <= {Kind.UNLIKE, Kind.ALONE, Kind.SPRINGS} and explained():
+            # A table in another unit is told by what the calibration makes of it.
+            return OfJob([each for each in told if each.kind is not Kind.SPRINGS] or uneven, offsets)
     told = placed(seen, told)
     if not told and held is not None:
         told = beside_tight(seen, held, reach) or beside_fit(seen, held, fitted)
@@ -346,7 +350,7 @@ def _calibrated(
     seen = Seen.of(source, name, measurements[name])
     if loose := tighter_text(seen, measurements) or looser(seen, seen.misfit).removeprefix(". "):
         # Below what counts as unlike, nothing was said yet.
-        told = first.told if first.told or seen.misfit <= LEAST_DIFFERENCE else said(Kind.NOT_TIGHT, _loose_text(seen, loose))
+        told = first.told if first.told or seen.misfit <= LEAST_DIFFERENCE else said(Kind.NOT_TIGHT, loose_text(seen, loose))
         return source, replace(first, told=told)
     calibrated = rough()
     if calibrated is None:
@@ -363,17 +367,8 @@ def _calibrated(
         return calibrated, OfJob(said(Kind.SPRINGS, unit))
     if not kinds_of(again.told) and after.misfit > NEAR and (far := at_bounds_text(calibrated, after.misfit)):
         return calibrated, OfJob(said(Kind.MATERIAL, far))
-    lowered = lowered_text(seen, after)
-    return calibrated, replace(again, told=[*again.told, Finding(text=lowered, kind=Kind.LOWERED)]) if lowered else again
-
-
-def _loose_text(seen: Seen, loose: str) -> str:
-    """Warning about a reference job that is explained with loose bolts, as the clause ``loose`` says."""
-    return (
-        f"measured and computed FRFs differ by {seen.misfit:.1f} dB (median of the responses, mean level of each removed). {loose}. If "
-        "they were not, set update.reference to a tight job, or tighten them and measure this job again; otherwise check the springs of "
-        "these bolts in the model"
-    )
+    moved = [*said(Kind.LOWERED, lowered_text(seen, after)), *said(Kind.SPRINGS, raised_text(seen, after))]
+    return calibrated, replace(again, told=[*again.told, *moved])
 
 
 def _of_reference(source: Looking, measurements: Mapping[str, Measurement], name: str) -> tuple[Looking, OfJob]:

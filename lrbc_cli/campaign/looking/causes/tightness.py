@@ -201,6 +201,15 @@ def _partly_loose(seen: Seen) -> Iterator[tuple[list[str], str, float]]:
         yield [name], f"at {10.0 ** LEVELS[best]:.1g} of its stiffness{group}", float(away[best])
 
 
+def loose_text(seen: Seen, loose: str) -> str:
+    """Warning about a reference job that is explained with loose bolts, as the clause ``loose`` says."""
+    return (
+        f"measured and computed FRFs differ by {seen.misfit:.1f} dB (median of the responses, mean level of each removed). {loose}. If "
+        "they were not, set update.reference to a tight job, or tighten them and measure this job again; otherwise check the springs of "
+        "these bolts in the model"
+    )
+
+
 def lowered_text(before: Seen, after: Seen, *, least: float = 1.0) -> str:
     """Warning that names bolts of which a rough calibration lowers all springs; empty if there are none.
 
@@ -211,21 +220,44 @@ def lowered_text(before: Seen, after: Seen, *, least: float = 1.0) -> str:
     least : float
         Least fall of each spring relative to the median of its group [decades].
     """
-    bolts, change = before.inputs.bolts, dict[int, float]()
+    low = _calibrated_change(before, after, 1.0)
+    named = _named(before.inputs, {bolt: -own for bolt, own in low.items() if own <= -least})
+    if not named:
+        return ""
+    return (
+        f"a rough calibration from this job lowers the stiffness of {named} more than that of the other bolts. Check whether all bolts "
+        "were tight. If not, set update.reference and calibration.job to a tight job, or measure it again"
+    )
+
+
+def raised_text(before: Seen, after: Seen, *, least: float = 1.0) -> str:
+    """Warning that names joints of which a rough calibration raises all springs: their table is wrong; as ``lowered_text``."""
+    high = _calibrated_change(before, after, -1.0)
+    named = _named(before.inputs, {bolt: own for bolt, own in high.items() if own >= least})
+    if not named:
+        return ""
+    return (
+        f"a rough calibration from this job raises the stiffness of {named} more than that of the other bolts. Check the stiffnesses of "
+        "their springs, and the units of these, in the table and in the FE model"
+    )
+
+
+def _calibrated_change(before: Seen, after: Seen, sign: float) -> dict[int, float]:
+    """Change of each bolt by a calibration, relative to the median of its group [decades]; of its groups the largest times ``sign``."""
+    change = dict[int, float]()
     for group, where, _ in before.parameters.placed:
         if group.kind != "stiffness" or group.bolt is None:
             continue
         moved = (after.parameters.initial - before.parameters.initial)[where]
         for bolt, own in zip(group.bolt.tolist(), (moved - np.median(moved)).tolist(), strict=True):
-            change[bolt] = max(change.get(bolt, -np.inf), own)
-    low = {bolt: own for bolt, own in change.items() if bolt >= 0 and own <= -least}
-    if bolts is None or not low:
-        return ""
-    named = ", ".join(f"{bolts.name[bolt]} ({_decades(-own)})" for bolt, own in sorted(low.items()))
-    return (
-        f"a rough calibration from this job lowers the stiffness of {named} more than that of the other bolts. Check whether all bolts "
-        "were tight. If not, set update.reference and calibration.job to a tight job, or measure it again"
-    )
+            change[bolt] = sign * max(sign * own, sign * change.get(bolt, own))
+    return {bolt: own for bolt, own in change.items() if bolt >= 0}
+
+
+def _named(inputs: Inputs, sizes: Mapping[int, float]) -> str:
+    """Bolts with the sizes of their changes [decades] in words; empty without bolts."""
+    bolts = inputs.bolts
+    return "" if bolts is None else ", ".join(f"{bolts.name[bolt]} ({_decades(own)})" for bolt, own in sorted(sizes.items()))
 
 
 def risen_text(inputs: Inputs, changes: Mapping[str, Floats], *, least: float = 0.8, jobs: int = 4) -> str:

@@ -240,7 +240,7 @@ def other_chain(
     window = _window(one.decay[first], other.decay[second], length, reference, rule)
     if text := window or _window_by_curve(one, other, length, reference, rule):
         return ChainFault("window", text)
-    if text := _moved(*frequencies, step, reference, rule):
+    if text := _moved(*frequencies, step, reference, rule, loosened=loosened):
         return ChainFault("lines", text)
     if text := _clock(*frequencies, reference, rule, least, loosened=loosened):
         return ChainFault("clock", text)
@@ -291,11 +291,14 @@ def _window_by_curve(one: FittedModes, other: FittedModes, length: float, refere
     return _window(own, there, length, reference, rule)
 
 
-def _moved(own: Floats, tight: Floats, step: float, reference: str, rule: ModalRule) -> str | None:
-    """Message if the frequencies of the same modes [Hz] differ by a whole number of line spacings, in the upper half of the shifts."""
+def _moved(own: Floats, tight: Floats, step: float, reference: str, rule: ModalRule, *, loosened: bool) -> str | None:
+    """Message if the frequencies of the same modes [Hz] differ by a whole number of line spacings, in the upper half of the shifts.
+
+    In all of them if no bolt is ``loosened``: half of the modes of a baseline agreed by chance.
+    """
     if own.size < rule.clocked:
         return None
-    upper = np.sort((own - tight) / step)[::-1][: max(rule.least, (own.size + 1) // 2)]
+    upper = np.sort((own - tight) / step)[::-1][: max(rule.least, (own.size + 1) // 2) if loosened else own.size]
     count = round(float(np.median(upper)))
     if count == 0 or np.abs(upper - count).max() > rule.together:
         return None
