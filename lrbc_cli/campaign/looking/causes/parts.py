@@ -10,7 +10,7 @@ from itertools import chain
 import numpy as np
 import scipy.sparse as sp
 
-from lrbc_cli.arrays import Bools
+from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.causes.rescaled import explains
@@ -167,12 +167,16 @@ def by_parts_text(
     errs = float(np.median(apart(full, few.model))) > exact
     if errs or after.misfit > min(EXPLAINED, CLEARLY * before) or max(np.log(least), second / clear) > sizes[worst]:
         return ""
-    stiffness, mass = logs[worst].tolist()
-    dofs = inputs.dofs
-    where = f"part {worst + 1}" if dofs is None else f"part at {extents(dofs.xyz[parts[worst]])}"
+    return _part_text(seen, parts[worst], worst, logs[worst], after.misfit)
+
+
+def _part_text(seen: Seen, part: Bools, number: int, logs: Floats, left: float) -> str:
+    """Warning about one part, with the logarithms of the factors of its stiffness and mass, and the misfit left [dB]."""
+    dofs, (stiffness, mass) = seen.inputs.dofs, logs.tolist()
+    where = f"part {number + 1}" if dofs is None else f"part at {extents(dofs.xyz[part])}"
     return (
         f"with the stiffness of the {where} times {np.exp(stiffness):.2g}, and its mass times {np.exp(mass):.2g}, a rough calibration "
-        f"leaves a level misfit of {after.misfit:.1f} dB, of {before:.1f} dB (mean level of each response removed). "
+        f"leaves a level misfit of {left:.1f} dB, of {seen.misfit:.1f} dB (mean level of each response removed). "
         f"{_cause(stiffness, mass)}. Correct it in the FE model, and export it again"
     )
 
