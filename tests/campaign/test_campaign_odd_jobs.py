@@ -18,7 +18,7 @@ from lrbc_cli.campaign.looking import all_jobs, fitted
 from lrbc_cli.campaign.looking.all_jobs import of_one_sensor
 from lrbc_cli.campaign.looking.causes.held import idle_text
 from lrbc_cli.campaign.looking.fitted import at_bounds_text
-from lrbc_cli.campaign.looking.odd_jobs import _airborne
+from lrbc_cli.campaign.looking.odd_jobs import _airborne, _of_model
 from lrbc_cli.campaign.looking.states import Looking
 from lrbc_cli.campaign.reading.inputs import read_as_exported
 from lrbc_cli.config import load_campaign
@@ -103,6 +103,17 @@ def test_pressures_alone_that_no_bolt_explains(pressures: float, motions: float,
     assert _airborne(source, "own", np.array([pressures, pressures, 0.0]), air, 2.0) == ""
     # A model with errors of this size in all jobs says nothing of one.
     assert _airborne(replaced(source, away={"a": own, "own": own}), "own", own, air, 2.0) == ""
+
+
+@pytest.mark.parametrize(
+    ("left", "words"), [(1.2, ""), (3.8, ". But tight itself is 3.8 dB from the model: look first for an error of the model")]
+)
+def test_an_error_of_the_model_is_named_first_where_the_tight_state_is_not_explained(left: float, words: str) -> None:
+    """A joint at a wrong place showed in one job only, whose measurement was right."""
+    source: Any = SimpleNamespace(left={"tight": left})
+    text = _of_model(source, "tight")
+    assert text.startswith(words)
+    assert bool(text) is bool(words)
 
 
 def replaced(source: Any, **given: Any) -> Any:
