@@ -213,6 +213,7 @@ def test_damping_off_by_a_factor_that_no_calibration_corrects(
     tree = frame.tree()
     tree["model"]["damping"] = {"structure": {"alpha": 0.0, "beta": 0.0, "loss_factor": 0.02 * times}}
     tree["calibration"]["factors"] = ["stiffness.structure"]
+    joints = tree["parameters"]["left_edge"].pop("damping")
     frame.write(tree)
     measurement: Any = SimpleNamespace(frequency_hz=None, values=None)
     text = damped.uncalibrated_text(frame.inputs(), measurement)
@@ -221,6 +222,10 @@ def test_damping_off_by_a_factor_that_no_calibration_corrects(
         side = "large" if times > 1.0 else "small"
         assert f"the damping of the model is {max(times, 1.0 / times):.2g} times too {side}: damping ratios of" in text
         assert "those of 5 measured resonances 1 to 1 %. Write about loss_factor: 0.02 under model.damping.structure" in text
+    # Damping of joints adds to that of the structure.
+    tree["parameters"]["left_edge"]["damping"] = joints
+    frame.write(tree)
+    assert bool(damped.uncalibrated_text(frame.inputs(), measurement)) is (doubt and times > 1.0)
     tree["calibration"]["factors"].append("loss_factor.structure")
     frame.write(tree)
     assert damped.uncalibrated_text(frame.inputs(), measurement) is None

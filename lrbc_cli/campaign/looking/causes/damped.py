@@ -85,7 +85,9 @@ def uncalibrated_text(inputs: Inputs, own: Measurement, *, least: float = 0.5, m
     if modes.decay.size < rule.least or not computed.all():
         return None
     off = float(np.median(np.log10(computed / measured)))
-    if not least <= abs(off) < most:
+    # Joints that are stated with damping of their own add to that of the structure.
+    tied = any(not isinstance(one.damping, str | None) for one in inputs.campaign.parameters.values())
+    if not least <= abs(off) < most or (off < 0.0 and tied):
         return None
     key, low, high = max(parts, key=lambda name: float(np.median(parts[name]))), *(1e2 * np.quantile(measured, (0.1, 0.9)))
     right = " and ".join(f"{name}: {getattr(stated, name) * 10.0**-off:.2g}" for name in parts if getattr(stated, name))
