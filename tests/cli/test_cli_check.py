@@ -621,3 +621,12 @@ def test_progress(tmp_path):
         *(f"comparing {name} with the model, job {k} of {len(jobs)}" for k, name in enumerate(jobs, 1)),
     ]
     assert not folder.run("check").stderr
+
+
+def test_the_last_line_says_whether_frfs_were_compared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A clean check is an answer, and one without a comparison is none."""
+    folder = frame(tmp_path)
+    assert folder.run("check").stdout.splitlines()[-1] == "no warnings"
+    monkeypatch.setattr("lrbc_cli.campaign.looking.first_look.BUILT_WORK", 0.0)
+    last = folder.run("check").stdout.splitlines()[-1]
+    assert last == "no warnings, but measured and computed FRFs were not compared: see jobs"
