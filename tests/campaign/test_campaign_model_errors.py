@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -23,7 +22,6 @@ from lrbc_cli.campaign.looking.causes.parts import _cause
 from lrbc_cli.campaign.reading.doubts.materials import too_heavy
 from lrbc_cli.io.frf import write_frf
 from lrbc_cli.model.dofs import DofTable
-from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.model.units import SI
 
@@ -252,10 +250,3 @@ def test_the_gain_of_one_sensor_stands_out_at_two_hammer_points(monkeypatch: pyt
     once[:, 10] /= 1.6
     twice[:, [2, 8]] *= 1.6
     assert named(once) == named(twice) == []
-
-
-def test_replaced(tmp_path: Path) -> None:
-    """A model as the tests above take it."""
-    model = two_parts(tmp_path / "model").inputs().model
-    assert isinstance(model, FeModel)
-    assert replace(model).terms.size == 27

@@ -120,7 +120,7 @@ def widely_fitted(
     ----------
     seen : Seen
     reach : float
-        Largest change of a joint, and twice the standard deviation of its prior [decades].
+        Largest change of a joint [decades]; there is no prior.
     starts : sequence of float
         Changes of all joints from which descents start [decades].
     lines, iterations : int
@@ -143,7 +143,7 @@ def widely_fitted(
         source.model(s, parameters, few, inputs.used),
         seen.measured[few][:, inputs.used],
         parameters.initial,
-        (0.5 * reach) ** 2,
+        inputs.statistics.values.first_variance,
         np.zeros_like(shapes.penalty()),
         options=ResidualOptions(loss_scale=LEAST_DIFFERENCE),
         errors=inputs.statistics.errors,
