@@ -143,6 +143,24 @@ def test_no_coherence_is_not_a_bad_one(box: Folder, written: float) -> None:
     assert line_sigma(inputs, measurement, job, select_lines(inputs, measurement, "loose")[0]) == (None, ())
 
 
+def test_zeros_between_other_values_are_the_worst_coherence(box: Folder) -> None:
+    """Rounded or cut off by the export: such lines must not weigh as much as those without noise."""
+    records = read_frf(box.data / "loose.uff").records
+    g2 = np.where(np.arange(records[0].frequency_hz.size) % 10 == 0, 0.0, 0.9)
+    write_frf(box.data / "loose.uff", FrfSet(source="loose", records=tuple(replace(r, coherence=g2) for r in records)))
+    inputs = box.inputs("update.regularisation=auto")
+    job = inputs.campaign.jobs["loose"]
+    measurement = read_measurement(inputs, job, "loose")
+    selected, _ = select_lines(inputs, measurement, "loose")
+    sigma, notes = line_sigma(inputs, measurement, job, selected)
+    assert notes == ()
+    assert sigma is not None
+    zero = g2[selected] == 0.0
+    assert zero.any()
+    assert sigma[zero].min() > 100.0
+    np.testing.assert_allclose(sigma[~zero], coherence_sigma(np.full(sigma[~zero].shape, 0.9), job.averages), rtol=1e-6)
+
+
 def test_noise_is_weighed_where_it_is_known(box: Folder) -> None:
     records = read_frf(box.data / "loose.uff").records
     g2 = np.full(records[0].frequency_hz.size, 0.9)

@@ -13,7 +13,7 @@ from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.method.resolve import noise_source
 from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.knots import evenly
-from lrbc_cli.updating.statistics.decibels import coherence_sigma, decibel, noise_weights
+from lrbc_cli.updating.statistics.decibels import coherence_sigma, decibel, noise_weights, stated_coherence
 from lrbc_cli.updating.statistics.lines import neighbour_sigma, resolved
 from lrbc_cli.updating.statistics.model import ValidationChannels
 from lrbc_cli.updating.statistics.noise import validation_ratio
@@ -24,9 +24,7 @@ def measured_sigma(inputs: Inputs, measurement: Measurement, job: JobConfig, sel
     coherent = bool((measurement.coherence[np.ix_(selected, inputs.used)] > 0.0).any()) and job.averages * measurement.files > 1
     kind = noise_source(inputs.method, coherent=coherent, repeated=measurement.sigma_db is not None)
     if kind == "coherence":
-        # Some programs write 0 if there is no coherence; an estimate is never 0.
-        told = np.where(measurement.coherence > 0.0, measurement.coherence, np.nan)
-        return kind, coherence_sigma(told, job.averages * measurement.files, inputs.statistics.errors)
+        return kind, coherence_sigma(stated_coherence(measurement.coherence), job.averages * measurement.files, inputs.statistics.errors)
     return kind, measurement.sigma_db if kind == "scatter" else None
 
 

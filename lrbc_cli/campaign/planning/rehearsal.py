@@ -36,7 +36,7 @@ from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, TIGHT, TightScatte
 from lrbc_cli.updating.misfit.cost import SLOPE_STEP, ChangeError
 from lrbc_cli.updating.misfit.frf import reduced_model
 from lrbc_cli.updating.posterior.information import LOSSES
-from lrbc_cli.updating.statistics.decibels import DB, coherence_sigma, decibel
+from lrbc_cli.updating.statistics.decibels import DB, coherence_sigma, decibel, stated_coherence
 from lrbc_cli.updating.statistics.lines import resonance_lines
 from lrbc_cli.updating.statistics.noise import Noise
 from lrbc_cli.updating.statistics.shared import band_means
@@ -183,7 +183,7 @@ class Rehearsal:
         measured, name = self.measured, self.inputs.campaign.update.reference
         if measured is None or name is None:
             return np.broadcast_to(assumed, known.shape)
-        told = np.where(measured.coherence > 0.0, measured.coherence, np.nan)
+        told = stated_coherence(measured.coherence)
         averages = self.inputs.campaign.jobs[name].averages * measured.files
         sigma = coherence_sigma(told, averages, self.inputs.statistics.errors) if measured.sigma_db is None else measured.sigma_db
         # Half of the variance of a complex deviation is along the FRF.

@@ -38,6 +38,22 @@ def coherence_sigma(coherence: Floats, averages: Floats | int, errors: ErrorMode
     return np.asarray(DB * np.sqrt((1.0 - g2) / (2.0 * averages * g2)))
 
 
+def stated_coherence(coherence: Floats) -> Floats:
+    """(F, R) coherence as far as a file states it: NaN where it is unknown.
+
+    Some programs write zeros where they have no coherence. Zeros between positive values are an estimate that was rounded or cut off, and
+    those lines are the worst: they must not weigh as much as lines without noise.
+
+    Parameters
+    ----------
+    coherence : (F, R) float array
+        As read; NaN where there is none.
+    """
+    positive = coherence > 0.0
+    estimated = 2 * positive.sum(axis=0) > np.isfinite(coherence).sum(axis=0)
+    return np.asarray(np.where(positive | estimated & (coherence == 0.0), coherence, np.nan))
+
+
 def noise_weights(sigma: Floats, level: float) -> Floats:
     """Factors ``1/sqrt(1 + (sigma/level)²)`` on residuals in dB; 1 if sigma is NaN.
 

@@ -129,6 +129,7 @@ def noise_level(inputs: Inputs, measurement: Measurement, job: JobConfig) -> flo
         # The coherence of a single average is 1, whatever the noise.
         if averages < 2:
             return None
+        # Without lines that are noise only: these would excuse any misfit.
         sigma = coherence_sigma(np.where(measurement.coherence > 0.0, measurement.coherence, np.nan), averages, inputs.statistics.errors)
     chosen = sigma[:, inputs.used]
     chosen = chosen[np.isfinite(chosen)]
