@@ -247,7 +247,7 @@ def calibrate(
 
 def _gains(inputs: Inputs, fit: FactorFit) -> Gains | None:
     """Gains at the end of a fit; None if its cost has none."""
-    return None if fit.problem.gains is None else gains_of(inputs, *fit.gains(), shared=False)
+    return None if fit.problem.gains is None else gains_of(inputs, *fit.gains(), shared=None)
 
 
 def _fitted(inputs: Inputs, problem: FactorProblem, theta: Floats | None) -> FactorFit:
@@ -283,7 +283,7 @@ def _lifted(inputs: Inputs, fit: FactorFit) -> FactorFit:
 
     if none_shown(inputs, above(fit.solution.theta)):
         return fit
-    allowed = replace(problem, gains=columns_of(inputs, shared=False))
+    allowed = replace(problem, gains=columns_of(inputs, None))
     again = fit_factors(allowed, fit.solution.theta, max_iterations=inputs.method.max_iterations)
     if again.solution.status == "failed":
         return fit

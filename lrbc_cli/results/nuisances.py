@@ -20,9 +20,9 @@ class Estimate(Record):
 class Nuisances(Record):
     """Nuisance parameters, by response, or by excitation and direction.
 
-    ``common_gain_db`` is the gain of all FRFs of the job against what those of the reference job predict; ``gain_db`` of the reference
-    job is the gain of each of its FRFs against the model, with null as standard deviation of a response that was not used. Both are
-    included in the updated FRFs, and no verdict rests on them.
+    ``common_gain_db`` is the gain of all FRFs of the job against what those of the reference job predict, ``gain_db`` that of the FRFs of
+    one sensor or hammer point. In the reference job ``gain_db`` is the gain of each of its FRFs against the model. A response that was
+    not used has null as standard deviation. Gains are included in the updated FRFs, and no verdict rests on them.
     """
 
     common_gain_db: Estimate | None = None

@@ -13,7 +13,7 @@ from campaigns import lrbc
 from samples import ROOT, reduced_cache
 
 from lrbc_cli import load
-from lrbc_cli.campaign.identification.gains import Gains, kept
+from lrbc_cli.campaign.identification.gains import Gains, everything, kept, sharers
 from lrbc_cli.campaign.reading.doubts.rigid import symmetry_doubt
 from lrbc_cli.model.dofs import DofTable
 
@@ -45,6 +45,30 @@ def test_a_gain_of_all_responses_makes_no_bolt_loose(tmp_path: Path, decibels: f
     assert abs(float(told[0].partition("acc1: ")[2].partition(",")[0]) - 1.0) < 0.02
 
 
+@pytest.mark.parametrize("times", [1.2, 0.8, 1.5])
+@pytest.mark.slow
+def test_a_gain_of_one_sensor_is_told_and_makes_no_bolt_loose(tmp_path: Path, times: float) -> None:
+    """A factor of 1.2 of one sensor in one job had passed as an all-clear, without a word."""
+    folder = make_frame(tmp_path)
+    line = ["--job", "tight", "--job", "loose-2", "--override", f"jobs.loose-2.scale={{acc2: {times}}}"]
+    assert lrbc("update", folder.config, "--cache", reduced_cache("frame"), *line).code == 0
+    result = folder.result("loose-2")
+    assert {bolt["name"] for bolt in result["bolts"] if bolt["verdict"] == "loose"} == {"B3", "B4"}
+    assert "common_gain_db" not in result["nuisances"]
+    ((name, gain),) = result["nuisances"]["gain_db"].items()
+    assert name == "acc2"
+    assert abs(gain["value"] - 20.0 * np.log10(times)) < 0.2
+    assert result["validity"]["passed"] is None
+    if times > 1.26:
+        # From 2 dB on it is told as a factor that may be a unit.
+        assert any(text.startswith("probably not in the model's units: acc2: measured over computed +3.") for text in result["warnings"])
+        return
+    (text,) = [text for text in result["warnings"] if "no bolt does" in text]
+    size = abs(10.0 ** (gain["value"] / 20.0) - 1.0)
+    assert f"the FRF acc2 is {size:.0%} {'higher' if times > 1.0 else 'lower'} (" in text
+    assert abs(float(text.partition("scale: {acc2: ")[2].partition("}")[0]) - 1.0) < 0.03
+
+
 @pytest.mark.slow
 def test_right_jobs_of_the_plate_have_no_gain(tmp_path: Path) -> None:
     """Where two bolts change much, errors of predicted changes alone allowed for 1.5 dB, which left three times as much as without."""
@@ -61,20 +85,44 @@ def test_a_gain_shows_where_damping_does_not(elsewhere: list[float], told: bool)
     """About resonances a change of the damping is a gain, too; without other lines nothing tells them apart."""
     inputs = load(ROOT / "configs" / "frame.yaml", calibration=False).inputs
     above = np.repeat(np.array(elsewhere)[:, None], 3, axis=1)
-    for shared in (True, False):
+    for shared in (everything(inputs), None):
         gains = Gains(np.full(3, 1.0), np.full(3, 0.1), shared)
         assert kept(inputs, gains, (1.2, 0.8), above) is told
         # What leaves more is none, nor is one that a measuring chain may have.
         assert not kept(inputs, gains, (0.8, 1.2), above)
-        assert kept(inputs, gains, (0.82, 0.8), above) is (told and shared)
+        assert kept(inputs, gains, (0.82, 0.8), above) is (told and shared is not None)
         assert not kept(inputs, Gains(np.full(3, 0.35), np.full(3, 0.1), shared), (1.2, 0.8), above)
     assert not kept(inputs, None, (1.2, 0.8), above)
 
 
+def test_the_sensor_or_hammer_whose_levels_alone_differ_is_asked_for() -> None:
+    # Two sensors and two hammer points, and a third sensor for one of them.
+    near = {"acc1": "[20, 100, 4]", "acc2": "[106.667, 180, 4]"}
+    again = [f"responses.{name}b={{near: {place}, component: UZ, quantity: acceleration, excitation: h2}}" for name, place in near.items()]
+    first = [f"responses.acc{k}.excitation=hammer" for k in range(1, 6)]
+    hammer = "excitation.h2={near: [236.667, 60, 4], component: UZ}"
+    names = "[acc1, acc1b, acc2, acc2b, acc3]"
+    overrides = [hammer, *again, *first, f"update.responses={names}"]
+    inputs = load(ROOT / "configs" / "plate.yaml", overrides=overrides, calibration=False).inputs
+
+    def asked(*levels: float) -> list[tuple[str, set[str]]]:
+        placed = dict(zip(("acc1", "acc1b", "acc2", "acc2b", "acc3"), levels, strict=True))
+        found = sharers(inputs, np.array([[placed[inputs.responses[at].name] for at in inputs.used]]))
+        return [(group.kind, {inputs.responses[at].name for at in group.responses}) for group in found]
+
+    every = ("all", {response.name for response in inputs.responses})
+    assert asked(1.5, 1.4, 0.1, -0.2, 0.0) == [("sensor", {"acc1", "acc1b"}), every]
+    assert asked(0.0, 0.1, 0.1, -0.2, -1.5) == [("sensor", {"acc3"}), every]
+    assert asked(0.1, -1.5, 0.0, -1.2, 0.1) == [("hammer point", {"acc1b", "acc2b"}), every]
+    # Below the accuracy of a measuring chain, in two directions, of others as well, or of all.
+    for levels in ((0.28, 0.25, 0.0, 0.0, 0.0), (1.5, -1.5, 0.0, 0.0, 0.0), (1.5, 1.4, 0.9, 0.0, 0.0), (1.5, 1.5, 1.5, 1.5, 1.5)):
+        assert asked(*levels) == [every]
+
+
 def test_a_response_that_is_not_used_has_what_the_others_share() -> None:
     inputs = load(ROOT / "configs" / "frame.yaml", calibration=False).inputs
-    np.testing.assert_allclose(Gains(np.array([1.0, 2.0, 3.0]), np.ones(3), False).over(inputs), [1.0, 2.0, 3.0, 1.5])
-    np.testing.assert_allclose(Gains(np.ones(3), np.ones(3), True).over(inputs), np.ones(4))
+    np.testing.assert_allclose(Gains(np.array([1.0, 2.0, 3.0]), np.ones(3), None).over(inputs), [1.0, 2.0, 3.0, 1.5])
+    np.testing.assert_allclose(Gains(np.ones(3), np.ones(3), everything(inputs)).over(inputs), np.ones(4))
 
 
 @pytest.mark.parametrize(

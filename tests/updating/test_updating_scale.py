@@ -111,6 +111,17 @@ def test_one_response_among_others(frfs):
     assert not misses_unit(offsets)
 
 
+def test_a_gain_of_one_response_is_not_that_of_all(frfs):
+    """Within the limits the others had counted as like it: "all responses +0.1 dB", with a wrong `scale` for each."""
+    spoilt = frfs["measured"].copy()
+    spoilt[:, 2] *= 1.5
+    offsets = found(spoilt, frfs["computed"])
+    assert [o.named for o in offsets] == [False, False, True, False]
+    (common,) = grouped(offsets, QUANTITIES)
+    assert common.responses == (2,)
+    assert common.offset.db == pytest.approx(3.52, abs=0.3)
+
+
 @pytest.mark.parametrize("power", [-2, -1, 1, 2])
 def test_powers_of_the_frequency(frfs, power):
     offsets = found(frfs["measured"] * S[:, None] ** power, frfs["computed"])

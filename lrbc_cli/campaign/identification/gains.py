@@ -1,20 +1,42 @@
 """Gains: factors of FRFs that are the same at all lines, caused by wrong sensitivities.
 
-A job may differ from the reference job by one gain that all responses share (another hammer), the reference job from the model by one
-gain of each response. Which gains are believed: guide page *statistics*, section 1.
+A job may differ from the reference job by one gain that all responses share (another hammer), or all of one sensor or hammer point,
+the reference job from the model by one gain of each response. Which gains are believed: guide page *statistics*, section 1.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from lrbc_cli.arrays import Bools, Floats
+from lrbc_cli.campaign.identification.compared.offsets import sensor_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.normal import NORMAL_95
 from lrbc_cli.updating.statistics.error_model import ErrorModel
+
+
+@dataclass(frozen=True)
+class Sharers:
+    """Responses that share a gain relative to the reference job.
+
+    Attributes
+    ----------
+    kind : str
+        ``"all"``, ``"sensor"`` or ``"hammer point"``.
+    responses : tuple of int
+        All of them, also those that are not used.
+    """
+
+    kind: str
+    responses: tuple[int, ...]
+
+    def among(self, inputs: Inputs) -> Bools:
+        """(U,) which of the responses used."""
+        return np.isin(inputs.used, self.responses)
 
 
 @dataclass(frozen=True)
@@ -25,22 +47,25 @@ class Gains:
     ----------
     values, stds : (U,) float arrays
         Gains of the responses used, and their standard deviations [dB].
-    shared : bool
-        True: one gain of all responses relative to the reference job; False: one of each relative to the model.
+    shared : Sharers or None
+        Responses with one gain relative to the reference job; None: one of each relative to the model.
     """
 
     values: Floats
     stds: Floats
-    shared: bool
+    shared: Sharers | None
 
     @property
     def mean(self) -> tuple[float, float]:
-        """Mean gain of the responses used, and its standard deviation [dB]."""
-        return float(self.values.mean()), float(self.stds.max() if self.shared else np.sqrt(np.mean(self.stds**2) / self.stds.size))
+        """Mean gain of the responses used, or the one that responses share, and its standard deviation [dB]."""
+        if self.shared is not None:
+            at = int(np.argmax(np.abs(self.values)))
+            return float(self.values[at]), float(self.stds[at])
+        return float(self.values.mean()), float(np.sqrt(np.mean(self.stds**2) / self.stds.size))
 
     def alike(self, errors: ErrorModel) -> bool:
         """Whether the gains are shared, or differ by less than ``gain_shown`` times their mean."""
-        return self.shared or float(np.ptp(self.values)) < errors.gain_shown * abs(float(self.values.mean()))
+        return self.shared is not None or float(np.ptp(self.values)) < errors.gain_shown * abs(float(self.values.mean()))
 
     def seen(self, errors: ErrorModel) -> Bools:
         """(U,) whether the 95 % interval of a gain lies beyond ``least_gain_db``, the accuracy of a calibrated measuring chain."""
@@ -54,13 +79,16 @@ class Gains:
         elsewhere : (m, U) float array
             Measured levels above those that the fit expects, on the lines that are not compared [dB]; without values a gain is confirmed.
         """
-        middle = np.array([_median(elsewhere if self.shared else elsewhere[:, at]) for at in range(self.values.size)])
+        every = self.shared is not None and self.shared.kind == "all"
+        middle = np.array([_median(elsewhere if every else elsewhere[:, at]) for at in range(self.values.size)])
         return np.asarray(np.isnan(middle) | (np.abs(middle - self.values) < errors.gain_shown * np.abs(self.values)))
 
     def over(self, inputs: Inputs) -> Floats:
-        """(R,) gains of all responses [dB]; validation channels get the mean of the others, shrunk to zero if gains are not shared."""
-        found = np.full(len(inputs.responses), self.mean[0] * (1.0 if self.shared else self.values.size / (1.0 + self.values.size)))
+        """(R,) gains of all responses [dB]; without shared ones, validation channels get the mean of the others, shrunk to zero."""
+        found = np.full(len(inputs.responses), 0.0 if self.shared else self.mean[0] * self.values.size / (1.0 + self.values.size))
         found[inputs.used] = self.values
+        if self.shared is not None:
+            found[list(self.shared.responses)] = self.mean[0]
         return found
 
     def factors(self, inputs: Inputs) -> Floats:
@@ -73,14 +101,52 @@ def _median(values: Floats) -> float:
     return float(np.median(known)) if known.size else float("nan")
 
 
-def columns_of(inputs: Inputs, *, shared: bool) -> Floats:
-    """(U, K) prior gains of one standard deviation [dB]: one that all responses used share and, unless ``shared``, one of each."""
-    common = np.ones((inputs.used.size, 1))
-    return inputs.statistics.errors.gain_db * (common if shared else np.hstack([common, np.eye(inputs.used.size)]))
+def everything(inputs: Inputs) -> Sharers:
+    """All responses: the gain of another hammer."""
+    return Sharers("all", tuple(range(len(inputs.responses))))
+
+
+def columns_of(inputs: Inputs, shared: Sharers | None) -> Floats:
+    """(U, K) prior gains of one standard deviation [dB]: one that responses share; or, with None, one of all and one of each."""
+    own = np.hstack([np.ones((inputs.used.size, 1)), np.eye(inputs.used.size)]) if shared is None else shared.among(inputs)[:, None]
+    return np.asarray(inputs.statistics.errors.gain_db * own)
+
+
+def sharers(inputs: Inputs, elsewhere: Floats) -> Iterator[Sharers]:
+    """Responses that may share a gain, in the order in which it is looked for: those of one sensor or hammer point, then all.
+
+    A sensor or hammer point is asked for if the levels of all its responses differ from those expected in one direction, by more than
+    ``least_gain_db``, and those of all others by less than ``gain_shown`` times as much.
+
+    Parameters
+    ----------
+    elsewhere : (m, U) float array
+        See ``Gains.shown``.
+    """
+    middle, errors = np.array([_median(column) for column in elsewhere.T]), inputs.statistics.errors
+    kinds: tuple[tuple[str, Callable[[int], object]], ...] = (
+        ("sensor", lambda i: sensor_of(inputs, i)),
+        ("hammer point", lambda i: inputs.responses[i].input),
+    )
+    found: list[tuple[float, Sharers]] = []
+    for kind, of in kinds:
+        owners = [of(i) for i in range(len(inputs.responses))]
+        for owner in dict.fromkeys(owners):
+            group = Sharers(kind, tuple(i for i, other in enumerate(owners) if other == owner))
+            among = group.among(inputs)
+            own, others = middle[among], middle[~among]
+            if not own.size or not others.size or np.ptp(np.sign(own)):
+                continue
+            least, most = float(np.abs(own).min()), float(np.abs(others).max())
+            if least > errors.least_gain_db and most < errors.gain_shown * least:
+                found.append((most / least, group))
+    if found:
+        yield min(found, key=lambda each: each[0])[1]
+    yield everything(inputs)
 
 
 def gains_of(
-    inputs: Inputs, misfit: Misfit, theta: Floats, jacobian: Floats, covariance: Floats, variance: float, *, shared: bool
+    inputs: Inputs, misfit: Misfit, theta: Floats, jacobian: Floats, covariance: Floats, variance: float, *, shared: Sharers | None
 ) -> Gains | None:
     """Gains at an optimum; None if the cost has none. For the parameters see ``Misfit.gains``."""
     found = misfit.gains(theta, jacobian, covariance, variance)
@@ -106,8 +172,8 @@ def kept(inputs: Inputs, gains: Gains | None, left: tuple[float, float], elsewhe
     """Whether gains are accepted: the misfit falls with them, and at least one is significant and confirmed by other lines.
 
     If bolts change much, errors of the predicted changes resemble a gain: one with which the misfit does not fall is none. Relative to the
-    model, factors of mass and stiffness together can act like a gain. There the square of the misfit must also fall by the mean square of
-    the gains times ``gain_shown`` squared.
+    model, factors of mass and stiffness together can act like a gain; values of one sensor may differ at a few lines. Unless all responses
+    share the gain, the square of the misfit must therefore also fall by the mean square of the gains times ``gain_shown`` squared.
 
     Parameters
     ----------
@@ -121,6 +187,7 @@ def kept(inputs: Inputs, gains: Gains | None, left: tuple[float, float], elsewhe
     errors = inputs.statistics.errors
     if gains is None or not left[1] < left[0]:
         return False
-    if not gains.shared and left[0] ** 2 - left[1] ** 2 < errors.gain_shown**2 * float(np.mean(gains.values**2)):
+    every = gains.shared is not None and gains.shared.kind == "all"
+    if not every and left[0] ** 2 - left[1] ** 2 < errors.gain_shown**2 * float(np.mean(gains.values**2)):
         return False
     return bool(np.any(gains.seen(errors) & gains.shown(elsewhere, errors)))

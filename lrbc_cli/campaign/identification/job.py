@@ -16,7 +16,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.found import Fit
-from lrbc_cli.campaign.identification.gains import Gains, columns_of, gains_of, kept, none_shown
+from lrbc_cli.campaign.identification.gains import Gains, Sharers, columns_of, gains_of, kept, none_shown, sharers
 from lrbc_cli.campaign.identification.nuisances import hits_of, nuisances_of
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, penalty_of, select_lines, stored_covariance, theta_of
@@ -64,8 +64,8 @@ class Job:
     sharp : bool
         The lines do not resolve the peaks.
     error : ChangeError or None
-    gains : (U, K) float array or None
-        Gains to be marginalised, see ``gains.columns_of``.
+    gains, sharers : (U, K) float array or None, Sharers or None
+        Gains to be marginalised, see ``gains.columns_of``, and the responses that share one.
     sigma, tight_sigma : (m, U) float arrays or None
         Measurement noise of this and of the reference job [dB].
     """
@@ -97,6 +97,7 @@ class Job:
         self.sharp = too_wide((self.measurement.frequency_hz, told[:, inputs.used]), rule=self.statistics.resolution) is not None
         self.error = self._change_error()
         self.gains: Floats | None = None
+        self.sharers: Sharers | None = None
         self.sigma, notes = line_sigma(inputs, self.measurement, inputs.campaign.jobs[name], self.selected)
         self.tight_sigma: Floats | None = None
         noise_of = inputs.campaign.update.reference if self.against_reference else None
@@ -359,15 +360,23 @@ class Job:
         known = (self.measured(), False) if corrected is None else (corrected, True)
         self.compared, found = known, self.fit(*known)
         if self._may_have_gains(found):
-            off, more = self._off(found)
-            if off:
-                self.gains = columns_of(self.inputs, shared=self.against_reference)
-                again = self.fit(*known)
-                better = kept(self.inputs, self.gains_of(again), (found.left_db, again.left_db), self._elsewhere(again))
-                more += (found if better else again).evaluations
-                found, self.gains = (again, self.gains) if better else (found, None)
-            found = found.after(more)
+            groups = sharers(self.inputs, self._elsewhere(found)) if self.against_reference else iter((None,))
+            for self.sharers in groups:
+                found = self._gained(found, *known)
+                if self.gains is not None:
+                    break
         return self.drifted(found)
+
+    def _gained(self, found: Fit, measured: Complexes, relative: bool) -> Fit:
+        """The fit with the gain that ``sharers`` share, if it is accepted, otherwise the given one."""
+        off, more = self._off(found)
+        if off:
+            self.gains = columns_of(self.inputs, self.sharers)
+            again = self.fit(measured, relative)
+            better = kept(self.inputs, self.gains_of(again), (found.left_db, again.left_db), self._elsewhere(again))
+            more += (found if better else again).evaluations
+            found, self.gains = (again, self.gains) if better else (found, None)
+        return found.after(more)
 
     def _may_have_gains(self, found: Fit) -> bool:
         """Whether gains are looked for: relative to the reference job, or of the reference job relative to the model."""
@@ -381,14 +390,14 @@ class Job:
         solution, knowledge = fit.solution, fit.knowledge
         rows = solution.evaluation.jacobian[: fit.plain.valid.sum() * (2 if self.method.residual.phase else 1)]
         of = rows, knowledge.covariance, knowledge.noise.variance
-        return gains_of(self.inputs, fit.plain, solution.theta, *of, shared=self.against_reference)
+        return gains_of(self.inputs, fit.plain, solution.theta, *of, shared=self.sharers)
 
     def _off(self, fit: Fit) -> tuple[bool, int]:
         """Whether any gain is significant when identified from the end of a fit without gains, and evaluations.
 
         Changes at bolts partly compensate for a gain, so there is a second descent from the reference state or the start values.
         """
-        misfit = fit.misfit.with_gains(columns_of(self.inputs, shared=self.against_reference))
+        misfit = fit.misfit.with_gains(columns_of(self.inputs, self.sharers))
         ends = [self.descend(misfit, theta) for theta in (fit.solution.theta, self.prior)]
         best = min(ends, key=lambda end: end.evaluation.total)
         knowledge = posterior(misfit, best, self.shapes, (), noise_of(misfit, best.evaluation, self.selected), self.prior)

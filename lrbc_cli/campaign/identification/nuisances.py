@@ -73,16 +73,17 @@ def not_in_model(inputs: Inputs) -> list[str]:
 
 
 def gain_tree(inputs: Inputs, gains: Gains) -> dict[str, Any]:
-    """Gains of all responses and their standard deviations [dB]; ``std`` is null for a response that is not used."""
+    """Gains of the responses that have one, and their standard deviations [dB]; ``std`` is null for a response that is not used."""
     stds = dict(zip(inputs.used.tolist(), gains.stds.tolist(), strict=True))
-    both = zip(inputs.responses, gains.over(inputs).tolist(), strict=True)
-    return {response.name: {"value": value, "std": stds.get(at)} for at, (response, value) in enumerate(both)}
+    having = range(len(inputs.responses)) if gains.shared is None else gains.shared.responses
+    values = gains.over(inputs)
+    return {inputs.responses[at].name: {"value": float(values[at]), "std": stds.get(at)} for at in having}
 
 
 def nuisance_tree(inputs: Inputs, knowledge: Posterior, gains: Gains | None = None) -> dict[str, Any]:
     """Estimates of the nuisance parameters and gains with standard deviations: the key ``nuisances`` of ``result.json``."""
     tree = estimates(knowledge.nuisances, knowledge.values, knowledge.std[knowledge.z.size :])
-    if gains is not None and gains.shared:
+    if gains is not None and gains.shared is not None and gains.shared.kind == "all":
         tree["common_gain_db"] = dict(zip(("value", "std"), gains.mean, strict=True))
     elif gains is not None:
         tree["gain_db"] = gain_tree(inputs, gains)

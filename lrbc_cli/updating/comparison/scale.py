@@ -389,6 +389,8 @@ def grouped(offsets: Sequence[Offset], quantities: Sequence[str]) -> tuple[Commo
     away = [abs(o.db - middle) / most for o, most in zip(offsets, limits, strict=True)]
     alike = bool(named) and all(o.power == named[0].power and far <= 2.0 for o, far in zip(offsets, away, strict=True))
     alike = alike and 4 * sum(far > 1.0 for far in away) <= len(away)
+    # A single gain beside the others is nearer to theirs only by the width of these limits.
+    alike = alike and (named[0].power != 0 or abs(float(np.median([o.db for o in named])) - middle) <= abs(middle))
     shared = alike and len({quantities[o.response] for o in offsets}) == 1
     left = sorted(offsets if shared else named, key=lambda o: (not o.named, o.half, o.response))
     found = []

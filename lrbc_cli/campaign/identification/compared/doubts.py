@@ -20,7 +20,7 @@ from lrbc_cli.campaign.identification.compared.offsets import (
     sizes_text,
 )
 from lrbc_cli.campaign.identification.found import Identification
-from lrbc_cli.campaign.identification.gains import Gains
+from lrbc_cli.campaign.identification.gains import Gains, Sharers
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
@@ -220,7 +220,8 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     further = [None if result.relative or misfit[1] is None else unreached(misfit[1], noise, reference), worsened(*misfit, noise)]
     untrusted = [Doubt(kind="exchanged", text=swapped)] if swapped else []
     if gains is not None and gains.shared:
-        untrusted.append(Doubt(kind="gain", text=f"all FRFs are {gain_size(*gains.mean)} than expected from the reference job"))
+        text = f"{_sharing(inputs, gains.shared)} {gain_size(*gains.mean)} than expected from the reference job"
+        untrusted.append(Doubt(kind="gain", text=text))
     return found + [text for text in further if text is not None], compared, untrusted
 
 
@@ -230,20 +231,36 @@ def gain_size(gain: float, std: float) -> str:
 
 
 def _scales(inputs: Inputs, job: str, gains: Gains) -> str:
-    """Values of ``scale`` of a job that remove its gains."""
-    own, factors = inputs.campaign.jobs[job], gains.factors(inputs)
-    both = zip(inputs.responses, factors.tolist(), strict=True)
-    return ", ".join(f"{response.name}: {own.factor(response.name) / factor:.4g}" for response, factor in both)
+    """Values of ``scale`` of a job that remove its gains; what has no gain keeps the value that it has."""
+    own, having = inputs.campaign.jobs[job], None if gains.shared is None else gains.shared.responses
+    both = [(inputs.responses[at].name, factor) for at, factor in enumerate(gains.factors(inputs).tolist())]
+    scales = {name: own.factor(name) / factor for at, (name, factor) in enumerate(both) if having is None or at in having}
+    stated = {name: own.factor(name) for name, _ in both if name not in scales and own.factor(name) != 1.0}
+    return ", ".join(f"{name}: {factor:.4g}" for name, factor in (scales | stated).items())
+
+
+def _sharing(inputs: Inputs, shared: Sharers) -> str:
+    """The FRFs that share a gain, in words, with the verb."""
+    if shared.kind == "all":
+        return "all FRFs are"
+    names = [inputs.responses[at].name for at in shared.responses]
+    if shared.kind == "sensor":
+        return f"the FRFs of one sensor ({listing(names, 4)}) are" if len(names) > 1 else f"the FRF {names[0]} is"
+    return f"the FRFs of hammer point {inputs.excitations[inputs.responses[shared.responses[0]].input]} are"
 
 
 def gain_text(inputs: Inputs, job: str, gains: Gains) -> str:
-    """Warning about a gain that all responses of a job share relative to the reference job."""
-    reference, own = inputs.campaign.update.reference, inputs.campaign.jobs[job]
+    """Warning about a gain that responses of a job share relative to the reference job."""
+    reference, own, shared = inputs.campaign.update.reference, inputs.campaign.jobs[job], gains.shared
+    assert shared is not None
+    every = "of all responses" if shared.kind == "all" else "and others are not"
+    chain = "sensor, in the same place," if shared.kind == "sensor" else "hammer"
+    more = "" if shared.kind == "all" else " and the sensor's mounting and cable" if shared.kind == "sensor" else " at this hammer point"
     return (
-        f"{own.first.name}: all FRFs are {gain_size(*gains.mean)} than expected from those of {reference}, at all lines of all responses; "
-        "no bolt does that. Expected: one hammer with one sensitivity in both jobs. Verdicts, if any, allow for it, but there is no "
-        f"all-clear. Fix: compare the sensitivities entered for {job} and for {reference} (if all jobs say this, those of {reference} "
-        f"are wrong), and export again, or write jobs.{job}.scale: {{{_scales(inputs, job, gains)}}}"
+        f"{own.first.name}: {_sharing(inputs, shared)} {gain_size(*gains.mean)} than expected from those of {reference}, at all lines "
+        f"{every}; no bolt does that. Expected: one {chain} with one sensitivity in both jobs. Verdicts, if any, allow for it, but there "
+        f"is no all-clear. Fix: compare the sensitivities entered for {job} and for {reference}{more} (if all jobs say this, those of "
+        f"{reference} are wrong), and export again, or write jobs.{job}.scale: {{{_scales(inputs, job, gains)}}}"
     )
 
 
