@@ -253,11 +253,11 @@ def gain_text(inputs: Inputs, job: str, gains: Gains) -> str:
     """Warning about a gain that responses of a job share relative to the reference job."""
     reference, own, shared = inputs.campaign.update.reference, inputs.campaign.jobs[job], gains.shared
     assert shared is not None
-    every = "of all responses" if shared.kind == "all" else "and others are not"
+    every = " of all responses" if shared.kind == "all" else ", and the others are not"
     chain = "sensor, in the same place," if shared.kind == "sensor" else "hammer"
     more = "" if shared.kind == "all" else " and the sensor's mounting and cable" if shared.kind == "sensor" else " at this hammer point"
     return (
-        f"{own.first.name}: {_sharing(inputs, shared)} {gain_size(*gains.mean)} than expected from those of {reference}, at all lines "
+        f"{own.first.name}: {_sharing(inputs, shared)} {gain_size(*gains.mean)} than expected from those of {reference}, at all lines"
         f"{every}; no bolt does that. Expected: one {chain} with one sensitivity in both jobs. Verdicts, if any, allow for it, but there "
         f"is no all-clear. Fix: compare the sensitivities entered for {job} and for {reference}{more} (if all jobs say this, those of "
         f"{reference} are wrong), and export again, or write jobs.{job}.scale: {{{_scales(inputs, job, gains)}}}"
