@@ -34,12 +34,15 @@ class Identified:
         The part of the identification on which verdicts rest.
     record : JobRecord
         Contents of ``result.json``, see ``lrbc guide results``.
+    baselines : tuple of Identified
+        Further jobs with all bolts tight, whose scatter moved the threshold.
     """
 
     name: str
     identification: Identification = field(repr=False)
     evidence: Evidence = field(repr=False)
     record: JobRecord = field(repr=False)
+    baselines: tuple[Identified, ...] = field(default=(), repr=False)
 
     @property
     def status(self) -> str:
@@ -60,6 +63,28 @@ class Identified:
     def probability_loose(self) -> dict[str, float | None]:
         """Posterior probability that each bolt is loose; None if none is stated."""
         return {bolt.name: bolt.probability_loose for bolt in self.record.bolts}
+
+
+class TightStates:
+    """The reference job and the baselines of a campaign, identified once beside each reference job that was given.
+
+    Parameters
+    ----------
+    identify : callable
+        ``Study.identify``.
+    """
+
+    def __init__(self, identify: Callable[..., Identified]) -> None:
+        self._identify = identify
+        self._known: list[tuple[Identified | None, Identified]] = []
+
+    def of(self, name: str, reference: Identified | None = None) -> Identified:
+        """One of them; ``reference`` is the reference job that was given, None that of the campaign."""
+        known = next((found for beside, found in self._known if found.name == name and beside is reference), None)
+        if known is None:
+            known = self._identify(name, reference=reference)
+            self._known.append((reference, known))
+        return known
 
 
 def frf_figure(found: Identification, response: int, label: str) -> Any:

@@ -25,13 +25,14 @@ from lrbc_cli.campaign.identification.records import Measurement, read_measureme
 from lrbc_cli.campaign.identification.unknowns import found_on_frfs, parameterise, start_parameters, with_values
 from lrbc_cli.campaign.jobs.evidence import copied_baseline, evidence_of
 from lrbc_cli.campaign.jobs.finished import result_record
-from lrbc_cli.campaign.jobs.judging import role_of, scatter_of_records
+from lrbc_cli.campaign.jobs.judging import ComparedWith, final_judgement
+from lrbc_cli.campaign.jobs.plans import needs
 from lrbc_cli.campaign.jobs.standing import Outcome
 from lrbc_cli.campaign.planning.plan import Request, make_plan
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
 from lrbc_cli.config import load_campaign
-from lrbc_cli.identified import Identified, frf_figure, profile_figure, task
+from lrbc_cli.identified import Identified, TightStates, frf_figure, profile_figure, task
 from lrbc_cli.method.resolve import Method
 from lrbc_cli.method.rule import changed_rule
 from lrbc_cli.model.fem import FeModel
@@ -40,7 +41,7 @@ from lrbc_cli.reduction.outcome import Reduction
 from lrbc_cli.reduction.steps.grid import require_in_band
 from lrbc_cli.results.model import CalibrationRecord
 from lrbc_cli.results.plan import PlanRecord
-from lrbc_cli.updating.judging.decide import Judgement, judge
+from lrbc_cli.updating.judging.decide import Judgement
 
 Progress = Callable[[str], None]
 
@@ -68,7 +69,7 @@ class Study:
         self._stage: ReductionStage | None = None
         self._source: FrfSource | None = None
         self._start: Parameterisation | None = None
-        self._tight: Identified | None = None
+        self._tight = TightStates(self.identify)
         self._writes = True
 
     def __repr__(self) -> str:
@@ -211,7 +212,7 @@ class Study:
         measurement: Measurement | None = None,
         *,
         reference: Identified | None = None,
-        baselines: Sequence[Identified] = (),
+        baselines: Sequence[Identified] | None = None,
     ) -> Identified:
         """Identify the unknowns of one job and judge its bolts; nothing is written.
 
@@ -223,29 +224,25 @@ class Study:
             Used instead of the job's file, see ``measurement``.
         reference : Identified or None
             The reference job, from which changes are counted; None: that of the campaign, which is then identified first, once.
-        baselines : sequence of Identified
-            Further jobs with all bolts tight; their scatter moves the threshold.
+        baselines : sequence of Identified or None
+            Further jobs with all bolts tight; their scatter moves the threshold. None: those of the campaign, identified first, once.
 
         Raises
         ------
         ConfigError, DataError, NumericalError
             If the job is unknown, its measurement is unusable, or the optimisation fails.
         """
-        inputs, before, known = task(self.inputs, job, measurement, reference, self._reference)
+        inputs, before, known = task(self.inputs, job, measurement, reference, self._tight.of)
+        names = needs(inputs.campaign, job)[1]
+        others = [self._tight.of(name, reference) for name in names] if baselines is None else baselines
         found = identify(inputs, self.source, job, before, known)
         evidence = evidence_of(inputs, found).beside(copied_baseline(inputs, job, found.measurement))
-        others = {other.name: other.record for other in baselines}
-        record = result_record(inputs, self.source.stage, found, evidence, others)
-        return Identified(name=job, identification=found, evidence=evidence, record=record)
-
-    def _reference(self, name: str) -> Identified:
-        if self._tight is None:
-            self._tight = self.identify(name)
-        return self._tight
+        record = result_record(inputs, self.source.stage, found, evidence, {other.name: other.record for other in others})
+        return Identified(name=job, identification=found, evidence=evidence, record=record, baselines=tuple(others))
 
     def fit(self, job: str, measurement: Measurement | None = None, *, reference: Identified | None = None) -> Fit:
         """The cost that ``identify`` minimises, with its final weights, and its minimum: for studies of the search."""
-        inputs, before, known = task(self.inputs, job, measurement, reference, self._reference)
+        inputs, before, known = task(self.inputs, job, measurement, reference, self._tight.of)
         return fit(inputs, self.source, job, before, known)
 
     def calibrate(self, *, force: bool = False, accept: bool = False) -> tuple[CalibrationRecord, bool]:
@@ -301,7 +298,8 @@ class Study:
     def use_calibration(self, wanted: bool = True) -> None:
         """Apply the factors of the stored calibration to the model if it still fits, or (``wanted=False``) return to the exported model."""
         self.inputs = with_stored_calibration(self._exported, calibration=wanted)
-        self._stage = self._source = self._start = self._tight = None
+        self._stage = self._source = self._start = None
+        self._tight = TightStates(self.identify)
 
     def update(self, jobs: Sequence[str] = (), *, force: bool = False, **options: Any) -> Outcome:
         """Identify and judge jobs and write their results, as `lrbc update` does; results that are still valid are kept.
@@ -329,14 +327,14 @@ class Study:
         self._require_output()
         return run_jobs(self.inputs, self._folder, wanted=jobs, force=force, progress=self._progress, **options)[0]
 
-    def judge(self, found: Identified, *, baselines: Sequence[Identified] = (), **rule: Any) -> Judgement:
+    def judge(self, found: Identified, *, baselines: Sequence[Identified] | None = None, **rule: Any) -> Judgement:
         """Judge the bolts of an identified job by another decision rule, without identifying it again.
 
         Parameters
         ----------
         found : Identified
-        baselines : sequence of Identified
-            Further jobs with all bolts tight.
+        baselines : sequence of Identified or None
+            Further jobs with all bolts tight; None: those with which it was identified.
         **rule
             New values of ``confidence``, ``loose_change``, ``largest_misfit`` (keys of ``update``) or other fields of ``DecisionRule``; the
             others stay as in this study (``inputs.method.rule``).
@@ -346,9 +344,11 @@ class Study:
         ConfigError
             If a key is not part of the rule, or its value is not valid.
         """
-        changed, scatter = changed_rule(self.inputs.method.rule, rule), scatter_of_records(other.record for other in baselines)
+        changed = changed_rule(self.inputs.method.rule, rule)
         given.made_by("found", found, Identified, "what identify returned")
-        return judge(found.evidence, changed, role_of(self.inputs.campaign.update, found.name), scatter, found.identification.reference)
+        others = {other.name: other.record for other in (found.baselines if baselines is None else baselines)}
+        beside, certificate = ComparedWith(found.identification.reference, others), found.record.provenance.certificate
+        return final_judgement(self.inputs.campaign, changed, found.evidence, beside, certificate)[0]
 
     def plan(
         self,

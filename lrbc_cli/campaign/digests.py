@@ -68,7 +68,7 @@ def about_measurement(resolved: Mapping[str, Any], job: JobConfig, name: str) ->
 
 #: What judges; it is no part of identifying.
 _JUDGING = (
-    *(f"updating/judging/{name}.py" for name in ("decide", "rule", "clearance")),
+    *(f"updating/judging/{name}.py" for name in ("decide", "groups", "rule", "clearance")),
     "updating/normal.py",
     "campaign/jobs/judging.py",
     "campaign/jobs/rejudge.py",
@@ -80,6 +80,8 @@ STAGES = {
     "identification": (
         *("updating", "io", "method", "campaign/reading", "campaign/identification"),
         *("campaign/calibrate.py", "campaign/calibration.py", "campaign/jobs/evidence.py", "campaign/jobs/finished.py", "results/job.py"),
+        # What a key stands for if it is left out, and what a file is multiplied by.
+        *("config/structure.py", "config/settings.py"),
     ),
     "judgement": _JUDGING,
 }

@@ -9,6 +9,7 @@ from pathlib import Path
 from lrbc_cli.report.reading import read_results
 from lrbc_cli.results.job import FailedJob, Job, JobRecord
 from lrbc_cli.updating.judging.clearance import JobFinding, sentence
+from lrbc_cli.updating.judging.rule import probably
 
 
 def summary_text(output: Path, jobs: Sequence[str] | None = None) -> str:
@@ -83,7 +84,7 @@ def _verdicts(job: JobRecord) -> str:
     undecided = job.names("undecided")
     # The lowest of the probabilities holds as a lower limit for all loose bolts.
     notes = [f"p >= {math.floor(1000 * min(known)) / 1000:.3g}"] if known else []
-    likely = [bolt.name for bolt in job.bolts if bolt.verdict == "undecided" and (bolt.probability_loose or 0.0) > 0.5]
+    likely = [bolt.name for bolt in job.bolts if bolt.verdict == "undecided" and probably(bolt.probability_loose)]
     notes += [f"probably {_short(likely, 4)}"] if likely else []
     rest = len(undecided) - len(likely)
     notes += [f"{rest} {('others ' if rest > 1 else 'other ') if likely else ''}inconclusive"] if rest else []

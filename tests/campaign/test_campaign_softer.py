@@ -6,10 +6,12 @@ import pytest
 
 from lrbc_cli.campaign.jobs.judging import softer
 from lrbc_cli.updating.judging.decide import BoltVerdict, Judgement, Validity
-from lrbc_cli.updating.judging.rule import LOOSE, TIGHT
+from lrbc_cli.updating.judging.rule import LOOSE, TIGHT, DecisionRule
 
 VALID = Validity(passed=True, compared=None, misfit_db=1.0, limit_db=3.0, reason="")
 
+
+RULE = DecisionRule()
 
 NAMES = {f"{kind}{k}" for kind in "BL" for k in range(9)}
 
@@ -22,7 +24,7 @@ def state(*changes: float | None, loose: tuple[float, ...] = (), threshold: floa
 
 def test_all_bolts_softer() -> None:
     """As on a skid whose 14 joints were hand-tight: one was called loose, one tight with -0.48 decades."""
-    (text,) = softer(state(-0.13, -0.2, -0.29, -0.31, -0.4, -0.1, -0.33, loose=(-0.85,)), NAMES)
+    (text,) = softer(state(-0.13, -0.2, -0.29, -0.31, -0.4, -0.1, -0.33, loose=(-0.85,)), NAMES, RULE)
     assert text.startswith(
         "all 7 joints that are not judged loose are softer than in the reference job, half of them by 0.29 decades and more"
     )
@@ -42,9 +44,9 @@ def test_all_bolts_softer() -> None:
     ids=["one is stiffer", "little more than scatter", "few bolts", "few with values", "a wide scatter of tight states", "all loose"],
 )
 def test_states_that_are_decided(other: Judgement) -> None:
-    assert softer(other, NAMES) == []
+    assert softer(other, NAMES, RULE) == []
 
 
 def test_an_edge_is_not_asked() -> None:
     """Neighbours of a gap take part of its change, so most bolts of the SoundBox are softer beside twelve removed ones."""
-    assert softer(state(-0.13, -0.2, -0.29, -0.31, -0.4, -0.1, -0.33, loose=(-0.85,)), set()) == []
+    assert softer(state(-0.13, -0.2, -0.29, -0.31, -0.4, -0.1, -0.33, loose=(-0.85,)), set(), RULE) == []

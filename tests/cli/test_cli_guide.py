@@ -85,7 +85,7 @@ def test_the_page_on_python_has_every_public_name() -> None:
         if not name.startswith("_"):
             assert re.search(rf"^## `{name}\b", text, flags=re.MULTILINE), name
             assert getattr(lrbc_cli, name).__doc__.splitlines()[0] in text
-    for method in ("Study.identify(job, measurement=None, *, reference=None, baselines=())", "Study.jobs", "TermModel.frf(hz, values)"):
+    for method in ("Study.identify(job, measurement=None, *, reference=None, baselines=None)", "Study.jobs", "TermModel.frf(hz, values)"):
         assert f"### `{method}`" in text
     assert "study.frf([100.0], left_edge=6.5)" in text
 

@@ -411,6 +411,27 @@ def test_notebooks(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     assert all(isinstance(script[name], Figure) for script, name in ((frame, "frf"), (frame, "profile"), (beam, "figure")))
 
 
+@pytest.mark.slow
+def test_python_judges_as_the_command_line_does(tmp_path: Path) -> None:
+    """Without the campaign's baselines a half loosened bolt had p = 0.71 from Python and 0.92 from `lrbc update`."""
+    overrides = [f"output={tmp_path / 'output'}", "jobs.b3-half-b4-loose.removed=[B1]"]
+    study = lrbc_cli.load(ROOT / "configs" / "plate.yaml", cache=tmp_path / "cache", overrides=overrides, calibration=False)
+    found = study.identify("b3-half-b4-loose")
+    assert [other.name for other in found.baselines] == ["tight-2"]
+    written = study.update(["b3-half-b4-loose"]).results["b3-half-b4-loose"]
+    assert found.probability_loose == pytest.approx({bolt.name: bolt.probability_loose for bolt in written.bolts}, abs=1e-6)
+    assert [bolt.threshold for bolt in found.record.bolts] == pytest.approx([bolt.threshold for bolt in written.bolts], abs=1e-6)
+    # What contradicts the campaign file is no all-clear either.
+    again = study.judge(found)
+    assert [bolt.verdict for bolt in again.bolts] == [bolt.verdict for bolt in written.bolts]
+    assert again.validity.passed is written.validity.passed is None
+    assert "stated to be missing" in again.validity.reason
+    assert again.validity.reason == written.validity.reason
+    # No baselines at all is another question.
+    alone = study.judge(found, baselines=())
+    assert max(bolt.threshold or -9.0 for bolt in alone.bolts) < max(bolt.threshold or -9.0 for bolt in again.bolts)
+
+
 def test_judging_starts_from_the_rule_of_the_study(study: Study) -> None:
     """A rule given by ``with_method`` was forgotten, and the campaign's judged: an undecided bolt came out tight."""
     strict = study.with_method(rule=replace(study.inputs.method.rule, confidence=0.999, validated_misfit=1e-3))

@@ -6,7 +6,7 @@ The verdicts themselves: ``updating/judging`` and guide page *statistics*, secti
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from math import isfinite
 from statistics import median
 from typing import Any
@@ -49,22 +49,40 @@ def role_of(update: UpdateConfig, name: str) -> Role:
     return REFERENCE if name == update.reference else BASELINE if name in update.baselines else JOB
 
 
-def judged(
+def final_judgement(
     campaign: Campaign, rule: DecisionRule, evidence: Evidence, tight: ComparedWith, certificate: Certificate | None
-) -> dict[str, Any]:
-    """The fields of ``JobRecord`` that judging gives; ``certificate``: of the reduced model, if there is one."""
-    name, update = evidence.job, campaign.update
-    judgement = judge(evidence, rule, role_of(update, name), tight.scatter, tight.reference)
-    against = contradicted(campaign, name, judgement)
-    soft = softer(judgement, {bolt.name for bolt in evidence.bolts if bolt.joint})
+) -> tuple[Judgement, list[str]]:
+    """Judgement of a job of a campaign, with doubts of what the campaign states and of the reduced model, and warnings of the former.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    rule : DecisionRule
+    evidence : Evidence
+    tight : ComparedWith
+    certificate : Certificate or None
+        Of the reduced model, if there is one.
+    """
+    judgement = judge(evidence, rule, role_of(campaign.update, evidence.job), tight.scatter, tight.reference)
+    against = contradicted(campaign, evidence.job, judgement)
+    soft = softer(judgement, {bolt.name for bolt in evidence.bolts if bolt.joint}, rule)
     doubts = [
         *(["bolts are stated to be missing, but judged tight"] if against else []),
         *(["all joints are softer than in the reference job"] if soft else []),
         *([inaccurate] if (inaccurate := missed(certificate)) else []),
     ]
-    valid = judgement.validity.doubted("; ".join(doubts), last=True)
+    return replace(judgement, validity=judgement.validity.doubted("; ".join(doubts), last=True)), [*against, *soft]
+
+
+def judged(
+    campaign: Campaign, rule: DecisionRule, evidence: Evidence, tight: ComparedWith, certificate: Certificate | None
+) -> dict[str, Any]:
+    """The fields of ``JobRecord`` that judging gives, see ``final_judgement``."""
+    name, update = evidence.job, campaign.update
+    judgement, against = final_judgement(campaign, rule, evidence, tight, certificate)
+    valid = judgement.validity
     warnings = [] if valid.explained else [f"the model does not explain the measurement: {valid.reason}; {evidence.setting}"]
-    warnings += [*evidence.warnings, *suspects(judgement), *against, *soft]
+    warnings += [*evidence.warnings, *suspects(judgement), *against]
     warnings += [text for text in [lenient_text(update)] if text]
     unvalidated = [valid.reason] if valid.passed is None else []
     several = [f"{', '.join(loose) or 'none'} ({share:.2f})" for loose, share in judgement.alternatives if share >= 0.005]
@@ -161,26 +179,23 @@ def suspects(judgement: Judgement) -> list[str]:
     ]
 
 
-def softer(judgement: Judgement, joints: Collection[str], *, least: int = 6, share: float = 0.5) -> list[str]:
+def softer(judgement: Judgement, joints: Collection[str], rule: DecisionRule) -> list[str]:
     """Warning if all joints that are not judged loose are softer than in the reference job, by much more than they scatter; else empty.
 
-    Such a state is neither of the two kinds of bolts between which a verdict decides. In 247 jobs of virtual rigs and of four structures
-    it is told of one, in which all joints were hand-tight. Along an edge the neighbours of a gap take part of its change.
+    Such a state is neither of the two kinds of bolts between which a verdict decides. Along an edge the neighbours of a gap take part of
+    its change.
 
     Parameters
     ----------
     judgement : Judgement
     joints : collection of str
         Bolts that own their springs.
-    least : int
-        Least number of such joints, each of which could have either sign by chance.
-    share : float
-        Of the threshold of a loose bolt, which their median change must exceed.
+    rule : DecisionRule
     """
     rest = [bolt for bolt in judgement.bolts if bolt.name in joints and bolt.verdict in (TIGHT, UNDECIDED)]
     rest = [bolt for bolt in rest if bolt.threshold is not None and bolt.change is not None and isfinite(bolt.change)]
     changes, limits = [bolt.change or 0.0 for bolt in rest], [bolt.threshold or 0.0 for bolt in rest]
-    if len(rest) < least or max(changes) >= 0.0 or median(changes) > share * median(limits):
+    if len(rest) < rule.softer_joints or max(changes) >= 0.0 or median(changes) > rule.softer_share * median(limits):
         return []
     return [
         f"all {len(rest)} joints that are not judged loose are softer than in the reference job, half of them by {-median(changes):.2f} "

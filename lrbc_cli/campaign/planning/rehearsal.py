@@ -29,7 +29,7 @@ from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.reduction.threads import cores, sharing
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job
-from lrbc_cli.updating.judging.decide import BASELINE, JOB, judge, scatter_of
+from lrbc_cli.updating.judging.decide import BASELINE, JOB, Threshold, judge, scatter_of
 from lrbc_cli.updating.judging.evidence import Evidence
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, TIGHT, TightScatter
@@ -377,9 +377,11 @@ def mixes(inputs: Inputs) -> bool:
 
 def threshold(inputs: Inputs, joints: bool) -> float:
     """Change below which `lrbc update` calls a bolt loose, before the scatter of baselines and loose neighbours lower it [decades]."""
-    rule = inputs.method.rule
-    change = rule.mixture_change if mixes(inputs) else rule.loose_change
-    return rule.limit(change, rule.scatter(TightScatter(0.0, len(inputs.campaign.update.baselines)), joints), joints)
+    return _threshold(inputs, TightScatter(0.0, len(inputs.campaign.update.baselines)), joints).limit
+
+
+def _threshold(inputs: Inputs, measured: TightScatter, joints: bool) -> Threshold:
+    return Threshold.of(inputs.method.rule, measured, joint=joints, mixture=mixes(inputs))
 
 
 def by_rule(inputs: Inputs, change: Floats, std: Floats, *, joints: bool) -> Floats:
@@ -390,10 +392,10 @@ def by_rule(inputs: Inputs, change: Floats, std: Floats, *, joints: bool) -> Flo
     reaches ``confidence``.
     """
     rule, errors = inputs.method.rule, inputs.statistics.errors
-    scatter = rule.scatter(_scatter(inputs) or NO_SCATTER, joints)
+    threshold = _threshold(inputs, _scatter(inputs) or NO_SCATTER, joints)
     own = np.hypot(std, errors.shift_error * np.abs(change) * joints)
-    told = np.hypot(own, scatter * (rule.joint_spread if joints else 1.0))
-    return np.asarray(ndtr((threshold(inputs, joints) - ndtri(rule.confidence) * told - change) / np.maximum(own, 1e-12)))
+    told = np.hypot(own, threshold.spread)
+    return np.asarray(ndtr((threshold.limit - ndtri(rule.confidence) * told - change) / np.maximum(own, 1e-12)))
 
 
 def _scatter(inputs: Inputs) -> TightScatter | None:

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from lrbc_cli.updating.judging.rule import probably
+
 #: States of a job that may have verdicts.
 FINISHED = ("converged", "stopped")
 
@@ -226,8 +228,8 @@ def _inconclusive(bolts: Sequence[BoltFinding]) -> str:
 
 
 def _likely(bolts: Sequence[BoltFinding]) -> list[str]:
-    """Names of the bolts with a probability of being loose above 0.5."""
-    return [bolt.name for bolt in bolts if (bolt.probability or 0.0) > 0.5]
+    """Names of the bolts that are probably loose."""
+    return [bolt.name for bolt in bolts if probably(bolt.probability)]
 
 
 def ranges(names: Sequence[str], to: str = " to ") -> list[tuple[str, int]]:

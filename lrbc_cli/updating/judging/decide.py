@@ -19,7 +19,7 @@ from lrbc_cli.updating.judging.groups import (
     of_its_groups,
 )
 from lrbc_cli.updating.judging.reference import ReferenceState
-from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, OUTSIDE, TIGHT, UNDECIDED, DecisionRule, TightScatter
+from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, OUTSIDE, TIGHT, UNDECIDED, DecisionRule, TightScatter, probably
 from lrbc_cli.updating.normal import normal_cdf
 
 #: Message on a bolt that was probably not tight in the tight state.
@@ -297,7 +297,7 @@ def _verdict(
     found = _by_role(bolt, evidence, rule, role, scatter, level)
     if role == BASELINE:
         # Probably loose is enough: what is taken as tight there sets the threshold of all jobs.
-        suspect = found.verdict == LOOSE or (found.probability_loose or 0.0) > 0.5
+        suspect = found.verdict == LOOSE or probably(found.probability_loose)
         tight, surely = "a baseline, taken as tight", "" if found.verdict == LOOSE else "probably "
         note = f"{tight}, but compared with the reference job it comes out {surely}loose" if suspect else found.note or tight
         found = replace(found, verdict=TIGHT, probability_loose=None, note=note, suspect=suspect and explained)
@@ -329,10 +329,20 @@ class Threshold:
     limit: float
 
     @classmethod
-    def of(cls, posterior: Change, rule: DecisionRule, measured: TightScatter, *, joint: bool) -> Threshold:
-        """From the rule and the scatter measured in baselines."""
-        # A tight bolt beside a gap shows part of the neighbour's change, so the threshold is below that.
-        own = rule.loose_change if posterior.sampled is None else min(rule.mixture_change, posterior.leakage)
+    def of(cls, rule: DecisionRule, measured: TightScatter, *, joint: bool, mixture: bool, leakage: float = 0.0) -> Threshold:
+        """From the rule, the scatter measured in baselines, and the kind of posterior.
+
+        Parameters
+        ----------
+        rule : DecisionRule
+        measured : TightScatter
+        joint : bool
+        mixture : bool
+            Whether the change was sampled as tight or loose; otherwise its posterior is Gaussian.
+        leakage : float
+            Change that a tight bolt beside a gap shows of the neighbour's [decades]: the threshold is below that.
+        """
+        own = min(rule.mixture_change, leakage) if mixture else rule.loose_change
         scatter = rule.scatter(measured, joint)
         spread = scatter * rule.joint_spread if joint else scatter
         return cls(own=own, scatter=scatter, spread=spread, limit=rule.limit(own, scatter, joint))
@@ -344,7 +354,9 @@ def _by_role(bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: s
     if role == REFERENCE:
         return replace(found, verdict=TIGHT, note="reference state, taken as tight", change=0.0)
     if bolt.change is not None:
-        return _by_change(found, bolt, bolt.change, Threshold.of(bolt.change, rule, scatter, joint=bolt.joint), rule)
+        sampled = bolt.change.sampled is not None
+        threshold = Threshold.of(rule, scatter, joint=bolt.joint, mixture=sampled, leakage=bolt.change.leakage)
+        return _by_change(found, bolt, bolt.change, threshold, rule)
     if evidence.missing_reference is not None:
         # A change is wanted, which a contrast between bolts does not replace.
         return replace(found, note=f"no result of {evidence.missing_reference} to compare with", change=bolt.difference)

@@ -105,9 +105,8 @@ def _ranges(campaign: Campaign) -> Iterator[str]:
     change, slips = rule_of(campaign.update).mixture_change, start_slips(campaign)
     yield from slips.values()
     for name, group in campaign.parameters.items():
-        file, start = group.select.bushings, group.initial
-        level = 0.0 if file is not None and start == "auto" else start
-        if group.kind != "stiffness" or campaign.update.reference is None or isinstance(level, str) or isinstance(group.bounds, str):
+        level = group.start
+        if group.kind != "stiffness" or campaign.update.reference is None or level is None or isinstance(group.bounds, str):
             continue
         low = float(np.min(group.bounds))
         if low > level + change and name not in slips:
