@@ -237,7 +237,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
             lines[name] = [f"{name}: unusable, see its error"]
             continue
         first = held.setdefault(tuple(measurement.hashes.values()), name)
-        place, own = f"job {name}", list[str]()
+        own = list[str]()
         if first != name:
             out.warn(*taken_twice(inputs.campaign, first, name))
         elif copied := earlier.copied(measurement, names):
@@ -258,7 +258,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
             sparse.append(f"{name} ({empty} of {count})")
         if straight := interpolated(measurement.values, inputs.statistics.resolution):
             own.append(straight)
-        out.found += [Finding(place=place, text=text) for text in own]
+        out.found += [Finding(job=name, text=text) for text in own]
     if sparse and isinstance(chosen_lines, EveryLine):
         out.warn(
             f"update.lines: {{every: {chosen_lines.every}}} selects no line at most of the resonances, where "
@@ -287,16 +287,16 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     """Add findings from comparing measurements with each other and with the model; returns why they were not compared, if so."""
     usable = {name: found for name, found in readable.items() if not normalised(found.values)}
     look = _looks(inputs, folder, usable, progress)
-    out.compared, tight = look.compared, f"job {inputs.campaign.update.reference}"
-    of_tight = kinds_of(each for each in look.found if each.place == tight)
+    out.compared, reference = look.compared, inputs.campaign.update.reference or ""
+    of_tight = kinds_of(each for each in look.found if reference and each.job == reference)
     # Peaks of an inverse FRF are the zeros of the FRF, and phases read as imaginary parts jump.
-    misread = {each.place for each in look.found if each.kind is Kind.READ}
-    noisy = [] if tight in misread else [each for each in unclear(inputs, readable) if each.place not in misread]
+    misread = {each.job for each in look.found if each.kind is Kind.READ}
+    noisy = [] if reference in misread else [each for each in unclear(inputs, readable) if each.job not in misread]
     out.found += [*noisy, *without_phases(inputs, readable)]
     compared = {name: found for name, found in usable.items() if name not in look.doubted}
     # Beside a reference job that is not tight, the others differ by its loose bolts.
-    other_quantity = {each.place.removeprefix("job ") for each in look.found if each.kind is Kind.UNITS and each.detail}
-    turned = {each.place.removeprefix("job ") for each in look.found if each.kind is Kind.REVERSED}
+    other_quantity = {each.job for each in look.found if each.kind is Kind.UNITS and each.detail}
+    turned = {each.job for each in look.found if each.kind is Kind.REVERSED}
     out.found += [] if Kind.NOT_TIGHT in of_tight else other_chains(inputs, compared, other_quantity, turned)
     out.found += other_runs(inputs, usable)
     out.warn(*foreign_titles(inputs, readable))
@@ -304,7 +304,7 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     titled = list(pairs.values())
     # Beside another state in place of the reference job, jobs that are tight seem not to be.
     told = [each for each in look.found if not (titled and each.kind is Kind.REMOVED)]
-    if any(inputs.campaign.update.reference in pair for pair in pairs):
+    if any(reference in pair for pair in pairs):
         told = [each for each in told if not each.has(Effect.NOT_TIGHT)]
     if not titled and Kind.REMOVED not in kinds_of(told) and (text := exchanged_files(inputs, compared)):
         titled = [text]
@@ -312,10 +312,9 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     if Kind.RESCALED in kinds_of(look.found):
         out.found = [each for each in out.found if each.kind is not Kind.GUESSED]
     out.found += told
-    reference = inputs.campaign.update.reference or ""
     if reference in compared and not of_tight & {Kind.DAMPING, Kind.READ} and (damped := uncalibrated_text(inputs, compared[reference])):
         # Beside it, other jobs seem to be unlike any state of the bolts.
-        out.found = [*(each for each in out.found if each.kind is not Kind.FOREIGN), Finding(place=tight, text=damped)]
+        out.found = [*(each for each in out.found if each.kind is not Kind.FOREIGN), Finding(job=reference, text=damped)]
     return look.note
 
 

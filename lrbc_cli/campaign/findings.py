@@ -97,9 +97,11 @@ class Finding:
     Attributes
     ----------
     text : str
-        What was found, expected, and how to mend it, without the place.
+        What was found and expected, and the fix, without the place.
+    job : str
+        Job in which it was found; empty if it is in none alone, or if the text says it.
     place : str
-        ``job NAME`` or the name of a file; empty if the text says it.
+        Where else it was found: the name of a file, several jobs; empty if a job or the text says it.
     kind : Kind or None
         None: the text is the cause.
     responses : tuple of int
@@ -111,6 +113,7 @@ class Finding:
     """
 
     text: str
+    job: str = ""
     place: str = ""
     kind: Kind | None = None
     responses: tuple[int, ...] = ()
@@ -127,7 +130,8 @@ class Finding:
         return self.kind is not None and bool(self.kind.effect & effect)
 
     def __str__(self) -> str:
-        return f"{self.place}: {self.text}" if self.place else self.text
+        where = f"job {self.job}" if self.job else self.place
+        return f"{where}: {self.text}" if where else self.text
 
 
 def said(kind: Kind, text: str | None) -> list[Finding]:
@@ -147,6 +151,6 @@ def once(findings: Iterable[Finding]) -> list[str]:
         several.setdefault(finding.cause, []).append(finding)
     told = []
     for first, *others in several.values():
-        places = dict.fromkeys(other.place.removeprefix("job ") for other in others if other.place != first.place)
+        places = dict.fromkeys(other.job or other.place for other in others if (other.job, other.place) != (first.job, first.place))
         told.append(f"{first}; also found in {', '.join(places)}" if any(places) else str(first))
     return told

@@ -238,8 +238,8 @@ def test_phases_alone_say_nothing_beside_another_unit() -> None:
 
 def test_one_cause_at_several_places_is_one_line() -> None:
     """Its numbers differ from job to job; other causes, and equal texts of files, stay what they are."""
-    windows = [Finding(kind=Kind.CHAIN, detail="window", place=f"job {k}", text=f"decays by {k}/s") for k in "123"]
-    clock = Finding(kind=Kind.CHAIN, detail="clock", place="job 1", text="2 % higher")
+    windows = [Finding(kind=Kind.CHAIN, detail="window", job=k, text=f"decays by {k}/s") for k in "123"]
+    clock = Finding(kind=Kind.CHAIN, detail="clock", job="1", text="2 % higher")
     files = [Finding(place=name, text="ends early") for name in ("a.uff", "b.uff", "a.uff")]
     assert once([*windows, clock, *files, Finding(text="no place")]) == [
         "job 1: decays by 1/s; also found in 2, 3",

@@ -257,10 +257,10 @@ def test_with_springs_at_wrong_nodes_exchanged_sensors_of_other_jobs_are_not_tol
     source: Any = SimpleNamespace(inputs=SimpleNamespace(campaign=campaign, springs_doubt=doubt, responses=responses), away={})
     exchanged = [Finding(text="exchanged", kind=Kind.EXCHANGED, cycles=((0, 1),))]
     found = {"tight": OfJob([Finding(text="alone", kind=Kind.ALONE, responses=(3,))]), "loose": OfJob(exchanged)}
-    assert [each.place for each in together(source, {}, found)] == ["job tight", *([] if doubt else ["job loose"])]
+    assert [each.job for each in together(source, {}, found)] == ["tight", *([] if doubt else ["loose"])]
     # Nor beside a model that has little in common with the reference job.
     found["tight"] = OfJob([Finding(text="little in common", kind=Kind.UNLIKE)])
-    assert [each.place for each in together(source, {}, found)] == ["job tight"]
+    assert [each.job for each in together(source, {}, found)] == ["tight"]
 
 
 def test_a_baseline_that_differs_from_a_reference_job_with_a_loose_bolt_is_not_told() -> None:
@@ -273,7 +273,7 @@ def test_a_baseline_that_differs_from_a_reference_job_with_a_loose_bolt_is_not_t
     def told(change: float) -> list[str]:
         found = {"tight": OfJob(), "tight-2": OfJob([freed])}
         source: Any = SimpleNamespace(inputs=inputs, changes={f"job-{k}": np.array([change]) for k in range(5)}, away={})
-        return [each.place for each in together(source, {}, found)]
+        return [each.job for each in together(source, {}, found)]
 
-    assert told(0.9) == ["job tight"]
-    assert told(0.1) == ["job tight-2"]
+    assert told(0.9) == ["tight"]
+    assert told(0.1) == ["tight-2"]

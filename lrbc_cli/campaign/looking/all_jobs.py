@@ -77,9 +77,9 @@ def together(source: Looking, measurements: Mapping[str, Measurement], found: di
     told = pooled(of_all_jobs(inputs, found, reference), reference)
     if inputs.springs_doubt or (reference in found and Kind.UNLIKE in kinds_of(found[reference].told)):
         # With springs at wrong nodes a loosened bolt looks like exchanged sensors; far from any measurement some FRFs agree by chance.
-        told = [each for each in told if each.kind is not Kind.EXCHANGED or each.place == f"job {reference}"]
-    doubted = {each.place for each in told}
-    return told + [each for each in (removed_findings(source, measurements) if explained else []) if each.place not in doubted]
+        told = [each for each in told if each.kind is not Kind.EXCHANGED or each.job == reference]
+    doubted = {each.job for each in told}
+    return told + [each for each in (removed_findings(source, measurements) if explained else []) if each.job not in doubted]
 
 
 def tight_state(reference: Measurement | None, told: Sequence[Finding]) -> Measurement | None:
@@ -349,5 +349,5 @@ def pooled(found: Mapping[str, Sequence[Finding]], reference: str | None) -> lis
                 of = next((other for other in quantities if set(each.responses) <= set(other.responses)), each)
             # With wrong units in the reference job (velocity for acceleration), phases off by 90 degrees are the same fault.
             if not (units_there and each.kind in {Kind.SIDEWAYS, Kind.PARTS}):
-                shared.append(replace(of, place=f"job {name}"))
+                shared.append(replace(of, job=name))
     return shared

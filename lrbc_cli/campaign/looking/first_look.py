@@ -125,7 +125,7 @@ def first_look(
             return FirstLook(note="measured and computed FRFs are compared once reduction.band is a band that was measured", compared=False)
         if reference in whole and (text := misdamped_text(inputs, measurements[reference])):
             note = "measured and computed FRFs are compared once the damping is corrected"
-            return FirstLook([Finding(place=f"job {reference}", text=text, kind=Kind.DAMPING)], note=note)
+            return FirstLook([Finding(job=reference, text=text, kind=Kind.DAMPING)], note=note)
         source = _source(inputs, folder, progress)
         if source is None:
             unbuilt = "measured and computed FRFs (units, signs, exchanged sensors) are compared once `lrbc reduce` has been run"
@@ -163,7 +163,7 @@ def first_look(
 
 def _doubted(told: Sequence[Finding], names: Iterable[str], reference: str) -> frozenset[str]:
     """Jobs with other doubts of numbers, records or places than the reference job has."""
-    causes = {name: {each.cause for each in told if each.has(Effect.DOUBTS_JOB) and each.place == f"job {name}"} for name in names}
+    causes = {name: {each.cause for each in told if each.has(Effect.DOUBTS_JOB) and each.job == name} for name in names}
     return frozenset(name for name, own in causes.items() if own != causes.get(reference, set()))
 
 

@@ -25,7 +25,7 @@ def of_file(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[Fin
     """Findings of few resonances in the band (reference job only), few digits, normalised FRFs, and single blows."""
     few = few_resonances(measurement.frequency_hz, measurement.values[:, inputs.used], inputs.statistics.resonances)
     if few is not None and name == inputs.campaign.update.reference and covers(measurement.frequency_hz, inputs.campaign.reduction.band):
-        yield Finding(place=f"job {name}", text=_few_text(inputs, measurement, few))
+        yield Finding(job=name, text=_few_text(inputs, measurement, few))
     file = inputs.campaign.jobs[name].first.name
     if rounded := few_digits(measurement.values):
         which = ", ".join(f"{inputs.responses[i].name} ({error:.1f} dB)" for i, error in rounded.items())
@@ -44,7 +44,7 @@ def of_file(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[Fin
     yield from _single(inputs, name, measurement)
     averages = inputs.campaign.jobs[name].averages
     if differing := differing_blows(measurement.values, measurement.coherence, averages, inputs.statistics.blows, inputs.statistics.errors):
-        yield Finding(place=f"job {name}", text=differing)
+        yield Finding(job=name, text=differing)
 
 
 def _single(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[Finding]:
@@ -154,17 +154,16 @@ def other_chains(
     for name, own in readable.items():
         if tight is None or name == reference:
             continue
-        place = f"job {name}"
         doubtful = not {name, reference}.isdisjoint(other_quantity)
         fault = chain_doubt(inputs, own, tight, reference, job=name)
         turned = name in reversed_sign and fault is not None and fault.kind == "filter"
         if fault is not None and not turned and not (doubtful and fault.kind in ("lines", "clock")):
             text = f"{fault.text} (lrbc update says it again unless loose bolts explain it)"
-            found.append(Finding(place=place, text=text, kind=Kind.CHAIN, detail=fault.kind))
+            found.append(Finding(job=name, text=text, kind=Kind.CHAIN, detail=fault.kind))
         if noise := noise_doubt(own, tight, reference):
-            found.append(Finding(place=place, text=noise, kind=Kind.NOISE))
+            found.append(Finding(job=name, text=noise, kind=Kind.NOISE))
         if incoherent := coherence_doubt(inputs, own, tight, reference):
-            found.append(Finding(place=place, text=incoherent))
+            found.append(Finding(job=name, text=incoherent))
     return found
 
 

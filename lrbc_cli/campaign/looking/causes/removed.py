@@ -76,7 +76,7 @@ def _other_bolts(
         f"{', '.join(loose)} loose instead. Check the names of the bolts in {file} and in the tables of springs, whether they are numbered "
         f"from the other end, and jobs.{name}.removed"
     )
-    return Finding(text=text, kind=Kind.REMOVED, place=f"job {name}")
+    return Finding(text=text, kind=Kind.REMOVED, job=name)
 
 
 def _distances(seen: Seen, sets: list[frozenset[str]]) -> Floats:
