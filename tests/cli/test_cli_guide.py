@@ -21,7 +21,8 @@ from lrbc_cli.updating.statistics.chain.modal import ModalRule
 from lrbc_cli.updating.statistics.error_model import ErrorModel
 from lrbc_cli.updating.statistics.lines import Resolution, Resonances
 from lrbc_cli.updating.statistics.model import ValidationChannels
-from lrbc_cli.updating.statistics.priors import BoltPrior, ValuePrior
+from lrbc_cli.updating.statistics.priors import BoltPrior, CalibrationPrior, ValuePrior
+from lrbc_cli.updating.statistics.saturation import Limits
 
 
 def shown(*args: str) -> str:
@@ -97,7 +98,10 @@ def test_a_wrong_topic_lists_the_pages() -> None:
 
 
 #: Classes whose fields the page on the statistical model lists.
-LISTED = (ErrorModel, BoltPrior, ValuePrior, DecisionRule, ValidationChannels, Resolution, ModalRule, BlowRule, Resonances)
+LISTED = (
+    *(ErrorModel, BoltPrior, ValuePrior, DecisionRule, ValidationChannels),
+    *(Resolution, ModalRule, BlowRule, Resonances, CalibrationPrior, Limits),
+)
 
 
 def test_the_statistics_page_has_every_number_with_its_default() -> None:
