@@ -5,24 +5,20 @@ Only ``calibrate`` and ``update`` write result files.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from lrbc_cli import given
-from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.calibration import with_stored_calibration
-from lrbc_cli.campaign.documents import cache_folder
 from lrbc_cli.campaign.identification.found import Fit
 from lrbc_cli.campaign.identification.handed import measurement_of, with_choices
 from lrbc_cli.campaign.identification.identify import fit, identify
 from lrbc_cli.campaign.identification.nuisances import not_in_model
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
-from lrbc_cli.campaign.identification.unknowns import found_on_frfs, parameterise, start_parameters, with_values
 from lrbc_cli.campaign.jobs.evidence import copied_baseline, evidence_of
 from lrbc_cli.campaign.jobs.finished import result_record
 from lrbc_cli.campaign.jobs.judging import ComparedWith, final_judgement
@@ -30,23 +26,21 @@ from lrbc_cli.campaign.jobs.plans import needs
 from lrbc_cli.campaign.jobs.standing import Outcome
 from lrbc_cli.campaign.planning.plan import Request, make_plan
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
-from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
+from lrbc_cli.campaign.simulate import parse_lines
 from lrbc_cli.config import load_campaign
 from lrbc_cli.identified import Identified, TightStates, frf_figure, profile_figure, task
 from lrbc_cli.method.resolve import Method
 from lrbc_cli.method.rule import changed_rule
-from lrbc_cli.model.fem import FeModel
-from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.reduction.outcome import Reduction
-from lrbc_cli.reduction.steps.grid import require_in_band
+from lrbc_cli.modelled import ModelStudy, Progress
 from lrbc_cli.results.model import CalibrationRecord
 from lrbc_cli.results.plan import PlanRecord
+from lrbc_cli.results.rehearsal import RehearsalRecord
 from lrbc_cli.updating.judging.decide import Judgement
+from lrbc_cli.virtual.campaign import rehearse, required
+from lrbc_cli.virtual.structure import Settings
 
-Progress = Callable[[str], None]
 
-
-class Study:
+class Study(ModelStudy):
     """A campaign with its (calibrated) full-order model, its reduced model and its jobs; created by ``load``.
 
     Parameters
@@ -64,128 +58,13 @@ class Study:
     def __init__(
         self, inputs: Inputs, cache: Path | None = None, progress: Progress = lambda _: None, exported: Inputs | None = None
     ) -> None:
-        self.inputs, self._exported = inputs, inputs if exported is None else exported
-        self._folder, self._progress = cache_folder(cache), progress
-        self._stage: ReductionStage | None = None
-        self._source: FrfSource | None = None
-        self._start: Parameterisation | None = None
+        super().__init__(inputs, cache, progress)
+        self._exported = inputs if exported is None else exported
         self._tight = TightStates(self.identify)
         self._writes = True
 
     def __repr__(self) -> str:
         return f"Study({self.inputs.campaign.name!r}, {self.model.size} DOFs, {self.model.terms.size} terms, jobs {self.jobs})"
-
-    @property
-    def model(self) -> FeModel:
-        """The full-order model, calibrated where a stored calibration fits."""
-        return self.inputs.model
-
-    @property
-    def responses(self) -> list[str]:
-        """Names of the responses, in the order of the columns of all FRFs."""
-        return [response.name for response in self.inputs.responses]
-
-    @property
-    def jobs(self) -> list[str]:
-        """Names of the jobs."""
-        return list(self.inputs.campaign.jobs)
-
-    def reduce(
-        self, *, force: bool = False, accept: bool = False, missed: Callable[[ReductionStage], object] = lambda _: None
-    ) -> Reduction:
-        """The reduced model with its certificate: read from the cache, or built and stored there.
-
-        Parameters
-        ----------
-        force : bool
-            Build it even if the cache has it.
-        accept : bool
-            Accept a model that does not reach its tolerance.
-        missed : callable
-            Called with a model that misses the tolerance and is not accepted, before the error is raised.
-
-        Raises
-        ------
-        NumericalError
-            If the tolerance is not reached and this is not accepted, or if memory does not suffice.
-        """
-        if self._stage is None or force:
-            self._stage = obtain_reduction(self.inputs, self._folder, force=force, accept=accept, progress=self._progress, missed=missed)
-            self._source = self._start = None
-        return self._stage.reduction
-
-    @property
-    def stage(self) -> ReductionStage:
-        """The reduced model, and whether it came from the cache; reduces if necessary."""
-        self.reduce()
-        assert self._stage is not None
-        return self._stage
-
-    @property
-    def source(self) -> FrfSource:
-        """Computes FRFs on any lines of the band, with the reduced model or, with ``evaluation: full``, with the full model."""
-        if self._source is None:
-            self._source = frf_source(self.inputs, None if self.inputs.method.full_order else self.stage, self._progress)
-        return self._source
-
-    def parameters(self, hz: ArrayLike | None = None) -> Parameterisation:
-        """The unknowns (log10 values and damping exponents) with start values and bounds.
-
-        Parameters
-        ----------
-        hz : (F,) array or None
-            Lines [Hz] on which start values and bounds given as ``auto`` are determined; an identification uses the measured lines. None:
-            the 1 Hz lines of the band, as for ``frf`` and `lrbc simulate`.
-        """
-        if hz is not None:
-            return parameterise(self.inputs, self.source, self._lines(hz))[0]
-        if self._start is None:
-            source = self.source
-            if source.stage is None and found_on_frfs(self.inputs):
-                source = frf_source(self.inputs, self.stage, self._progress)
-            self._start = start_parameters(self.inputs, source)
-        return self._start
-
-    def frf(self, hz: ArrayLike, theta: ArrayLike | None = None, /, **log10: ArrayLike) -> Complexes:
-        """(F, R) FRFs at given values of the unknowns, in the unit of each response, from ``source``.
-
-        Parameters
-        ----------
-        hz : (F,) array
-            Lines inside the band [Hz].
-        theta : (size,) array or None
-            All unknowns, in the order of ``parameters()``; None: their start values.
-        **log10
-            Values that replace those of a parameter group in theta, one for all or one for each parameter; ``inf`` clamps, ``-inf`` frees.
-            A damping exponent is given as ``**{"GROUP.damping": value}``.
-
-        Examples
-        --------
-        >>> study = load("configs/frame.yaml")
-        >>> study.frf([100.0, 101.0], left_edge=6.5).shape
-        (2, 4)
-        """
-        s, parameters = self._lines(hz), self.parameters()
-        return self.source.model(s, parameters).frf(with_values(parameters, theta, log10, self.inputs.campaign.path))
-
-    def sensitivities(self, hz: ArrayLike, theta: ArrayLike | None = None, /, **log10: ArrayLike) -> tuple[Complexes, Floats]:
-        """FRFs, and the derivatives of their levels [dB] with respect to all unknowns.
-
-        Parameters
-        ----------
-        hz, theta, **log10
-            As for ``frf``; values must be finite.
-
-        Returns
-        -------
-        y : (F, R) complex array
-        J : (F, R, size) float array
-            Jacobian in dB per decade, eqs. (35), (36); columns in the order of ``parameters()``.
-        """
-        s, parameters = self._lines(hz), self.parameters()
-        at = given.numbers("theta", with_values(parameters, theta, log10, self.inputs.campaign.path), (parameters.size,))
-        y, J = self.source.model(s, parameters).sensitivities(at)
-        return y, np.asarray(J.real)
 
     def measurement(self, hz: ArrayLike, values: ArrayLike, coherence: ArrayLike | None = None) -> Measurement:
         """A measurement made of arrays instead of a job's file: FRFs in SI units, with the signs of the model.
@@ -231,6 +110,15 @@ class Study:
         ------
         ConfigError, DataError, NumericalError
             If the job is unknown, its measurement is unusable, or the optimisation fails.
+
+        Examples
+        --------
+        >>> study = load("configs/frame.yaml")
+        >>> found = study.identify("loose-2")
+        >>> found.verdicts["B3"], found.verdicts["B1"]
+        ('loose', 'tight')
+        >>> [bolt.name for bolt in study.judge(found, confidence=0.99).bolts if bolt.verdict == "loose"]
+        ['B3', 'B4']
         """
         inputs, before, known = task(self.inputs, job, measurement, reference, self._tight.of)
         names = needs(inputs.campaign, job)[1]
@@ -378,6 +266,49 @@ class Study:
         request = Request(state=state, noise_db=noise_db, by=by, draws=draws, seed=seed)
         return make_plan(self.inputs, self._folder, request, accept=accept, progress=self._progress)
 
+    def rehearse(
+        self,
+        out: str | Path,
+        jobs: Mapping[str, Sequence[str]],
+        *,
+        settings: Settings | None = None,
+        seed: int = 1,
+        hz: ArrayLike | None = None,
+        force: bool = False,
+    ) -> RehearsalRecord:
+        """Write a campaign of simulated measurements of this model, slightly changed, as `lrbc rehearse` does.
+
+        Parameters
+        ----------
+        out : path
+            Folder for ``campaign.yaml`` (which ``load`` reads), ``frf/JOB.uff`` and ``rehearsal.json``.
+        jobs : mapping
+            Loosened bolts by job; the first job is the reference job and has none.
+        settings : Settings or None
+            Noise, depth of a loss, errors of the model and drift (``lrbc_cli.virtual.structure``); None: the defaults, with the drift of
+            the campaign.
+        seed : int
+            Seed of all random draws.
+        hz : (F,) array or None
+            Ascending lines inside the band [Hz]; None: its 1 Hz lines.
+        force : bool
+            Replace the files of an earlier rehearsal.
+
+        Returns
+        -------
+        RehearsalRecord
+            What was drawn.
+
+        Raises
+        ------
+        ConfigError
+            If a bolt does not exist or cannot be loosened, the reference job has loose bolts, or files exist or cannot be written.
+        """
+        lines = parse_lines(None, self.inputs.campaign.reduction.band) if hz is None else given.lines(hz)
+        # The stored calibration belongs to other measurements.
+        drawn: dict[str, Any] = {"settings": settings, "seed": seed, "lines": lines, "replace": force, "progress": self._progress}
+        return rehearse(self._exported, self._folder, Path(out), required(self._exported, jobs), **drawn)
+
     def read(self, job: str) -> Measurement:
         """Read the measurement of a job: FRFs in SI units on the lines inside the band."""
         self.inputs.campaign.require_job(job)
@@ -398,11 +329,6 @@ class Study:
             raise given.refuse(
                 "output of with_method", "a folder for the results of this experiment", "none: they would replace the campaign's"
             )
-
-    def _lines(self, hz: ArrayLike) -> Complexes:
-        lines = given.lines(hz)
-        require_in_band(lines, self.inputs.campaign.reduction.band, hint="change reduction.band")
-        return np.asarray(2j * np.pi * lines)
 
 
 def load(

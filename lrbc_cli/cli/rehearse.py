@@ -13,8 +13,8 @@ from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import campaign_options, lines_option
 from lrbc_cli.cli.terminal import say, typed
 from lrbc_cli.config.skeleton import FILE
+from lrbc_cli.study import Study
 from lrbc_cli.virtual.campaign import RECORD, declared_scatter, job_list
-from lrbc_cli.virtual.campaign import rehearse as write
 from lrbc_cli.virtual.structure import Settings
 
 STD = click.FloatRange(min=0.0, max=1e3)
@@ -92,17 +92,9 @@ def rehearse(
     jobs = job_list(inputs, loose, tight, seed)
     given: dict[str, Any] = {"kelvin": temperature, "hammer": hammer, "gain": gain}
     scatter = replace(declared_scatter(inputs), **{name: std for name, std in given.items() if std is not None})
-    record = write(
-        inputs,
-        cache_folder(cache),
-        out,
-        jobs,
-        settings=Settings(**settings, scatter=scatter),
-        seed=seed,
-        lines=parse_lines(lines, inputs.campaign.reduction.band),
-        replace=force,
-        progress=progress(),
-    )
+    hz = parse_lines(lines, inputs.campaign.reduction.band)
+    study = Study(inputs, cache_folder(cache), progress())
+    record = study.rehearse(out, jobs, settings=Settings(**settings, scatter=scatter), seed=seed, hz=hz, force=force)
     if as_json:
         say_json({"file": out / FILE, "record": out / RECORD} | record.tree())
     else:

@@ -31,8 +31,9 @@ def api_page() -> str:
 
 
 def _members(owner: type) -> Iterator[tuple[str, Any]]:
-    """Public methods and properties that the class itself documents, in their order."""
-    for name, part in vars(owner).items():
+    """Public methods and properties that the class, or a base of this package, documents, in their order."""
+    ours = [each for each in reversed(owner.__mro__) if each.__module__.startswith("lrbc_cli.")]
+    for name, part in {name: part for each in ours for name, part in vars(each).items()}.items():
         if not name.startswith("_") and (inspect.isfunction(part) or isinstance(part, property)) and part.__doc__:
             yield name, part
 

@@ -77,6 +77,27 @@ def job_list(inputs: Inputs, loose: Sequence[str], tight: int | None = None, see
     return jobs
 
 
+def required(inputs: Inputs, jobs: Jobs) -> Jobs:
+    """The jobs, if they can be written and their bolts loosened.
+
+    Raises
+    ------
+    ConfigError
+        If there is no job, a name is not usable, the first job has loose bolts, or a bolt does not exist.
+    """
+    known, names = inputs.bolts.name if inputs.bolts else (), list(jobs)
+    if wrong := [name for name in names if not is_name(name) or len(name) > NAME_LENGTH]:
+        raise ConfigError(
+            "not the name of a job", place="jobs", expected=f"letters, digits, - and _, at most {NAME_LENGTH}", found=wrong[0]
+        )
+    if not names or jobs[names[0]]:
+        raise ConfigError("no reference job", place="jobs", expected="first a job without loose bolts", found=names[0] if names else "none")
+    if unknown := [bolt for bolts in jobs.values() for bolt in bolts if bolt not in known]:
+        expected = ", ".join(known) or "bolts in the campaign"
+        raise ConfigError("no such bolt", place="jobs", expected=expected, found=", ".join(unknown))
+    return jobs
+
+
 def campaign_tree(inputs: Inputs, jobs: Jobs) -> dict[str, Any]:
     """The user's campaign file with the simulated jobs; paths are absolute, so that the file can lie in any folder."""
     reference = next(iter(jobs))

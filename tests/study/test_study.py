@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 
 import lrbc_cli
 import lrbc_cli.matrices
+import lrbc_cli.modelled
 import lrbc_cli.study
 from lrbc_cli import Study
 from lrbc_cli.arrays import Floats
@@ -26,6 +27,7 @@ from lrbc_cli.campaign.jobs.standing import Outcome
 from lrbc_cli.cli.main import _told
 from lrbc_cli.config.settings import NuisanceConfig, UpdateConfig
 from lrbc_cli.errors import ConfigError, DataError, NumericalError
+from lrbc_cli.io.frf import read_frf
 from lrbc_cli.method.rule import rule_of
 from lrbc_cli.updating.judging.rule import DecisionRule
 
@@ -54,10 +56,31 @@ def test_the_package_itself_loads_nothing() -> None:
 def test_examples_in_docstrings(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(ROOT)
     monkeypatch.setenv("LRBC_CACHE", str(tmp_path))
-    for module in (lrbc_cli, lrbc_cli.study, lrbc_cli.matrices):
+    for module in (lrbc_cli, lrbc_cli.study, lrbc_cli.modelled, lrbc_cli.matrices):
         found = doctest.testmod(module)
         assert found.attempted >= 3
         assert found.failed == 0
+
+
+def test_a_rehearsal_from_python_is_that_of_the_command(study: Study, frame: Folder, tmp_path: Path) -> None:
+    record = study.rehearse(tmp_path / "python", {"tight": (), "loose-B3": ("B3",)}, seed=7, hz=np.arange(40.0, 60.0))
+    assert list(record.jobs) == ["tight", "loose-B3"]
+    line = ["--loose", "B3", "--seed", "7", "--lines", "40:59:1", "--out", tmp_path / "command"]
+    assert frame.run("rehearse", *line).code == 0
+    for name in ("tight", "loose-B3"):
+        first, second = (read_frf(tmp_path / of / "frf" / f"{name}.uff").records for of in ("python", "command"))
+        for own, other in zip(first, second, strict=True):
+            np.testing.assert_array_equal(own.values, other.values)
+    again = lrbc_cli.load(tmp_path / "python" / "campaign.yaml", cache=tmp_path, calibration=False)
+    assert again.read("loose-B3").frequency_hz.size == 20
+    wrong: list[tuple[dict[str, tuple[str, ...]], str]] = [
+        ({"tight": (), "l": ("B9",)}, "no such bolt"),
+        ({"l": ("B3",)}, "no reference job"),
+    ]
+    for jobs, text in (*wrong, ({}, "no reference job"), ({"../up": ()}, "not the name of a job")):
+        with pytest.raises(ConfigError, match=text):
+            study.rehearse(tmp_path / "wrong", jobs)
+    assert not (tmp_path / "wrong").exists()
 
 
 def test_frfs_are_those_of_simulate(study: Study, frame: Folder, tmp_path: Path) -> None:
