@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.campaign.identification.compared.chains import chain_doubt
+from lrbc_cli.campaign.identification.compared.chains import blows_doubt, chain_doubt
 from lrbc_cli.campaign.identification.compared.complete import shares
 from lrbc_cli.campaign.identification.compared.copies import copied_text
 from lrbc_cli.campaign.identification.compared.doubts import doubts
@@ -41,7 +41,6 @@ from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.normal import NORMAL_95
 from lrbc_cli.updating.posterior.confidence import Band, band
 from lrbc_cli.updating.search.ends import near_tie
-from lrbc_cli.updating.statistics.chain.blows import differing_blows
 from lrbc_cli.updating.statistics.lines import interpolated, too_wide
 from lrbc_cli.updating.statistics.saturation import Saturation
 from lrbc_cli.updating.unknowns.places import Edge, Joints, Spot
@@ -162,8 +161,7 @@ def _doubts(inputs: Inputs, result: Identification) -> Iterator[Doubt]:
         yield Doubt(kind="incomplete", text=text)
     if strange := interpolated(own.values, inputs.statistics.resolution):
         yield Doubt(kind="interpolated", text=strange)
-    blows = inputs.campaign.jobs[result.name].averages, inputs.statistics.blows, inputs.statistics.errors
-    if differing := differing_blows(own.values, own.coherence, *blows):
+    if differing := blows_doubt(inputs, result.name, own, tight):
         yield Doubt(kind="blows", text=differing)
     # What is mostly noise is not compared, so its peaks do not count.
     quiet = [without_noise(inputs, *each) for each in ((result.name, own, tight), (reference.job, tight))]

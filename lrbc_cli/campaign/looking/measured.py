@@ -8,14 +8,13 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.findings import Finding, Kind
-from lrbc_cli.campaign.identification.compared.chains import chain_doubt, coherence_doubt, noise_doubt, soft_tip
+from lrbc_cli.campaign.identification.compared.chains import blows_doubt, chain_doubt, coherence_doubt, noise_doubt, soft_tip
 from lrbc_cli.campaign.identification.compared.doubts import phaseless_text
 from lrbc_cli.campaign.identification.compared.offsets import sensor_of
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import listing
 from lrbc_cli.updating.knots import evenly
-from lrbc_cli.updating.statistics.chain.blows import differing_blows
 from lrbc_cli.updating.statistics.chain.modal import fitted_modes
 from lrbc_cli.updating.statistics.chain.runs import other_run
 from lrbc_cli.updating.statistics.lines import covers, few_digits, few_resonances, normalised, phaseless, too_wide, unresolved
@@ -42,8 +41,7 @@ def of_file(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[Fin
         )
         yield Finding(place=file, text=text, kind=Kind.NORMALISED)
     yield from _single(inputs, name, measurement)
-    averages = inputs.campaign.jobs[name].averages
-    if differing := differing_blows(measurement.values, measurement.coherence, averages, inputs.statistics.blows, inputs.statistics.errors):
+    if differing := blows_doubt(inputs, name, measurement):
         yield Finding(job=name, text=differing)
 
 
@@ -164,6 +162,8 @@ def other_chains(
             found.append(Finding(job=name, text=noise, kind=Kind.NOISE))
         if incoherent := coherence_doubt(inputs, own, tight, reference):
             found.append(Finding(job=name, text=incoherent))
+        if differing := blows_doubt(inputs, name, own, tight):
+            found.append(Finding(job=name, text=differing))
     return found
 
 

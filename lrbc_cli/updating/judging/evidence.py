@@ -197,8 +197,22 @@ class BoltEvidence:
 
 
 #: What is in doubt: a copy of another job, a file that is not whole, lines between measured ones or too far apart, the measuring chain,
-#: exchanged sensors, a gain of all channels, the places of the bolts, or that no validation channel can be compared.
-DoubtKind = Literal["copy", "incomplete", "interpolated", "resolution", "blows", "chain", "exchanged", "gain", "places", "channels"]
+#: exchanged sensors, a gain or another factor, a sensor or hammer point that alone does not fit, the places of the bolts, or that no
+#: validation channel can be compared.
+DoubtKind = Literal[
+    "copy",
+    "incomplete",
+    "interpolated",
+    "resolution",
+    "blows",
+    "chain",
+    "exchanged",
+    "gain",
+    "factor",
+    "astray",
+    "places",
+    "channels",
+]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.model.factors import SOUND_SPEED
 from lrbc_cli.updating.robust import medians
-from lrbc_cli.updating.statistics.chain.blows import second_blow
+from lrbc_cli.updating.statistics.chain.blows import blow_spread, differing_blows, second_blow
 from lrbc_cli.updating.statistics.chain.modal import ChainFault, other_chain
 from lrbc_cli.updating.statistics.lines import line_noise, noise_shares
 
@@ -65,6 +65,15 @@ def _edge(own: Measurement, least: float) -> int:
     apart = np.abs(before / count - (noisy.sum() - before) / (noisy.size - count)) * np.sqrt(count * (noisy.size - count))
     # Two lines at each end have no neighbours on both sides.
     return int(np.argmax(apart)) + 3 if noisy.any() else 0
+
+
+def blows_doubt(inputs: Inputs, job: str, own: Measurement, tight: Measurement | None = None) -> str | None:
+    """Message on blows that differ from each other more than in the reference job, if that is given; else None."""
+    jobs, statistics = inputs.campaign.jobs, inputs.statistics
+    usual = None
+    if tight is not None:
+        usual = blow_spread(tight.values, tight.coherence, jobs[str(inputs.campaign.update.reference)].averages, statistics.errors)
+    return differing_blows(own.values, own.coherence, jobs[job].averages, statistics.blows, statistics.errors, usual=usual)
 
 
 def coherence_doubt(

@@ -8,6 +8,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.findings import Kind, kinds_of
+from lrbc_cli.campaign.identification.compared.astray import standing_out
 from lrbc_cli.campaign.identification.compared.likeness import by_sensors, exchanged, exchanged_text, off_level, outlying
 from lrbc_cli.campaign.identification.compared.offsets import (
     by_hammer,
@@ -222,6 +223,13 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     if gains is not None and gains.shared:
         text = f"{_sharing(inputs, gains.shared)} {gain_size(*gains.mean)} than expected from the reference job"
         untrusted.append(Doubt(kind="gain", text=text))
+    if reference is not None and units:
+        named = listing([inputs.responses[i].name for i in sorted({i for finding in units for i in finding.responses})], 4)
+        untrusted.append(Doubt(kind="factor", text=f"factors or signs of {named} are probably wrong"))
+    elif reference is not None and reference.explained and not swapped:
+        text, remedy = standing_out(inputs, result, inputs.method.rule.misfit_margin)
+        untrusted += [Doubt(kind="astray", text=text)] if text else []
+        found += [f"{job.first.name}: {remedy}"] if text else []
     return found + [text for text in further if text is not None], compared, untrusted
 
 
