@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from campaigns import lrbc
 from samples import ROOT, reduced_cache
 
 from lrbc_cli import load
+from lrbc_cli.campaign.identification.compared.astray import standing_out
 from lrbc_cli.campaign.identification.gains import Gains, everything, kept, sharers
 from lrbc_cli.campaign.reading.doubts.rigid import symmetry_doubt
 from lrbc_cli.model.dofs import DofTable
@@ -61,7 +64,7 @@ def test_a_gain_of_one_sensor_is_told_and_makes_no_bolt_loose(tmp_path: Path, ti
     assert result["validity"]["passed"] is None
     if times > 1.26:
         # From 2 dB on it is told as a factor that may be a unit.
-        assert any(text.startswith("probably not in the model's units: acc2: measured over computed +3.") for text in result["warnings"])
+        assert any(text.startswith("probably a wrong sensitivity: acc2: measured over computed +3.") for text in result["warnings"])
         return
     (text,) = [text for text in result["warnings"] if "no bolt does" in text]
     size = abs(10.0 ** (gain["value"] / 20.0) - 1.0)
@@ -117,6 +120,35 @@ def test_the_sensor_or_hammer_whose_levels_alone_differ_is_asked_for() -> None:
     # Below the accuracy of a measuring chain, in two directions, of others as well, or of all.
     for levels in ((0.28, 0.25, 0.0, 0.0, 0.0), (1.5, -1.5, 0.0, 0.0, 0.0), (1.5, 1.4, 0.9, 0.0, 0.0), (1.5, 1.5, 1.5, 1.5, 1.5)):
         assert asked(*levels) == [every]
+
+
+@pytest.mark.parametrize("beyond", [1.6, 1.4])
+def test_a_sensor_or_hammer_point_that_alone_does_not_fit_is_named(beyond: float) -> None:
+    """A sensor turned to another axis had a misfit of 12 dB beside an all-clear: the robust cost leaves out what does not fit."""
+    responses = [
+        SimpleNamespace(name=f"a{k}-h{h + 1}", node=k, direction="UZ", input=h, excitation=f"h{h + 1}") for h in range(2) for k in range(4)
+    ]
+    campaign = SimpleNamespace(update=SimpleNamespace(reference="tight"))
+    inputs: Any = SimpleNamespace(responses=responses, excitations=("h1", "h2"), campaign=campaign)
+
+    def told(*excess: float, margin: float = 1.5) -> str:
+        updated = np.ones((30, 8), dtype=complex)
+        expected = updated * 10.0 ** (1.0 / 20.0)
+        result: Any = SimpleNamespace(updated=updated, expected=expected, misfit_final=1.0 + np.array(excess))
+        text, remedy = standing_out(inputs, result, margin)
+        assert remedy.startswith(text)
+        return text
+
+    assert told(*[0.1] * 8) == ""
+    moved = told(0.1, 0.2, beyond + 3.0, 0.0, 0.1, 0.2, beyond + 0.1, 0.0)
+    assert moved.startswith("the FRFs of one sensor (a2-h1, a2-h2) do not fit: misfit") if beyond > 1.5 else moved == ""
+    # One of its two FRFs alone may be an error of the model there.
+    assert told(0.1, 0.2, 8.0, 0.0, 0.1, 0.2, 0.1, 0.0) == ""
+    struck = told(*[0.0] * 4, beyond, beyond + 0.5, beyond + 1.0, 0.3)
+    assert struck.startswith("the FRFs of hammer point h2 do not fit: misfit") if beyond > 1.5 else struck == ""
+    # If all are worse, it is no single sensor; without a margin of the rule nothing is asked.
+    assert told(*[2.0] * 8) == ""
+    assert told(0.1, 0.2, 9.0, 0.0, 0.1, 0.2, 9.0, 0.0, margin=0.0) == ""
 
 
 def test_a_response_that_is_not_used_has_what_the_others_share() -> None:

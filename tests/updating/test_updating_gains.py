@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lrbc_cli.updating.statistics.chain.blows import differing_blows, second_blow, too_many_blows
+from lrbc_cli.updating.statistics.chain.blows import blow_spread, differing_blows, second_blow, too_many_blows
 from lrbc_cli.updating.statistics.residuals import DataResidual, ResidualOptions
 
 LINES, RESPONSES = 200, 3
@@ -100,7 +100,17 @@ def test_blows_of_two_states_are_not_noise() -> None:
     assert "the blows probably differ from each other" in mixed
     for blows, noise in (([tight] * 8, 0.02), ([tight] * 8, 0.8)):
         assert differing_blows(*averaged(blows, noise), 8) is None
+    # Two of five blows: seen beside a reference job whose blows are alike, and not beside one whose blows differ as well.
+    few, usual = averaged([tight] * 3 + [state(0.97)] * 2, 0.02), blow_spread(*averaged([tight] * 5, 0.02), 5)
+    assert usual is not None
+    assert usual == pytest.approx(1.0, abs=0.3)
+    spread = blow_spread(*few, 5)
+    assert spread is not None
+    assert spread > 2.0
+    assert differing_blows(*few, 5, usual=usual) is not None
+    assert differing_blows(*few, 5, usual=spread) is None
     values, coherence = averaged([tight] * 4 + [loose] * 4, 0.02)
+    assert blow_spread(values, np.full_like(coherence, np.nan), 8) is None
     assert differing_blows(values, np.full_like(coherence, np.nan), 8) is None
     assert differing_blows(values, coherence, 1) is None
 

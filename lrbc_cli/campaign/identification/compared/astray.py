@@ -52,14 +52,19 @@ def standing_out(inputs: Inputs, result: Identification, margin: float) -> tuple
     _, kind, at = worst
     if not kind:
         return "", ""
-    names, others = listing([inputs.responses[i].name for i in at], 4), np.setdiff1d(np.flatnonzero(np.isfinite(excess)), at)
+    rest = np.array([i for i in np.flatnonzero(np.isfinite(excess)) if i not in at], dtype=np.int64)
     there = inputs.campaign.update.reference
 
     def sizes(which: Integers) -> str:
         return f"{np.median(after[which]):.1f} dB, in {there} {np.median(before[which]):.1f} dB"
 
-    told = f"the FRFs of one {kind} ({names}) do not fit: misfit {sizes(at)}"
-    what = (
-        "the hammer hit elsewhere or in another direction" if kind == "hammer point" else "it was moved, turned or exchanged, or came loose"
-    )
-    return told, f"{told}; the others fit ({sizes(others)}), so no bolt explains it. Check whether {what}, and measure again"
+    if kind == "sensor":
+        who, fault = (
+            f"one sensor ({listing([inputs.responses[i].name for i in at], 4)})",
+            "it was moved, turned or exchanged, or came loose",
+        )
+    else:
+        who = f"hammer point {inputs.excitations[inputs.responses[int(at[0])].input]}"
+        fault = "the hammer hit elsewhere or in another direction"
+    told = f"the FRFs of {who} do not fit: misfit {sizes(at)}"
+    return told, f"{told}; the others fit ({sizes(rest)}), so no bolt explains it. Check whether {fault}, and measure again"

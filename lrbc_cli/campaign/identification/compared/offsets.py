@@ -308,6 +308,12 @@ def _struck(inputs: Inputs, turned: Sequence[int], compared: Sequence[int]) -> s
     return f"the blow at {', '.join(inputs.excitations[point] for point in sorted(of))}" if whole else ""
 
 
+def _fault(common: Common, count: int) -> str:
+    """What a factor probably is: of some responses one that is no unit is their sensitivity."""
+    single = len(common.responses) < count and not common.offset.known and not common.offset.power
+    return "probably a wrong sensitivity: " if single else "probably not in the model's units: "
+
+
 def offset_findings(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list[Finding]:
     """Findings of factors, signs, delays and conjugates; may be empty."""
     firm = {offset.response for offset in offsets if offset.named and trusted(offset, offsets)}
@@ -319,7 +325,7 @@ def offset_findings(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list
     struck = [] if placed else _of_one_hammer(inputs, shared, offsets, job)
     found = struck or [
         Finding(
-            text="probably not in the model's units: " + "; ".join(factor_text(inputs, common, compared, job)),
+            text=_fault(common, len(compared)) + "; ".join(factor_text(inputs, common, compared, job)),
             kind=Kind.UNITS,
             responses=common.responses,
             detail="quantity" if common.offset.power else "",
