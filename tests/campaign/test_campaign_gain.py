@@ -62,10 +62,6 @@ def test_a_gain_of_one_sensor_is_told_and_makes_no_bolt_loose(tmp_path: Path, ti
     assert name == "acc2"
     assert abs(gain["value"] - 20.0 * np.log10(times)) < 0.2
     assert result["validity"]["passed"] is None
-    if times > 1.26:
-        # From 2 dB on it is told as a factor that may be a unit.
-        assert any(text.startswith("probably a wrong sensitivity: acc2: measured over computed +3.") for text in result["warnings"])
-        return
     (text,) = [text for text in result["warnings"] if "no bolt does" in text]
     size = abs(10.0 ** (gain["value"] / 20.0) - 1.0)
     assert f"the FRF acc2 is {size:.0%} {'higher' if times > 1.0 else 'lower'} (" in text

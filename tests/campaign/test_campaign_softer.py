@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 
-from lrbc_cli.campaign.jobs.judging import softer
+from lrbc_cli.campaign.jobs.judging import fitted_text, softer
 from lrbc_cli.updating.judging.decide import BoltVerdict, Judgement, Validity
+from lrbc_cli.updating.judging.evidence import USED, VALIDATION
 from lrbc_cli.updating.judging.rule import LOOSE, TIGHT, DecisionRule
 
 VALID = Validity(passed=True, compared=None, misfit_db=1.0, limit_db=3.0, reason="")
@@ -50,3 +55,19 @@ def test_states_that_are_decided(other: Judgement) -> None:
 def test_an_edge_is_not_asked() -> None:
     """Neighbours of a gap take part of its change, so most bolts of the SoundBox are softer beside twelve removed ones."""
     assert softer(state(-0.13, -0.2, -0.29, -0.31, -0.4, -0.1, -0.33, loose=(-0.85,)), set(), RULE) == []
+
+
+def test_what_an_unexplained_fit_has_loosened_is_named_where_only_validation_channels_disagree() -> None:
+    """Three clean measurements of a loose joint had ended in "the fault is probably in this measurement"."""
+    far = replace(state(-0.1, -1.43, 0.02), validity=replace(VALID, passed=False, misfit_db=4.8))
+    reference = SimpleNamespace(misfit_db=1.5)
+
+    def told(judgement: Judgement = far, used: float | None = 1.7, compared: str = VALIDATION, before: Any = reference) -> str:
+        evidence: Any = SimpleNamespace(used_misfit_db=used, compared=compared)
+        return fitted_text(judgement, evidence, RULE, before)
+
+    assert told().startswith(
+        "the channels used are explained (1.70 dB), with a loss at B1 (-1.43 decades), and the validation channels are not"
+    )
+    for nothing in (told(used=3.1), told(used=None), told(compared=USED), told(before=None), told(replace(far, bolts=state(-0.1).bolts))):
+        assert nothing == ""

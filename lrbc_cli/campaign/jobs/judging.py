@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
-from math import isfinite
+from math import inf, isfinite
 from statistics import median
 from typing import Any
 
 from lrbc_cli.campaign.reading.doubts.settings import lenient_text
 from lrbc_cli.config import Campaign, UpdateConfig
+from lrbc_cli.errors import listing
 from lrbc_cli.results.job import Alternative, Bolt, Certificate, JobRecord, TakenAsTight, ValidityRecord
 from lrbc_cli.updating.judging.decide import BASELINE, JOB, REFERENCE, BoltVerdict, Judgement, Role, judge, scatter_of
 from lrbc_cli.updating.judging.evidence import VALIDATION, Evidence
@@ -81,7 +82,8 @@ def judged(
     name, update = evidence.job, campaign.update
     judgement, against = final_judgement(campaign, rule, evidence, tight, certificate)
     valid = judgement.validity
-    warnings = [] if valid.explained else [f"the model does not explain the measurement: {valid.reason}; {evidence.setting}"]
+    fitted = "" if valid.explained else f"{fitted_text(judgement, evidence, rule, tight.reference)}{evidence.setting}"
+    warnings = [] if valid.explained else [f"the model does not explain the measurement: {valid.reason}; {fitted}"]
     warnings += [*evidence.warnings, *suspects(judgement), *against]
     warnings += [text for text in [lenient_text(update)] if text]
     unvalidated = [valid.reason] if valid.passed is None else []
@@ -89,7 +91,7 @@ def judged(
     states = [f"several states are probable, by their loose bolts: {'; or '.join(several)}"] if len(several) > 1 else []
     status, reason = evidence.status, evidence.reason
     if not valid.explained:
-        status, reason = UNEXPLAINED, f"{valid.reason}: no verdicts ({status}: {reason}); {evidence.setting}"
+        status, reason = UNEXPLAINED, f"{valid.reason}: no verdicts ({status}: {reason}); {fitted}"
     return {
         "status": status,
         "reason": reason,
@@ -202,6 +204,21 @@ def softer(judgement: Judgement, joints: Collection[str], rule: DecisionRule) ->
         "decades and more: all were tightened less, or something else changed (temperature, supports). Verdicts on single joints may be "
         "wrong then. Tighten all of them, and measure again"
     ]
+
+
+def fitted_text(judgement: Judgement, evidence: Evidence, rule: DecisionRule, reference: ReferenceState | None) -> str:
+    """What the fit of an unexplained job has loosened, as the beginning of a text, if only the validation channels speak against it."""
+    used = evidence.used_misfit_db
+    if reference is None or used is None or evidence.compared != VALIDATION or used > rule.most_db(reference.misfit_db):
+        return ""
+    changes = [(bolt.name, bolt.change, bolt.threshold) for bolt in judgement.bolts]
+    below = [f"{name} ({change:+.2f} decades)" for name, change, limit in changes if change is not None and change < (limit or -inf)]
+    if not below:
+        return ""
+    return (
+        f"the channels used are explained ({used:.2f} dB), with a loss at {listing(below, 4)}, and the validation channels are not: check "
+        "these bolts, and place, direction and sensitivity of the validation channels; "
+    )
 
 
 def contradicted(campaign: Campaign, name: str, judgement: Judgement) -> list[str]:

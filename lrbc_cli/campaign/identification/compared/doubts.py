@@ -197,6 +197,9 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     offsets = tuple(offset for offset in offsets if offset.response not in involved)
     swapped = "; ".join(exchanged_text(inputs, cycles, result.name) for cycles in by_sensors(inputs, exchanges))
     units = offset_findings(inputs, offsets, result.name)
+    if gains is not None and gains.shared is not None and gains.shared.kind != "all":
+        # The gain says it better.
+        units = [each for each in units if each.kind is not Kind.UNITS or not set(each.responses) <= set(gains.shared.responses)]
     compared = f"{compared_text(inputs, result)}; {largest_text(inputs, offsets, result.misfit_final)}"
     job = inputs.campaign.jobs[result.name]
     noise = noise_level(inputs, result.measurement, job)
