@@ -115,6 +115,18 @@ def test_what_the_campaign_says_comes_first(box: Folder) -> None:
     assert "record 1: mic1, node 103 direction 0, over node 8 direction 3, pressure" in str(error.found)
 
 
+def test_names_stand_for_nodes_in_files_that_have_none(box: Folder) -> None:
+    """As a text file beside a campaign that `init` drafted from universal files; what a job itself states holds."""
+    before = list(read_frf(box.data / "tight.uff").records)
+    node = "responses.mic1.record={node: 901, direction: 0}"
+    assert "no record of response mic1" in str(refused(box, node, job="tight"))
+    rewrite(box, lambda record: replace(record, response_node=None, reference_node=None), "tight.uff")
+    np.testing.assert_allclose(measured(box, node, job="tight").values[:, 0], before[0].values, rtol=1e-11)
+    assert "no record of response mic1" in str(refused(box, "jobs.tight.records={mic1: {node: 901, direction: 0}}", job="tight"))
+    rewrite(box, lambda record: replace(record, name=""), "tight.uff")
+    assert "no record of response mic1" in str(refused(box, node, job="tight"))
+
+
 def test_records_that_are_left_are_offered(box: Folder) -> None:
     """Where several responses have none, in their order; where another number of them is left, which is whose is not known."""
 

@@ -235,9 +235,12 @@ def matched(inputs: Inputs, job: JobConfig, name: str, frf: FrfSet) -> list[FrfR
     """
     records: list[FrfRecord | None] = []
     files = [str(file) for files in job.measurements for file in files]
+    # Text files have names instead of node numbers.
+    nameless = not any(record.name for record in frf.records) or any(record.response_node is not None for record in frf.records)
     for response in inputs.responses:
         settings = inputs.campaign.responses[response.name]
-        wanted = job.records.get(response.name, settings.record)
+        stated = settings.record if nameless or not isinstance(settings.record, RecordRef) else None
+        wanted = job.records.get(response.name, stated)
         if isinstance(wanted, FileRecordRef) and str(wanted.file) not in files:
             keys = ("jobs", name, "records", response.name) if response.name in job.records else ("responses", response.name, "record")
             raise inputs.campaign.error(

@@ -25,6 +25,7 @@ from lrbc_cli.campaign.looking.odd_jobs import odd_jobs
 from lrbc_cli.campaign.looking.states import Looking, Seen
 from lrbc_cli.campaign.looking.unexplained import single_responses
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.errors import listing
 from lrbc_cli.updating.comparison.scale import (
     ALIKE,
     LEAST_ALIKE,
@@ -69,7 +70,7 @@ def together(source: Looking, measurements: Mapping[str, Measurement], found: di
     if reference in found:
         found[reference] = replace(found[reference], told=of_one_sensor(source, measurements, found[reference].told))
     closer = partial(closely_fitted, source, measurements)
-    found.update(of_sensors(inputs, found, source.away, reference, closer))
+    found.update(of_sensors(inputs, found, source, reference, closer))
     if explained:
         # A state that nothing comes near may have a cause, too.
         quiet = [name for name, of in found.items() if kinds_of(of.told) <= {Kind.FOREIGN} and name != reference]
@@ -248,21 +249,58 @@ def of_one_sensor(
 
 
 def of_sensors(
-    inputs: Inputs, found: Mapping[str, OfJob], away: Mapping[str, Floats], reference: str, closer: Callable[[str], Floats]
+    inputs: Inputs, found: Mapping[str, OfJob], source: Looking, reference: str, closer: Callable[[str], Floats]
 ) -> dict[str, OfJob]:
     """Findings by job, with sensors that are far off in one job alone, and without those in doubt in the reference job already.
 
-    For ``away`` see ``odd_sensors``; ``closer`` gives that of a job after a careful fit, without which nothing is said. Nothing is added
-    to what is found in a job already, nor beside a reference job with findings.
+    ``closer`` gives the level misfits of a job after a careful fit, without which nothing is said. Nothing is added to what is found in a
+    job already, nor beside a reference job with findings.
     """
     own = found[reference].told if reference in found else []
     changed = without_sensors(inputs, found, reference) if any(each.responses for each in own) else dict(found)
     if reference in found and not own:
-        known = {name: far for name, far in away.items() if name in found}
+        known = {name: far for name, far in source.away.items() if name in found}
         for name in odd_sensors(inputs, known):
             if not changed[name].told:
                 changed[name] = replace(changed[name], told=odd_sensors(inputs, known | {name: closer(name)}).get(name, []))
+        every = {**source.near, **known}
+        for name in (name for name in source.near if name in found and not changed[name].told):
+            margin = inputs.method.rule.misfit_margin
+            if margin and astray_sensor(inputs, name, every, margin):
+                changed[name] = replace(changed[name], told=astray_sensor(inputs, name, every | {name: closer(name)}, margin))
     return changed
+
+
+def astray_sensor(inputs: Inputs, name: str, away: Mapping[str, Floats], margin: float, *, least: int = 3) -> list[Finding]:
+    """Finding of a sensor whose FRFs alone are far from a state that explains all others, as in a result; empty if there is none.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    name : str
+        Job near the tight state.
+    away : mapping
+        Level misfits (R,) with the nearest state [dB], by job. What other jobs show too, if there are ``least``, is an error of the model.
+    margin : float
+        Least (lower) median excess of the sensor's FRFs, of which there are two or more, less the median of the others [dB].
+    """
+    others = [own for other, own in away.items() if other != name]
+    excess = away[name] - (np.median(others, axis=0) if len(others) >= least else 0.0)
+    worst: tuple[float, list[int]] = (margin, [])
+    for own in sorted({tuple(sorted((i, *same_sensor(inputs, i)))) for i in range(excess.size)}):
+        at, rest = list(own), np.delete(excess, own)
+        if len(at) > 1 and rest.size > 1:
+            beyond = float(np.quantile(excess[at], 0.5, method="lower") - np.median(rest))
+            worst = (beyond, at) if beyond > worst[0] else worst
+    if not worst[1]:
+        return []
+    at, far = worst[1], away[name]
+    names, usual = listing([inputs.responses[i].name for i in at], 4), np.median(np.delete(far, at))
+    text = (
+        f"the FRFs of one sensor ({names}) are {np.median(far[at]):.1f} dB from the state of the bolts that fits best (mean level "
+        f"removed), the others {usual:.1f} dB. Check whether it was moved, turned or exchanged, or came loose, and measure again"
+    )
+    return [Finding(text=text, kind=Kind.ALONE, responses=tuple(at))]
 
 
 def odd_sensors(

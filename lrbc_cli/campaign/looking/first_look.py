@@ -218,6 +218,8 @@ def _looked_at(
     seen = seen.beside(fitted)
     if fitted is not None:
         source.away[name] = apart(seen.measured, fitted)
+    elif held is not None:
+        source.near[name] = apart(seen.measured, held)
     source.left[name] = seen.left
     assumed = name in taken_as_tight(inputs)
     if whole := _of_all(seen, fitted, assumed, measurements):

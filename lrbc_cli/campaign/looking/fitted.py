@@ -94,10 +94,10 @@ def carefully_fitted(seen: Seen) -> Floats | None:
 
 
 def closely_fitted(source: Looking, measurements: Mapping[str, Measurement], name: str) -> Floats:
-    """(R,) level misfits of a job with the state that a careful fit finds [dB]; of a job that was fitted before."""
+    """(R,) level misfits of a job with the state that a careful fit finds [dB]; of a job that was compared before."""
     seen = Seen.of(source, name, measurements[name], measurements[source.inputs.campaign.update.reference or ""])
     theta = carefully_fitted(seen)
-    return source.away[name] if theta is None else apart(seen.measured, expected_frf(seen, theta))
+    return {**source.near, **source.away}[name] if theta is None else apart(seen.measured, expected_frf(seen, theta))
 
 
 def fitted_exchanged(seen: Seen, exchanged: Complexes, *, further: float = 1.1) -> Complexes | None:

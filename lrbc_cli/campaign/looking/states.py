@@ -53,6 +53,8 @@ class Looking(FrfSource):
         Changes of the bolts fitted coarsely to each job [decades], NaN for bolts without values.
     away : dict of str to float array
         Level misfits (R,) of each job with the state fitted coarsely to it [dB].
+    near : dict of str to float array
+        The same of jobs that are near the tight state, with that state.
     left : dict of str to float
         Level misfit of each job with the nearest state, median over the responses [dB].
     """
@@ -63,6 +65,7 @@ class Looking(FrfSource):
     note: str = ""
     changes: dict[str, Floats] = field(default_factory=dict, repr=False)
     away: dict[str, Floats] = field(default_factory=dict, repr=False)
+    near: dict[str, Floats] = field(default_factory=dict, repr=False)
     left: dict[str, float] = field(default_factory=dict, repr=False)
 
     @property
