@@ -114,7 +114,7 @@ def test_bolts_that_are_tight_as_a_whole_only_are_said() -> None:
         BoltFinding(name="B2", verdict="tight", open_groups=("rot", "shear")),
     ]
     some = JobFinding(status="converged", bolts=[*first, BoltFinding(name="B3", verdict="tight"), BoltFinding(name="B4", verdict="tight")])
-    assert sentence(some) == "no loose bolt found: 4 tight (2 of them as a whole: springs of rot or shear alone may be loose)"
+    assert sentence(some) == "no loose bolt found: 4 tight (B1, B2 as a whole: springs of rot or shear alone may be loose)"
     every = replace(some, bolts=first[:1])
     assert sentence(every) == "no loose bolt found: 1 tight (as a whole: springs of rot alone may be loose)"
     assert not_clear({"tight": REFERENCE, "a": every}) == {}

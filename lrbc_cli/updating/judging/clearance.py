@@ -190,10 +190,10 @@ def open_groups(job: JobFinding) -> list[str]:
 
 
 def _as_a_whole(tight: Sequence[BoltFinding]) -> str:
-    """How many of the tight bolts may have lost a group of springs alone, and which groups; empty if none."""
+    """Which of the tight bolts may have lost a group of springs alone, and which groups; empty if none."""
     partly = [bolt for bolt in tight if bolt.open_groups]
     groups = dict.fromkeys(group for bolt in partly for group in bolt.open_groups)
-    few = f"{len(partly)} of them " if len(partly) < len(tight) else ""
+    few = f"{_names([bolt.name for bolt in partly])} " if len(partly) < len(tight) else ""
     return f" ({few}as a whole: springs of {_names(list(groups), ' or ')} alone may be loose)" if partly else ""
 
 
