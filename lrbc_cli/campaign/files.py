@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from lrbc_cli.campaign.identification.records import layout_of
+from lrbc_cli.campaign.identification.matching import layout_of
 from lrbc_cli.config import Campaign, MatrixRef
 from lrbc_cli.config.settings import JobConfig, files_of
 from lrbc_cli.config.structure import DofSource

@@ -35,7 +35,9 @@ def test_an_end_bolt_that_was_tightened_is_no_second_blow(tmp_path: Path) -> Non
 
 def test_pieces_that_came_apart_are_no_sensors_that_are_off(tmp_path: Path) -> None:
     (found,) = evidence(tmp_path, {"apart": ({"MID": -3.3}, 1.0)}, 0.008)
-    assert not found.doubts
+    # A level beyond the model looks like a factor, which counts only if no bolt is judged loose.
+    assert all(doubt.explained for doubt in found.doubts)
+    assert {doubt.kind for doubt in found.doubts} <= {"factor"}
     assert "the sensor or its cable was off" not in found.setting
 
 

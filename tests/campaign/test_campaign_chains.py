@@ -59,6 +59,7 @@ def test_other_noise_is_no_fault_of_one_channel(times: list[float]) -> None:
 def test_frequencies_are_not_doubted_while_the_quantity_is(monkeypatch: pytest.MonkeyPatch, kind: str, kept: bool) -> None:
     """Velocities stated as accelerations: a few modes 2.8 % higher, all alike, and advice to divide the frequencies by that."""
     monkeypatch.setattr(measured, "chain_doubt", lambda *_, **__: ChainFault(kind, "told"))
+    monkeypatch.setattr(measured, "blows_doubt", lambda *_, **__: None)
     inputs: Any = SimpleNamespace(responses=INPUTS.responses, campaign=SimpleNamespace(update=SimpleNamespace(reference="tight")))
     jobs = {name: measurement(TIGHT) for name in ("tight", "loose")}
 

@@ -111,6 +111,15 @@ def hammered(
     return offset_findings(inputs, found, name)
 
 
+def test_a_factor_of_one_sensor_is_told_with_all_its_records() -> None:
+    """For one hammer point it explained less than half of the misfit, so `scale` was proposed for the other one only."""
+    (one,) = hammered(a3h2=-2.5, a3h1=-1.9)
+    assert one.responses == (2, 6)
+    assert "a3-h1" in one.text.partition("scale: ")[2]
+    (single,) = hammered(a3h2=-2.5, a3h1=-0.9)
+    assert single.responses == (6,)
+
+
 def test_one_factor_of_all_sensors_for_one_hammer_point_is_that_of_the_force() -> None:
     (one,) = hammered(a1h1=6.6, a2h1=6.2, a3h1=6.5, a4h1=6.5)
     assert "all FRFs of h1: measured over computed +6.50 dB at all lines (median; a1-h1, a2-h1, a3-h1, a4-h1)" in one.text

@@ -9,13 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.compared.appended import require_one_measurement
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.config.fields import plain_name
-from lrbc_cli.config.settings import JobConfig
+from lrbc_cli.config.settings import JobConfig, files_of
 from lrbc_cli.config.structure import FileRecordRef, RecordRef
 from lrbc_cli.errors import DataError
+from lrbc_cli.io.atomic import file_hash, unchanged
+from lrbc_cli.io.frf import CoherenceKey, TextLayout, read_coherence
 from lrbc_cli.io.frf_common import WORDS, alike
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
@@ -369,3 +371,39 @@ def require_signals(inputs: Inputs, records: list[FrfRecord | None], values: Com
         hint=f"check whether {'their sensors or cables were' if several else 'its sensor or cable was'} off. Measure this job again"
         + (", and check the hammer's signal and its trigger" if all_of and several else f", {remedy}"),
     )
+
+
+def layout_of(job: JobConfig, file: Path, of_coherence: bool = False) -> TextLayout | None:
+    """Layout that the campaign states for one of a job's files; None if it states none."""
+    given = job.format_of(file, of_coherence)
+    return None if given is None else TextLayout(**given.model_dump())
+
+
+def keys_of(response: Response, record: FrfRecord | None) -> tuple[CoherenceKey | tuple[int | None, int], ...]:
+    """Keys under which the coherence of a response may be stored."""
+    if record is None:
+        return (response.name,)
+    return response.name, record.name, (record.response_node, record.response_direction)
+
+
+def coherences_of(job: JobConfig, hashes: dict[str, str]) -> dict[CoherenceKey, tuple[Floats, Floats]]:
+    """Coherences of separate files, each with its lines [Hz]; adds the hashes of these files.
+
+    A name that several files have goes with the part of the file's name that the others do not share, as for records: ``A1-H01``.
+    """
+    found: dict[CoherenceKey, tuple[Floats, Floats]] = {}
+    every, parts = list[tuple[Path, CoherenceKey, tuple[Floats, Floats]]](), parted(map(str, files_of(job.coherence)))
+    for file in files_of(job.coherence):
+        hashes[file.as_posix()] = file_hash(file)
+        own = unchanged(file, hashes[file.as_posix()], partial(read_coherence, file, layout_of(job, file, of_coherence=True)))
+        if len(own) == 1 and "" in own:
+            own = {file.stem: own[""]}
+        every += [(file, key, pair) for key, pair in own.items()]
+    often = Counter(key for _, key, _ in every)
+    for file, key, pair in every:
+        full = f"{key}-{parts[str(file)]}" if isinstance(key, str) and often[key] > 1 else key
+        if full in found:
+            hint = "name the columns like the responses, or remove one of the files"
+            raise DataError("two files give the same coherence", file=file, expected="each once", found=f"{key} again", hint=hint)
+        found[full] = pair
+    return found

@@ -12,12 +12,22 @@ import numpy as np
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.compared.addressed import misplaced, pair_notes
 from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, apart
-from lrbc_cli.campaign.identification.matching import called, describe, matched, require_signals, unmatched
-from lrbc_cli.campaign.reading.inputs import Inputs, Response
-from lrbc_cli.config.settings import JobConfig, files_of
+from lrbc_cli.campaign.identification.matching import (
+    called,
+    coherences_of,
+    describe,
+    keys_of,
+    layout_of,
+    matched,
+    require_signals,
+    unmatched,
+    with_files,
+)
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.errors import DataError, listing
 from lrbc_cli.io.atomic import file_hash, unchanged
-from lrbc_cli.io.frf import CoherenceKey, TextLayout, read_coherence, read_frf
+from lrbc_cli.io.frf import CoherenceKey, read_frf
 from lrbc_cli.io.frf_common import HERTZ
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.remembered import Remembered
@@ -171,16 +181,10 @@ def _mean_of(parts: list[Measurement]) -> Measurement:
     )
 
 
-def layout_of(job: JobConfig, file: Path, of_coherence: bool = False) -> TextLayout | None:
-    """Layout that the campaign states for one of a job's files; None if it states none."""
-    given = job.format_of(file, of_coherence)
-    return None if given is None else TextLayout(**given.model_dump())
-
-
 def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     frf, hashes = _records_of(job, name)
-    coherences = _coherences(job, hashes)
-    records = matched(inputs, job, name, frf)
+    coherences = coherences_of(job, hashes)
+    records, full = matched(inputs, job, name, frf), with_files(frf)
     warnings = [*frf.warnings, *_missing(inputs, job, records, frf), *misplaced(inputs, job, records)]
     pairs = [(r, record) for r, record in zip(inputs.responses, records, strict=True) if record is not None]
     notes = [*frf.notes, *pair_notes(inputs, job, pairs)]
@@ -197,7 +201,8 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
         at, found = _indices(record.frequency_hz, axis)
         values[found, i] = record.values[at[found]] * job.factor(inputs.responses[i].name)
         own = [(record.frequency_hz, record.coherence)] if record.coherence is not None else []
-        own += [coherences[key] for key in _keys_of(inputs.responses[i], record) if key in coherences][:1]
+        keys = *keys_of(inputs.responses[i], record), *full.get(id(record), ())
+        own += [coherences[key] for key in keys if key in coherences][:1]
         for lines, table in own:
             at, here = _indices(lines, axis)
             coherence[here, i] = table[at[here]]
@@ -229,20 +234,13 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
 
 def _strange(coherences: Collection[CoherenceKey], inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -> list[str]:
     """Warning if none of the coherences belongs to a response."""
-    taken = {key for response, record in zip(inputs.responses, records, strict=True) for key in _keys_of(response, record)}
+    taken = {key for response, record in zip(inputs.responses, records, strict=True) for key in keys_of(response, record)}
     if not coherences or taken & set(coherences):
         return []
     return [
         f"{called(job)}: no coherence of the job belongs to a response ({listing(list(coherences), 4)}), so all "
         "lines have equal weight. Name its columns like the responses or their records, or give the file of this measurement"
     ]
-
-
-def _keys_of(response: Response, record: FrfRecord | None) -> tuple[CoherenceKey | tuple[int | None, int], ...]:
-    """Keys under which the coherence of a response may be stored."""
-    if record is None:
-        return (response.name,)
-    return response.name, record.name, (record.response_node, record.response_direction)
 
 
 def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
@@ -285,21 +283,6 @@ def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
     if named:
         notes.append(f"no name in the file, named after the file: {', '.join(named)}")
     return FrfSet(source=str(job.first), records=tuple(records), notes=tuple(notes), warnings=tuple(warnings), titles=tuple(titles)), hashes
-
-
-def _coherences(job: JobConfig, hashes: dict[str, str]) -> dict[CoherenceKey, tuple[Floats, Floats]]:
-    """Coherences of separate files, each with its lines [Hz]; adds the hashes of these files."""
-    found: dict[CoherenceKey, tuple[Floats, Floats]] = {}
-    for file in files_of(job.coherence):
-        hashes[file.as_posix()] = file_hash(file)
-        own = unchanged(file, hashes[file.as_posix()], partial(read_coherence, file, layout_of(job, file, of_coherence=True)))
-        if len(own) == 1 and "" in own:
-            own = {file.stem: own[""]}
-        for key, pair in own.items():
-            if key in found:
-                raise DataError("two files give the same coherence", file=file, expected="each once", found=f"{key} for the second time")
-            found[key] = pair
-    return found
 
 
 def _missing(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None], frf: FrfSet) -> list[str]:

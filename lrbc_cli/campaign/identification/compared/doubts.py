@@ -226,9 +226,11 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     if gains is not None and gains.shared:
         text = f"{_sharing(inputs, gains.shared)} {gain_size(*gains.mean)} than expected from the reference job"
         untrusted.append(Doubt(kind="gain", text=text))
-    if reference is not None and units:
-        named = listing([inputs.responses[i].name for i in sorted({i for finding in units for i in finding.responses})], 4)
-        untrusted.append(Doubt(kind="factor", text=f"factors or signs of {named} are probably wrong"))
+    wrong = sorted({i for finding in units if finding.kind is Kind.UNITS for i in finding.responses})
+    if reference is not None and wrong:
+        # Beside a structure that came apart, levels that the model misses look like factors.
+        named = listing([inputs.responses[i].name for i in wrong], 4)
+        untrusted.append(Doubt(kind="factor", text=f"units or sensitivities of {named} are probably wrong", explained=True))
     elif reference is not None and reference.explained and not swapped:
         text, remedy = standing_out(inputs, result, inputs.method.rule.misfit_margin)
         untrusted += [Doubt(kind="astray", text=text)] if text else []

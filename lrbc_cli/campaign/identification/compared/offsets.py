@@ -308,10 +308,17 @@ def _struck(inputs: Inputs, turned: Sequence[int], compared: Sequence[int]) -> s
     return f"the blow at {', '.join(inputs.excitations[point] for point in sorted(of))}" if whole else ""
 
 
+def _with_sensor(inputs: Inputs, common: Common, known: Mapping[int, float], every: Sequence[Common]) -> Common:
+    """The common factor with other FRFs of its sensors that have it, too, though there it may explain less than half of the misfit."""
+    taken, db = {i for each in every for i in each.responses}, common.offset.db
+    twins = {k for i in common.responses for k in same_sensor(inputs, i) if k in known and k not in taken}
+    alike = [] if common.offset.power else [k for k in twins if abs(known[k] - db) < 0.5 * abs(db)]
+    return replace(common, responses=tuple(sorted((*common.responses, *alike))))
+
+
 def _fault(common: Common, count: int) -> str:
-    """What a factor probably is: of some responses one that is no unit is their sensitivity."""
-    single = len(common.responses) < count and not common.offset.known and not common.offset.power
-    return "probably a wrong sensitivity: " if single else "probably not in the model's units: "
+    unit = len(common.responses) == count or common.offset.known or common.offset.power
+    return "probably not in the model's units: " if unit else "probably a wrong sensitivity: "
 
 
 def offset_findings(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list[Finding]:
@@ -321,6 +328,7 @@ def offset_findings(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list
     differing = by_hammer(inputs, known, {o.response: o.half for o in offsets if not o.power})
     # A factor without which most of the misfit remains is neither unit nor gain.
     shared = [common for common in grouped(offsets, quantities_of(inputs)) if firm.intersection(common.responses)]
+    shared = [_with_sensor(inputs, common, known, shared) for common in shared]
     placed = [common for common in shared if not causes_of(inputs, common, compared) and differing.intersection(common.responses)]
     struck = [] if placed else _of_one_hammer(inputs, shared, offsets, job)
     found = struck or [
