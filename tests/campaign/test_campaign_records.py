@@ -116,6 +116,18 @@ def test_what_the_campaign_says_comes_first(box: Folder) -> None:
     assert "record 1: mic1, node 103 direction 0, over node 8 direction 3, pressure" in str(error.found)
 
 
+def test_a_file_of_another_job_is_said_before_other_records_are_offered(box: Folder) -> None:
+    """Copied and pasted; the records that were offered instead would have hidden it."""
+    records = read_frf(box.data / "tight.uff").records
+    for part, own in (("a", records[:2]), ("b", records[2:])):
+        write_frf(box.data / f"tight_{part}.uff", FrfSet(source="", records=tuple(own)))
+        other = [replace(record, values=2.0 * record.values, name=f"{record.name} again") for record in own]
+        write_frf(box.data / f"loose_{part}.uff", FrfSet(source="", records=tuple(other)))
+    files = "jobs.loose.frf=[data/loose_a.uff, data/loose_b.uff]", "jobs.tight.frf=[data/tight_a.uff, data/loose_a.uff]"
+    hint = str(refused(box, *files, job="tight").hint)
+    assert hint.startswith("loose_a.uff belongs to job loose, too: check whether another file was meant; ")
+
+
 def test_names_stand_for_nodes_in_files_that_have_none(box: Folder) -> None:
     """As a text file beside a campaign that `init` drafted from universal files; what a job itself states holds."""
     before = list(read_frf(box.data / "tight.uff").records)

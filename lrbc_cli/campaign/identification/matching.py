@@ -15,7 +15,7 @@ from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.config.fields import plain_name
 from lrbc_cli.config.settings import JobConfig, files_of
 from lrbc_cli.config.structure import FileRecordRef, RecordRef
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import DataError, listing
 from lrbc_cli.io.atomic import file_hash, unchanged
 from lrbc_cli.io.frf import CoherenceKey, TextLayout, read_coherence
 from lrbc_cli.io.frf_common import WORDS, alike
@@ -318,9 +318,26 @@ def _require_used(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRe
         place=f"job {name}",
         expected=_wanted_text(wanted) if wanted is not None else f"a record named {response.name}" + _place_text(response),
         found=listed(frf),
-        # Warnings about the files may give the reason.
-        hint="; ".join([*frf.warnings, _which([response, *(other for other in lacking[1:] if other.name not in stated)], spare)]),
+        # Files of another job, or warnings about the files, may give the reason.
+        hint="; ".join(
+            [
+                *_of_another(inputs, job, name),
+                *frf.warnings,
+                _which([response, *(other for other in lacking[1:] if other.name not in stated)], spare),
+            ]
+        ),
     )
+
+
+def _of_another(inputs: Inputs, job: JobConfig, name: str) -> list[str]:
+    """Remark on files of a job that another job lists, too; empty if there are none."""
+    own, jobs = set(job.all_files), inputs.campaign.jobs
+    meant = "check whether another file was meant"
+    return [
+        f"{listing(sorted(file.name for file in shared))} belong{'s' if len(shared) == 1 else ''} to job {other}, too: {meant}"
+        for other, settings in jobs.items()
+        if other != name and (shared := own & set(settings.all_files))
+    ][:1]
 
 
 def unmatched(records: Sequence[FrfRecord | None], frf: FrfSet) -> list[str]:
