@@ -136,6 +136,7 @@ def calibrated(
     monkeypatch.setattr(first_look, "_looked_at", lambda *_: OfJob())
     for text in ("tighter_text", "looser", "loaded_text"):
         monkeypatch.setattr(first_look, text, lambda *_: "")
+    monkeypatch.setattr(first_look, "missing_text", lambda *_, **__: "")
     source: Any = SimpleNamespace(inputs=SimpleNamespace(campaign=SimpleNamespace(calibration=SimpleNamespace(job="tight"))))
     measurement: Any = None
     return first_look._calibrated(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,7 +15,7 @@ from looking import seen
 from systems import whole
 
 from lrbc_cli.campaign.findings import Finding, Kind
-from lrbc_cli.campaign.looking.causes import parts, rescaled
+from lrbc_cli.campaign.looking.causes import added, parts, rescaled
 from lrbc_cli.campaign.looking.causes.added import added_text, loaded_text
 from lrbc_cli.campaign.looking.causes.held import held_text, supports_text
 from lrbc_cli.campaign.looking.causes.parts import lump_text, part_text
@@ -316,6 +316,18 @@ def test_a_mass_that_the_structure_does_not_have() -> None:
     assert told(assembly(), assembly(2.9), lump_text) == ""
 
 
+@dataclass(frozen=True)
+class InputsAlone:
+    model: FeModel
+    campaign: Any
+    recipe: Any
+
+
+@dataclass(frozen=True)
+class StageAlone:
+    reduction: Any
+
+
 def loaded(*nodes: int, mass: float = 8.0, damping: float = 0.1) -> FeModel:
     """With a mass at each of some nodes, and light damping."""
     plain = assembly()
@@ -337,6 +349,33 @@ def test_a_mass_that_the_model_lacks() -> None:
     assert told(loaded(10), loaded(10), added_text) == ""
     assert told(loaded(), loaded(3, 37, COUNT + 15, mass=12.0), added_text) == ""
     assert told(assembly(), assembly(2.9), added_text) == ""
+
+
+@pytest.mark.parametrize(("left", "told"), [(0.9, True), (1.3, False)])
+def test_a_mass_that_a_calibration_has_half_made_up_for(monkeypatch: pytest.MonkeyPatch, left: float, told: bool) -> None:
+    """2.5 dB were left after a rough calibration, and nothing was said. The mass is calibrated together with the factors."""
+    plain, names, begun = assembly(), ("stiffness.structure",), list[float]()
+    settings = SimpleNamespace(job="tight", names=names)
+    inputs = InputsAlone(model=plain, campaign=SimpleNamespace(calibration=settings), recipe=None)
+    source = SimpleNamespace(stage=StageAlone(None))
+    seen: Any = SimpleNamespace(source=source, job="tight", misfit=7.5, inputs=inputs)
+    at = np.array([10])
+    monkeypatch.setattr(added, "_heavier", lambda *_: added._Mass(8.0, 10, at, "(0.2, 0, 0) m", 4.0))
+    monkeypatch.setattr(added, "recipe_of", lambda *_: None)
+    monkeypatch.setattr(added, "coarsely_reduced", lambda inputs: begun.append((inputs.model.M - plain.M).sum()))
+    monkeypatch.setattr(added, "Looking", lambda **fields: fields)
+    monkeypatch.setattr(added, "calibrated_by_rounds", lambda *_: (None, {"stiffness.structure": 1.0, "mass there": 0.7}))
+    monkeypatch.setattr(added.Seen, "of", lambda *_: SimpleNamespace(misfit=left))
+    text = added.missing_text(seen, Any, 2.5, least=2.0)
+    # Each reduced model holds the mass found with the one before.
+    assert begun == pytest.approx([8.0, 5.6])
+    start = f"with about 3.9 kg more near node 10 at (0.2, 0, 0) m a rough calibration leaves {left:.1f} dB, without it 2.5 dB"
+    assert text.startswith(start) is told
+    assert bool(text) is told
+    # Near enough after the calibration, or calibrated from another job: nothing is looked for.
+    assert added.missing_text(seen, Any, 1.9, least=2.0) == ""
+    settings.job = "another"
+    assert added.missing_text(seen, Any, 2.5, least=2.0) == ""
 
 
 def grounded(*nodes: int) -> FeModel:

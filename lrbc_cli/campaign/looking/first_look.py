@@ -42,9 +42,9 @@ from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.weights import without_noise
 from lrbc_cli.campaign.looking.all_jobs import OfJob, tight_state, together
 from lrbc_cli.campaign.looking.axes import out_of_reach_text, stretched_text
-from lrbc_cli.campaign.looking.causes.added import loaded_text
+from lrbc_cli.campaign.looking.causes.added import loaded_text, missing_text
 from lrbc_cli.campaign.looking.causes.damped import misdamped_text
-from lrbc_cli.campaign.looking.causes.held import idle_text, supports_text
+from lrbc_cli.campaign.looking.causes.held import idle_text, or_held, supports_text
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
 from lrbc_cli.campaign.looking.causes.parts import by_parts_text
 from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings
@@ -369,11 +369,9 @@ def _calibrated(
         return calibrated, OfJob(said(Kind.SPRINGS, unit))
     if not kinds_of(again.told) and after.misfit > NEAR and (far := at_bounds_text(calibrated, after.misfit)):
         return calibrated, OfJob(said(Kind.MATERIAL, far))
-    # A constraint that the test bench does not have is made up for by softer joints.
-    lowered = lowered_text(seen, after)
-    held = supports_text(seen) if lowered else ""
-    lowered += f"{held}; where it has none, remove the constraint in the FE model, and export it again" if held else ""
-    moved = [*said(Kind.LOWERED, lowered), *said(Kind.SPRINGS, raised_text(seen, after))]
+    moved = [*said(Kind.LOWERED, or_held(seen, lowered_text(seen, after))), *said(Kind.SPRINGS, raised_text(seen, after))]
+    if not again.told and not moved and after.misfit > NEAR:
+        moved = said(Kind.MATERIAL, missing_text(seen, measurements[name], after.misfit, least=NEAR))
     return calibrated, replace(again, told=[*again.told, *moved])
 
 

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
 
 from lrbc_cli.arrays import Integers
-from lrbc_cli.campaign.identification.compared.likeness import apart
-from lrbc_cli.campaign.looking.states import Seen
-from lrbc_cli.campaign.looking.trials import NEARER, UNLIKE, affordable, gradually, picking
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, apart
+from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.looking.fitted import calibrated_by_rounds
+from lrbc_cli.campaign.looking.states import Looking, Seen, coarsely_reduced
+from lrbc_cli.campaign.looking.trials import EXPLAINED, NEARER, UNLIKE, affordable, gradually, picking
+from lrbc_cli.campaign.reading.factors import recipe_of
 from lrbc_cli.campaign.structure import thinned
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.dofs import COMPONENTS
@@ -20,9 +23,18 @@ from lrbc_cli.reduction.problem.full import full_frfs
 from lrbc_cli.reduction.reduced.many import ports_of
 
 
-def added_text(
-    seen: Seen, before: float, *, most: int = 60, shares: tuple[float, ...] = (0.03, 0.1, 0.2, 0.4), most_ports: int = 600
-) -> str:
+@dataclass(frozen=True)
+class _Mass:
+    """A mass [kg] at a node, its DOFs there, their place in words, and the level misfit with it [dB]."""
+
+    mass: float
+    node: int
+    at: Integers
+    place: str
+    left: float
+
+
+def added_text(seen: Seen, before: float) -> str:
     """Warning that names the node where with a further mass the model explains the tight state; empty if there is none.
 
     Parameters
@@ -30,6 +42,70 @@ def added_text(
     seen : Seen
     before : float
         Level misfit of the model, constants removed, median over the responses [dB].
+    """
+    found = None if before <= UNLIKE else _heavier(seen, before)
+    return "" if found is None else _text(found, before)
+
+
+def missing_text(seen: Seen, whole: Measurement, calibrated: float, *, least: float, passes: int = 2, rounds: int = 2) -> str:
+    """As ``added_text``, for a model that a rough calibration brings near; the mass is then calibrated together with the factors.
+
+    Joints and factors make up for a part of a mass, so it is looked for without a calibration, and counts only if one with it leaves less
+    than half of the misfit of one without.
+
+    Parameters
+    ----------
+    seen : Seen
+        The reference job, with the model as it is.
+    whole : Measurement
+        The same on all its lines.
+    calibrated : float
+        Level misfit after a rough calibration [dB].
+    least : float
+        From which a mass is looked for [dB].
+    passes, rounds : int
+        Number of reduced models, each with the mass found before, and of calibrations with each: one reaches a factor of 1.35.
+    """
+    source, settings, name = seen.source, seen.inputs.campaign.calibration, "mass there"
+    free = settings is not None and settings.job == seen.job and not seen.inputs.model.extras and source.stage is not None
+    found = _heavier(seen, seen.misfit) if free and calibrated > least else None
+    if found is None or settings is None:
+        return ""
+    lump, mass, left = picking(found.at, seen.inputs.model.size), found.mass, np.inf
+    with suppress(LrbcError):
+        for _ in range(passes):
+            own = sp.csc_array(mass * (lump.T @ lump))
+            model = replace(seen.inputs.model, M=sp.csc_array(seen.inputs.model.M + own), extras={name: {"mass": own}})
+            inputs = replace(seen.inputs, model=model, recipe=recipe_of(seen.inputs.campaign, model))
+            assert source.stage is not None
+            beside = Looking(inputs=inputs, stage=replace(source.stage, reduction=coarsely_reduced(inputs)), kind="port")
+            after, factors = calibrated_by_rounds(beside, whole, (*settings.names, name), rounds)
+            mass *= factors[name]
+            left = Seen.of(after, seen.job, whole).misfit
+    if left > min(EXPLAINED, CLEARLY * calibrated):
+        return ""
+    return _text(replace(found, mass=mass, left=left), calibrated, "a rough calibration leaves")
+
+
+def _text(found: _Mass, before: float, how: str = "the level misfit falls from") -> str:
+    sizes = f"{found.left:.1f} dB, without it {before:.1f} dB" if how.endswith("leaves") else f"{before:.1f} to {found.left:.1f} dB"
+    return (
+        f"with about {found.mass:.2g} kg more near node {found.node} at {found.place} {how} {sizes} (mean level of each response removed): "
+        "probably a part that was on the test bench is missing in the model, such as a motor or a fixture. Compare the mass sum with the "
+        "weight of the structure; add the part in the FE model and export it again, or measure without it"
+    )
+
+
+def _heavier(
+    seen: Seen, before: float, *, most: int = 60, shares: tuple[float, ...] = (0.03, 0.06, 0.1, 0.2, 0.4), most_ports: int = 600
+) -> _Mass | None:
+    """The mass at a node with which the model is nearest to a measurement; None if it remains far from it.
+
+    Parameters
+    ----------
+    seen : Seen
+    before : float
+        Level misfit of the model [dB].
     most : int
         Largest number of nodes that are tried, spread over the structure.
     shares : tuple of float
@@ -40,12 +116,12 @@ def added_text(
     inputs, dofs, model = seen.inputs, seen.inputs.dofs, seen.inputs.model
     # Each node has three loads of its own, beside those of the terms.
     ports = 3 * most + model.terms.size
-    if dofs is None or before <= UNLIKE or not affordable(seen, 1.0 + 3.0 * most / (1.0 + model.terms.size)) or ports > most_ports:
-        return ""
+    if dofs is None or not affordable(seen, 1.0 + 3.0 * most / (1.0 + model.terms.size)) or ports > most_ports:
+        return None
     moving = np.isin(dofs.component, COMPONENTS[:3]) & ~model.is_acoustic
     nodes, first = np.unique(dofs.node[moving], return_index=True)
     if not nodes.size:
-        return ""
+        return None
     kept = nodes[thinned(dofs.xyz[moving][first], most)[1]]
     places = [np.flatnonzero(moving & (dofs.node == node)) for node in kept]
     whole = max(float(model.M[at][:, at].sum().real) for at in _along(seen))
@@ -59,15 +135,10 @@ def added_text(
             mass = float(min(tried, key=lambda each: misfits(node, each)))
             left = misfits(node, mass)
         if left > wider * min(UNLIKE, NEARER * before):
-            return ""
-    system = inputs.campaign.unit_system
-    xyz = ", ".join(f"{value:.4g}" for value in dofs.xyz[places[node][0]] / system.length)
-    return (
-        f"with about {mass:.2g} kg more near node {kept[node]} at ({xyz}) {system.length_name} the level misfit falls from {before:.1f} to "
-        f"{left:.1f} dB (mean level of each response removed): probably a part that was on the test bench is missing in the model, such as "
-        "a motor or a fixture. Compare the mass sum with the weight of the structure; add the part in the FE model and export it again, or "
-        "measure without it"
-    )
+            return None
+    xyz = ", ".join(f"{value:.4g}" for value in dofs.xyz[places[node][0]] / inputs.campaign.unit_system.length)
+    place = f"({xyz}) {inputs.campaign.unit_system.length_name}"
+    return _Mass(mass, int(kept[node]), places[node], place, left)
 
 
 def loaded_text(seen: Seen, *, least: float = 0.005, most: float = 0.5, steps: int = 13, falls: float = 0.15, others: float = 0.33) -> str:
