@@ -5,7 +5,7 @@ The page of `lrbc report` draws its own figures.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,6 +16,7 @@ from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.handed import with_job
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.errors import LrbcError
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.updating.judging.evidence import Evidence
 from lrbc_cli.updating.judging.reference import ReferenceState
@@ -66,7 +67,7 @@ class Identified:
 
 
 class TightStates:
-    """The reference job and the baselines of a campaign, identified once beside each reference job that was given.
+    """The reference job and the baselines of a campaign, identified once; with a reference job that was given, until another one is given.
 
     Parameters
     ----------
@@ -83,8 +84,18 @@ class TightStates:
         known = next((found for beside, found in self._known if found.name == name and beside is reference), None)
         if known is None:
             known = self._identify(name, reference=reference)
-            self._known.append((reference, known))
+            self._known = [each for each in self._known if each[0] is None or each[0] is reference] + [(reference, known)]
         return known
+
+    def usable(self, names: Sequence[str], reference: Identified | None, progress: Callable[[str], None]) -> tuple[Identified, ...]:
+        """Those of the jobs that can be identified; ``progress`` tells of others."""
+        found = []
+        for name in names:
+            try:
+                found.append(self.of(name, reference))
+            except LrbcError as error:
+                progress(f"baseline {name} is left out: {error.problem}")
+        return tuple(found)
 
 
 def frf_figure(found: Identification, response: int, label: str) -> Any:

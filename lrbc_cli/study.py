@@ -10,6 +10,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from lrbc_cli import given
@@ -104,7 +105,8 @@ class Study(ModelStudy):
         reference : Identified or None
             The reference job, from which changes are counted; None: that of the campaign, which is then identified first, once.
         baselines : sequence of Identified or None
-            Further jobs with all bolts tight; their scatter moves the threshold. None: those of the campaign, identified first, once.
+            Further jobs with all bolts tight; their scatter moves the threshold. None: those of the campaign, identified first, once; one
+            that fails is left out, as `lrbc update` does.
 
         Raises
         ------
@@ -122,11 +124,11 @@ class Study(ModelStudy):
         """
         inputs, before, known = task(self.inputs, job, measurement, reference, self._tight.of)
         names = needs(inputs.campaign, job)[1]
-        others = [self._tight.of(name, reference) for name in names] if baselines is None else baselines
+        others = self._tight.usable(names, reference, self._progress) if baselines is None else tuple(baselines)
         found = identify(inputs, self.source, job, before, known)
         evidence = evidence_of(inputs, found).beside(copied_baseline(inputs, job, found.measurement))
         record = result_record(inputs, self.source.stage, found, evidence, {other.name: other.record for other in others})
-        return Identified(name=job, identification=found, evidence=evidence, record=record, baselines=tuple(others))
+        return Identified(name=job, identification=found, evidence=evidence, record=record, baselines=others)
 
     def fit(self, job: str, measurement: Measurement | None = None, *, reference: Identified | None = None) -> Fit:
         """The cost that ``identify`` minimises, with its final weights, and its minimum: for studies of the search."""
@@ -305,6 +307,8 @@ class Study(ModelStudy):
             If a bolt does not exist or cannot be loosened, the reference job has loose bolts, or files exist or cannot be written.
         """
         lines = parse_lines(None, self.inputs.campaign.reduction.band) if hz is None else given.lines(hz)
+        if np.any(np.diff(lines) <= 0.0):
+            raise given.refuse("hz", "ascending lines", "lines that are not")
         # The stored calibration belongs to other measurements.
         drawn: dict[str, Any] = {"settings": settings, "seed": seed, "lines": lines, "replace": force, "progress": self._progress}
         return rehearse(self._exported, self._folder, Path(out), required(self._exported, jobs), **drawn)

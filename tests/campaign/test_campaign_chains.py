@@ -10,11 +10,12 @@ import pytest
 from pads import S, pads_model, pads_ports
 
 from lrbc_cli.campaign.findings import Kind, kinds_of
-from lrbc_cli.campaign.identification.compared.chains import coherence_doubt, soft_tip
+from lrbc_cli.campaign.identification.compared.chains import blows_doubt, coherence_doubt, soft_tip
 from lrbc_cli.campaign.identification.compared.likeness import run_backwards
 from lrbc_cli.campaign.looking import measured
 from lrbc_cli.updating.misfit.frf import port_model
 from lrbc_cli.updating.statistics.chain.modal import ChainFault
+from lrbc_cli.updating.statistics.model import STATISTICS
 
 HZ = S.imag / (2 * np.pi)
 
@@ -118,3 +119,25 @@ def test_a_coherence_that_is_low_elsewhere_is_no_soft_tip(part: tuple[float, flo
 
 def test_a_coherence_that_is_not_known_is_no_soft_tip() -> None:
     assert soft_tip(along(np.full(HZ.size, np.nan))) is None
+
+
+def test_blows_of_repeats_count_together() -> None:
+    """Values are the mean of all files, the coherence is that of one: three repeats of right blows looked like blows that differ."""
+    rng, hz = np.random.default_rng(5), np.linspace(20.0, 400.0, 381)
+    frf = np.stack([(hz**2 / (pole**2 - hz**2 + 0.04j * pole * hz)) for pole in (90.0, 170.0, 260.0)], axis=1)
+    size, blows, files = 0.1 * np.sqrt(np.mean(np.abs(frf) ** 2)), 5, 9
+
+    def noisy(count: int) -> np.ndarray:
+        return frf + size * (rng.standard_normal(frf.shape) + 1j * rng.standard_normal(frf.shape)) / np.sqrt(2.0 * blows * count)
+
+    coherence = 1.0 / (1.0 + (size / np.abs(frf)) ** 2)
+    campaign = SimpleNamespace(
+        update=SimpleNamespace(reference="tight"), jobs=dict.fromkeys(("tight", "own"), SimpleNamespace(averages=blows))
+    )
+    inputs: Any = SimpleNamespace(campaign=campaign, statistics=STATISTICS)
+    tight: Any = SimpleNamespace(values=noisy(1), coherence=coherence, files=1)
+    own: Any = SimpleNamespace(values=noisy(files), coherence=coherence, files=files)
+    assert blows_doubt(inputs, "own", own, tight) is None
+    # As if it were a single file: the same lines then are too smooth.
+    own.files = 1
+    assert blows_doubt(inputs, "own", own, tight) is not None

@@ -19,6 +19,7 @@ from lrbc_cli.campaign.identification.compared.astray import standing_out
 from lrbc_cli.campaign.identification.gains import Gains, everything, kept, sharers
 from lrbc_cli.campaign.reading.doubts.rigid import symmetry_doubt
 from lrbc_cli.model.dofs import DofTable
+from lrbc_cli.updating.statistics.error_model import ErrorModel
 
 
 @pytest.mark.parametrize("decibels", [0.0, 1.0, -1.0])
@@ -113,6 +114,8 @@ def test_the_sensor_or_hammer_whose_levels_alone_differ_is_asked_for() -> None:
     assert asked(1.5, 1.4, 0.1, -0.2, 0.0) == [("sensor", {"acc1", "acc1b"}), every]
     assert asked(0.0, 0.1, 0.1, -0.2, -1.5) == [("sensor", {"acc3"}), every]
     assert asked(0.1, -1.5, 0.0, -1.2, 0.1) == [("hammer point", {"acc1b", "acc2b"}), every]
+    # A response without values says nothing.
+    assert asked(1.5, 1.4, 0.1, np.nan, 0.0) == [("sensor", {"acc1", "acc1b"}), every]
     # Below the accuracy of a measuring chain, in two directions, of others as well, or of all.
     for levels in ((0.28, 0.25, 0.0, 0.0, 0.0), (1.5, -1.5, 0.0, 0.0, 0.0), (1.5, 1.4, 0.9, 0.0, 0.0), (1.5, 1.5, 1.5, 1.5, 1.5)):
         assert asked(*levels) == [every]
@@ -125,13 +128,15 @@ def test_a_sensor_or_hammer_point_that_alone_does_not_fit_is_named(beyond: float
         SimpleNamespace(name=f"a{k}-h{h + 1}", node=k, direction="UZ", input=h, excitation=f"h{h + 1}") for h in range(2) for k in range(4)
     ]
     campaign = SimpleNamespace(update=SimpleNamespace(reference="tight"))
-    inputs: Any = SimpleNamespace(responses=responses, excitations=("h1", "h2"), campaign=campaign)
+    statistics = SimpleNamespace(errors=ErrorModel())
+    inputs: Any = SimpleNamespace(responses=responses, excitations=("h1", "h2"), campaign=campaign, statistics=statistics)
 
-    def told(*excess: float, margin: float = 1.5) -> str:
+    def told(*excess: float) -> str:
         updated = np.ones((30, 8), dtype=complex)
+        measured = updated * 10.0 ** ((1.0 + np.array(excess)) / 20.0)
         expected = updated * 10.0 ** (1.0 / 20.0)
-        result: Any = SimpleNamespace(updated=updated, expected=expected, misfit_final=1.0 + np.array(excess))
-        text, remedy = standing_out(inputs, result, margin)
+        result: Any = SimpleNamespace(updated=updated, expected=expected, measurement=SimpleNamespace(values=measured))
+        text, remedy = standing_out(inputs, result)
         assert remedy.startswith(text)
         return text
 
@@ -142,9 +147,8 @@ def test_a_sensor_or_hammer_point_that_alone_does_not_fit_is_named(beyond: float
     assert told(0.1, 0.2, 8.0, 0.0, 0.1, 0.2, 0.1, 0.0) == ""
     struck = told(*[0.0] * 4, beyond, beyond + 0.5, beyond + 1.0, 0.3)
     assert struck.startswith("the FRFs of hammer point h2 do not fit: misfit") if beyond > 1.5 else struck == ""
-    # If all are worse, it is no single sensor; without a margin of the rule nothing is asked.
+    # If all are worse, it is no single sensor.
     assert told(*[2.0] * 8) == ""
-    assert told(0.1, 0.2, 9.0, 0.0, 0.1, 0.2, 9.0, 0.0, margin=0.0) == ""
 
 
 def test_a_response_that_is_not_used_has_what_the_others_share() -> None:

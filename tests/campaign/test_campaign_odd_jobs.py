@@ -25,6 +25,7 @@ from lrbc_cli.config import load_campaign
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.updating.statistics.chain.blows import BLOWS
 from lrbc_cli.updating.statistics.chain.modal import ModalRule
+from lrbc_cli.updating.statistics.error_model import ErrorModel
 
 HZ = np.arange(30.0, 500.0, 2.0)
 
@@ -160,21 +161,21 @@ def test_a_record_wrong_in_the_reference_job_alone(monkeypatch: pytest.MonkeyPat
 def test_a_sensor_that_alone_is_far_off_in_a_job_near_the_tight_state() -> None:
     """Turned or moved in one job: nothing was said, as the median over all responses is near."""
     responses = [SimpleNamespace(name=f"a{k}-h{h}", input=h, node=k, direction=3) for h in range(2) for k in range(4)]
-    inputs: Any = SimpleNamespace(responses=responses)
+    inputs: Any = SimpleNamespace(responses=responses, statistics=SimpleNamespace(errors=ErrorModel()))
     usual = np.array([0.8, 0.7, 4.0, 0.9, 0.8, 0.6, 3.0, 0.9])
     others = {f"s{k}": usual for k in range(4)}
     moved = usual.copy()
     moved[[1, 5]] = 4.0, 3.0
-    (found,) = all_jobs.astray_sensor(inputs, "own", others | {"own": moved}, 1.5)
+    (found,) = all_jobs.astray_sensor(inputs, "own", others | {"own": moved})
     assert found.responses == (1, 5)
     assert found.text.startswith("the FRFs of one sensor (a1-h0, a1-h1) are 3.5 dB from")
     # An error of the model is in all jobs; one FRF alone, or a state in which all are far, is no sensor.
     alone, far = usual.copy(), usual + 3.0
     alone[1] = 9.0
     for own in (usual, alone, far):
-        assert not all_jobs.astray_sensor(inputs, "own", others | {"own": own}, 1.5)
+        assert not all_jobs.astray_sensor(inputs, "own", others | {"own": own})
     # With few jobs there is nothing to compare with but the other sensors.
-    assert all_jobs.astray_sensor(inputs, "own", {"own": np.where(usual > 2.0, 0.9, moved)}, 1.5)
+    assert all_jobs.astray_sensor(inputs, "own", {"own": np.where(usual > 2.0, 0.9, moved)})
 
 
 def test_springs_without_any_effect() -> None:

@@ -10,7 +10,7 @@ import pytest
 from campaigns import Folder
 
 from lrbc_cli.campaign.digests import about_measurement
-from lrbc_cli.campaign.identification.matching import coherences_of
+from lrbc_cli.campaign.identification.matching import coherences_of, keys_of, with_files
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.frf import read_frf, write_frf
@@ -299,14 +299,20 @@ def test_keys_of_the_job_hold_where_the_file_says_nothing(box: Folder) -> None:
 
 def test_coherences_of_one_name_in_several_files_go_with_the_part_of_their_file(box: Folder) -> None:
     """A file for each hammer point, whose columns are the sensors: as for the FRFs themselves."""
-    for part, value in (("H1", 0.9), ("H2", 0.8), ("H1 again", 0.7)):
+    for part, value in (("H1", 0.9), ("H2", 0.8)):
         (box.data / f"c_{part}.csv").write_text(f"frequency_hz,mic1_coherence\n20,{value}\n30,{value}\n")
     files = "jobs.loose.coherence=[data/c_H1.csv, data/c_H2.csv]"
     found = coherences_of(box.inputs(files).campaign.jobs["loose"], {})
     assert {key: pair[1].tolist() for key, pair in found.items()} == {"mic1-H1": [0.9, 0.9], "mic1-H2": [0.8, 0.8]}
-    (box.data / "c_H1 again.csv").rename(box.data / "c_h1.csv")
     one = coherences_of(box.inputs("jobs.loose.coherence=data/c_H1.csv").campaign.jobs["loose"], {})
     assert list(one) == ["mic1"]
+    # Records of two files with one name; a name that stands in one of the files only belongs to no record of both.
+    first, second = (FrfRecord(name="mic1", frequency_hz=np.array([20.0]), values=np.ones(1, complex), file=f"f_H{k}.uff") for k in (1, 2))
+    full = with_files(FrfSet(source="", records=(first, second)))
+    response = box.inputs().responses[0]
+    assert keys_of(response, first, full)[:2] == (response.name, "mic1-H1")
+    assert "mic1" not in keys_of(replace(response, name="a"), second, full)
+    assert keys_of(replace(response, name="a"), first, {})[1] == "mic1"
 
 
 def test_coherence_in_the_file_and_beside_it(box: Folder) -> None:

@@ -77,6 +77,8 @@ def test_a_rehearsal_from_python_is_that_of_the_command(study: Study, frame: Fol
         ({"tight": (), "l": ("B9",)}, "no such bolt"),
         ({"l": ("B3",)}, "no reference job"),
     ]
+    with pytest.raises(ConfigError, match="hz cannot be used"):
+        study.rehearse(tmp_path / "wrong", {"tight": ()}, hz=[60.0, 50.0])
     for jobs, text in (*wrong, ({}, "no reference job"), ({"../up": ()}, "not the name of a job")):
         with pytest.raises(ConfigError, match=text):
             study.rehearse(tmp_path / "wrong", jobs)
@@ -168,6 +170,7 @@ def test_identifying_gives_what_update_writes(study: Study, frame_once: Folder) 
     measured = study.read("loose-2")
     again = study.identify("new", study.measurement(measured.frequency_hz, measured.values), reference=tight)
     assert again.verdicts == loose.verdicts
+    assert [bolt.verdict for bolt in study.judge(again).bolts] == list(loose.verdicts.values())
     assert again.probability_loose == pytest.approx(loose.probability_loose, abs=1e-6)
     # A rule that nothing can meet decides nothing; the sure ones stay.
     # Another rule for one number leaves the margin above the reference job as it was.
@@ -432,6 +435,14 @@ def test_notebooks(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     np.testing.assert_allclose(beam["reduced"], beam["direct"], rtol=1e-3)
     np.testing.assert_allclose(beam["fit"].x, beam["true"], atol=0.02)
     assert all(isinstance(script[name], Figure) for script, name in ((frame, "frf"), (frame, "profile"), (beam, "figure")))
+
+
+def test_a_baseline_that_fails_is_left_out(frame: Folder) -> None:
+    told: list[str] = []
+    overrides = ["update.baselines=[again]", "jobs.again.frf=missing.uff"]
+    study = lrbc_cli.load(frame.config, overrides=overrides, cache=frame.path / "cache", calibration=False, progress=told.append)
+    assert study.identify("loose-2").baselines == ()
+    assert any(text.startswith("baseline again is left out: ") for text in told)
 
 
 @pytest.mark.slow

@@ -108,7 +108,15 @@ def test_blows_of_two_states_are_not_noise() -> None:
     assert spread is not None
     assert spread > 2.0
     assert differing_blows(*few, 5, usual=usual) is not None
-    assert differing_blows(*few, 5, usual=spread) is None
+    rough = averaged([tight] * 3 + [state(0.97)] * 2, 0.2)
+    assert 1.7 < (blow_spread(*rough, 5) or 0.0) < 2.5
+    assert differing_blows(*rough, 5, usual=usual) is not None
+    assert differing_blows(*rough, 5, usual=2.0) is None
+    assert differing_blows(*rough, 5) is None
+    # Beside a reference job whose blows differ by far, the limit is that without one.
+    half = averaged([tight] * 4 + [loose] * 4, 0.02)
+    assert (blow_spread(*half, 8) or 0.0) > 3.0
+    assert differing_blows(*half, 8, usual=9.0) is not None
     values, coherence = averaged([tight] * 4 + [loose] * 4, 0.02)
     assert blow_spread(values, np.full_like(coherence, np.nan), 8) is None
     assert differing_blows(values, np.full_like(coherence, np.nan), 8) is None

@@ -134,7 +134,7 @@ def sharers(inputs: Inputs, elsewhere: Floats) -> Iterator[Sharers]:
         for owner in dict.fromkeys(owners):
             group = Sharers(kind, tuple(i for i, other in enumerate(owners) if other == owner))
             among = group.among(inputs)
-            own, others = middle[among], middle[~among]
+            own, others = (values[np.isfinite(values)] for values in (middle[among], middle[~among]))
             if not own.size or not others.size or np.ptp(np.sign(own)):
                 continue
             least, most = float(np.abs(own).min()), float(np.abs(others).max())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -396,11 +396,17 @@ def layout_of(job: JobConfig, file: Path, of_coherence: bool = False) -> TextLay
     return None if given is None else TextLayout(**given.model_dump())
 
 
-def keys_of(response: Response, record: FrfRecord | None) -> tuple[CoherenceKey | tuple[int | None, int], ...]:
-    """Keys under which the coherence of a response may be stored."""
+def keys_of(
+    response: Response, record: FrfRecord | None, full: Mapping[int, tuple[str, ...]]
+) -> tuple[CoherenceKey | tuple[int | None, int], ...]:
+    """Keys under which the coherence of a response may be stored; for ``full`` see ``with_files``.
+
+    A name that records of several files have is none of them without the part of its file.
+    """
     if record is None:
         return (response.name,)
-    return response.name, record.name, (record.response_node, record.response_direction)
+    names = full.get(id(record), ())
+    return response.name, *(names or (record.name,)), (record.response_node, record.response_direction)
 
 
 def coherences_of(job: JobConfig, hashes: dict[str, str]) -> dict[CoherenceKey, tuple[Floats, Floats]]:

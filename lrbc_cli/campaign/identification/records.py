@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -201,8 +201,7 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
         at, found = _indices(record.frequency_hz, axis)
         values[found, i] = record.values[at[found]] * job.factor(inputs.responses[i].name)
         own = [(record.frequency_hz, record.coherence)] if record.coherence is not None else []
-        keys = *keys_of(inputs.responses[i], record), *full.get(id(record), ())
-        own += [coherences[key] for key in keys if key in coherences][:1]
+        own += [coherences[key] for key in keys_of(inputs.responses[i], record, full) if key in coherences][:1]
         for lines, table in own:
             at, here = _indices(lines, axis)
             coherence[here, i] = table[at[here]]
@@ -217,7 +216,7 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
         warnings.append(f"{called(job)}: averages: {job.averages} is not used, as the job has no coherence")
     if evenly(axis) and (many := too_many_blows(values, coherence, job.averages, inputs.statistics.blows, inputs.statistics.errors)):
         warnings.append(f"{called(job)}: {many}")
-    warnings += [*_gaps(axis, records, values, job, inputs), *_strange(coherences, inputs, job, records)]
+    warnings += [*_gaps(axis, records, values, job, inputs), *_strange(coherences, inputs, job, records, full)]
     return Measurement(
         frequency_hz=axis,
         values=values,
@@ -232,9 +231,15 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     )
 
 
-def _strange(coherences: Collection[CoherenceKey], inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -> list[str]:
+def _strange(
+    coherences: Collection[CoherenceKey],
+    inputs: Inputs,
+    job: JobConfig,
+    records: list[FrfRecord | None],
+    full: Mapping[int, tuple[str, ...]],
+) -> list[str]:
     """Warning if none of the coherences belongs to a response."""
-    taken = {key for response, record in zip(inputs.responses, records, strict=True) for key in keys_of(response, record)}
+    taken = {key for response, record in zip(inputs.responses, records, strict=True) for key in keys_of(response, record, full)}
     if not coherences or taken & set(coherences):
         return []
     return [

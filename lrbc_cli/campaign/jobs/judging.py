@@ -208,8 +208,10 @@ def softer(judgement: Judgement, joints: Collection[str], rule: DecisionRule) ->
 
 def fitted_text(judgement: Judgement, evidence: Evidence, rule: DecisionRule, reference: ReferenceState | None) -> str:
     """What the fit of an unexplained job has loosened, as the beginning of a text, if only the validation channels speak against it."""
-    used = evidence.used_misfit_db
+    used, found = evidence.used_misfit_db, judgement.validity
     if reference is None or used is None or evidence.compared != VALIDATION or used > rule.most_db(reference.misfit_db):
+        return ""
+    if found.misfit_db is None or found.misfit_db <= found.limit_db:
         return ""
     changes = [(bolt.name, bolt.change, bolt.threshold) for bolt in judgement.bolts]
     below = [f"{name} ({change:+.2f} decades)" for name, change, limit in changes if change is not None and change < (limit or -inf)]
@@ -224,7 +226,8 @@ def fitted_text(judgement: Judgement, evidence: Evidence, rule: DecisionRule, re
 def contradicted(campaign: Campaign, name: str, judgement: Judgement) -> list[str]:
     """Warning if bolts that are stated to be removed are judged tight; else empty."""
     update = campaign.update
-    removed = campaign.jobs[name].removed if role_of(update, name) == JOB else ()
+    # A measurement that was handed over may have a name of its own.
+    removed = campaign.jobs[name].removed if name in campaign.jobs and role_of(update, name) == JOB else ()
     tight = [bolt.name for bolt in judgement.bolts if bolt.name in removed and bolt.verdict == TIGHT]
     if not tight:
         return []

@@ -265,14 +265,13 @@ def of_sensors(
                 changed[name] = replace(changed[name], told=odd_sensors(inputs, known | {name: closer(name)}).get(name, []))
         every = {**source.near, **known}
         for name in (name for name in source.near if name in found and not changed[name].told):
-            margin = inputs.method.rule.misfit_margin
-            if margin and astray_sensor(inputs, name, every, margin):
-                changed[name] = replace(changed[name], told=astray_sensor(inputs, name, every | {name: closer(name)}, margin))
+            if astray_sensor(inputs, name, every):
+                changed[name] = replace(changed[name], told=astray_sensor(inputs, name, every | {name: closer(name)}))
     return changed
 
 
-def astray_sensor(inputs: Inputs, name: str, away: Mapping[str, Floats], margin: float, *, least: int = 3) -> list[Finding]:
-    """Finding of a sensor whose FRFs alone are far from a state that explains all others, as in a result; empty if there is none.
+def astray_sensor(inputs: Inputs, name: str, away: Mapping[str, Floats], *, least: int = 3) -> list[Finding]:
+    """Finding of a sensor whose FRFs alone are far from a state that explains all others, see ``standing_out``; empty if there is none.
 
     Parameters
     ----------
@@ -281,12 +280,12 @@ def astray_sensor(inputs: Inputs, name: str, away: Mapping[str, Floats], margin:
         Job near the tight state.
     away : mapping
         Level misfits (R,) with the nearest state [dB], by job. What other jobs show too, if there are ``least``, is an error of the model.
-    margin : float
-        Least (lower) median excess of the sensor's FRFs, of which there are two or more, less the median of the others [dB].
+    least : int
+        Number of other jobs from which on these tell the errors of the model.
     """
     others = [own for other, own in away.items() if other != name]
     excess = away[name] - (np.median(others, axis=0) if len(others) >= least else 0.0)
-    worst: tuple[float, list[int]] = (margin, [])
+    worst: tuple[float, list[int]] = (inputs.statistics.errors.astray_db, [])
     for own in sorted({tuple(sorted((i, *same_sensor(inputs, i)))) for i in range(excess.size)}):
         at, rest = list(own), np.delete(excess, own)
         if len(at) > 1 and rest.size > 1:

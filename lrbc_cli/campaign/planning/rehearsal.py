@@ -377,11 +377,13 @@ def mixes(inputs: Inputs) -> bool:
 
 def threshold(inputs: Inputs, joints: bool) -> float:
     """Change below which `lrbc update` calls a bolt loose, before the scatter of baselines and loose neighbours lower it [decades]."""
-    return _threshold(inputs, TightScatter(0.0, len(inputs.campaign.update.baselines)), joints).limit
+    return _threshold(inputs, None, joints).limit
 
 
-def _threshold(inputs: Inputs, measured: TightScatter, joints: bool) -> Threshold:
-    return Threshold.of(inputs.method.rule, measured, joint=joints, mixture=mixes(inputs))
+def _threshold(inputs: Inputs, measured: TightScatter | None, joints: bool) -> Threshold:
+    """With the scatter of the baselines, or None: of as many that do not scatter."""
+    scatter = measured or TightScatter(0.0, len(inputs.campaign.update.baselines))
+    return Threshold.of(inputs.method.rule, scatter, joint=joints, mixture=mixes(inputs))
 
 
 def by_rule(inputs: Inputs, change: Floats, std: Floats, *, joints: bool) -> Floats:
@@ -392,7 +394,7 @@ def by_rule(inputs: Inputs, change: Floats, std: Floats, *, joints: bool) -> Flo
     reaches ``confidence``.
     """
     rule, errors = inputs.method.rule, inputs.statistics.errors
-    threshold = _threshold(inputs, _scatter(inputs) or NO_SCATTER, joints)
+    threshold = _threshold(inputs, _scatter(inputs), joints)
     own = np.hypot(std, errors.shift_error * np.abs(change) * joints)
     told = np.hypot(own, threshold.spread)
     return np.asarray(ndtr((threshold.limit - ndtri(rule.confidence) * told - change) / np.maximum(own, 1e-12)))

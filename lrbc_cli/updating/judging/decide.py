@@ -230,7 +230,7 @@ def judge(
             why = f"{which} the reference job: check whether all bolts were tight there"
         else:
             # Without a loose bolt no change is certain enough to explain the apparent fault of the measurement.
-            why = f"{'; '.join(evidence.reasons(explained=True))}; the change identified would explain it, but no bolt is judged loose"
+            why = f"{'; '.join(evidence.reasons(explained=True))}; a loose bolt might cause it, but none is judged loose"
         valid = valid.doubted(why)
     several = _alternatives(evidence, found) if valid.explained and role == JOB else ()
     return Judgement(validity=valid, bolts=found, implausible=rises, alternatives=several, fallen=fallen)

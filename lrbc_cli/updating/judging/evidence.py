@@ -225,7 +225,8 @@ class Doubt:
         See ``DoubtKind``.
     text : str
     explained : bool
-        Whether the identified change explains it, too; then it counts only if no bolt is judged loose.
+        Whether loose bolts may cause it, too (the identified change explains it, or it is beyond the model); then it counts only if no
+        bolt is judged loose.
     """
 
     kind: DoubtKind

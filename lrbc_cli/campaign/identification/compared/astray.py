@@ -14,31 +14,23 @@ from lrbc_cli.errors import listing
 from lrbc_cli.updating.misfit.cost import mean_misfit
 
 
-def standing_out(inputs: Inputs, result: Identification, margin: float) -> tuple[str, str]:
+def standing_out(inputs: Inputs, result: Identification) -> tuple[str, str]:
     """That the FRFs of one sensor or hammer point do not fit, as a clause, and what to check; empty texts if all do.
 
     A bolt changes the FRFs of all sensors, and a robust cost leaves out what does not fit, so the others may fit well beside a sensor that
-    was turned. One FRF alone may differ because the model errs there, so two or more of a sensor or hammer point are needed. In 107 jobs
-    of virtual rigs the largest excess was 1.2 dB without a fault, the least 1.9 dB where a sensor was moved by 30 mm and more or turned,
-    and 2.1 dB for a hammer point moved by 30 mm.
-
-    Parameters
-    ----------
-    inputs : Inputs
-    result : Identification
-    margin : float
-        Least (lower) median excess of their misfits over those in the reference job, less the median excess of the others [dB].
+    was turned. One FRF alone may differ because the model errs there, so two or more of a sensor or hammer point are needed: their (lower)
+    median excess over the misfit in the reference job, less the median excess of the others, is above ``ErrorModel.astray_db``.
     """
-    if result.expected is None or not margin:
+    if result.expected is None:
         return "", ""
-    # The measured over the expected FRFs of the reference job are the model's error there.
-    before, after = mean_misfit(result.updated, result.expected), result.misfit_final
+    # The expected FRFs over the model's are the measured ones of the reference job over the model's: its error there.
+    before, after = mean_misfit(result.updated, result.expected), mean_misfit(result.updated, result.measurement.values)
     excess = after - before
     kinds: tuple[tuple[str, Callable[[int], object]], ...] = (
         ("sensor", lambda i: sensor_of(inputs, i)),
         ("hammer point", lambda i: inputs.responses[i].input),
     )
-    worst: tuple[float, str, Integers] = (margin, "", np.zeros(0, dtype=np.int64))
+    worst: tuple[float, str, Integers] = (inputs.statistics.errors.astray_db, "", np.zeros(0, dtype=np.int64))
     for kind, of in kinds:
         owners = [of(i) for i in range(len(inputs.responses))]
         for owner in dict.fromkeys(owners):

@@ -69,11 +69,13 @@ def _edge(own: Measurement, least: float) -> int:
 
 def blows_doubt(inputs: Inputs, job: str, own: Measurement, tight: Measurement | None = None) -> str | None:
     """Message on blows that differ from each other more than in the reference job, if that is given; else None."""
-    jobs, statistics = inputs.campaign.jobs, inputs.statistics
-    usual = None
-    if tight is not None:
-        usual = blow_spread(tight.values, tight.coherence, jobs[str(inputs.campaign.update.reference)].averages, statistics.errors)
-    return differing_blows(own.values, own.coherence, jobs[job].averages, statistics.blows, statistics.errors, usual=usual)
+    statistics, reference = inputs.statistics, str(inputs.campaign.update.reference)
+
+    def blows(name: str, measurement: Measurement) -> int:
+        return inputs.campaign.jobs[name].averages * measurement.files
+
+    usual = None if tight is None else blow_spread(tight.values, tight.coherence, blows(reference, tight), statistics.errors)
+    return differing_blows(own.values, own.coherence, blows(job, own), statistics.blows, statistics.errors, usual=usual)
 
 
 def coherence_doubt(

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
-from lrbc_cli.campaign.findings import Kind, kinds_of
+from lrbc_cli.campaign.findings import Finding, Kind, kinds_of
 from lrbc_cli.campaign.identification.compared.astray import standing_out
 from lrbc_cli.campaign.identification.compared.likeness import by_sensors, exchanged, exchanged_text, off_level, outlying
 from lrbc_cli.campaign.identification.compared.offsets import (
@@ -226,16 +226,25 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     if gains is not None and gains.shared:
         text = f"{_sharing(inputs, gains.shared)} {gain_size(*gains.mean)} than expected from the reference job"
         untrusted.append(Doubt(kind="gain", text=text))
-    wrong = sorted({i for finding in units if finding.kind is Kind.UNITS for i in finding.responses})
+    wrong = sorted({i for finding in units if finding.kind is Kind.UNITS for i in finding.responses} - _always(inputs, result, units))
     if reference is not None and wrong:
         # Beside a structure that came apart, levels that the model misses look like factors.
         named = listing([inputs.responses[i].name for i in wrong], 4)
         untrusted.append(Doubt(kind="factor", text=f"units or sensitivities of {named} are probably wrong", explained=True))
-    elif reference is not None and reference.explained and not swapped:
-        text, remedy = standing_out(inputs, result, inputs.method.rule.misfit_margin)
+    elif reference is not None and not swapped:
+        text, remedy = standing_out(inputs, result)
         untrusted += [Doubt(kind="astray", text=text)] if text else []
         found += [f"{job.first.name}: {remedy}"] if text else []
     return found + [text for text in further if text is not None], compared, untrusted
+
+
+def _always(inputs: Inputs, result: Identification, units: Sequence[Finding]) -> set[int]:
+    """Responses whose factor the reference job shows, too, so that it cancels; empty if there are no findings ``units``."""
+    if not units or result.tight is None or result.expected is None:
+        return set()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        there = result.tight.values * result.updated / result.expected
+    return {offset.response for offset in factors_of(inputs, result.tight, (there,)) if offset.named}
 
 
 def gain_size(gain: float, std: float) -> str:

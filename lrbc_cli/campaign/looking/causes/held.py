@@ -153,7 +153,7 @@ def supports_text(seen: Seen) -> str:
 def or_held(seen: Seen, lowered: str) -> str:
     """The text on joints that a calibration lowers, with supports of the model, if any: softer joints make up for wrong ones."""
     held = supports_text(seen) if lowered else ""
-    return lowered + (f"{held}; where it has none, remove the constraint in the FE model, and export it again" if held else "")
+    return lowered + (f"{held}. What the test bench does not have is to be removed in the FE model" if held else "")
 
 
 def _lacking(dofs: DofTable, unit: float, *, most: int = 4, share: float = 0.25) -> str:

@@ -215,10 +215,11 @@ def differing_blows(
     rule : BlowRule
     errors : ErrorModel
     usual : float or None
-        ``blow_spread`` of the reference job: blows of one operator differ a little in all jobs. None if it is not known.
+        ``blow_spread`` of the reference job: blows of one operator differ a little in all jobs, but by no more than ``differing_alone``.
+        None if it is not known.
     """
     noise, spread = _noise_of(values, coherence, averages, errors), blow_spread(values, coherence, averages, errors)
-    most = rule.differing_alone if usual is None else rule.differing * usual
+    most = rule.differing_alone if usual is None else min(rule.differing * usual, rule.differing_alone)
     if noise is None or spread is None or not (noise.stated > rule.noise and spread > most):
         return None
     return (
