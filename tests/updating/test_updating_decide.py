@@ -429,7 +429,7 @@ def test_a_change_that_clears_no_bolt_of_suspicion_excuses_no_measurement() -> N
     found = judge(evidence(changed(0.0, 0.1), doubts=AS_IF), RULE)
     assert found.bolts[0].verdict == "tight"
     assert found.validity.passed is None
-    assert found.validity.unvalidated == "as if hit twice; the change identified would explain it, but no bolt is judged loose"
+    assert found.validity.unvalidated == "as if hit twice; a loose bolt might cause it, but none is judged loose"
     assert judge(evidence(changed(-2.0, 0.1), doubts=AS_IF), RULE).validity.passed
     assert judge(evidence(changed(0.0, 0.1), doubts=AS_IF), RULE, BASELINE).validity.passed
     # What is said of a bolt that is tighter is said instead.
