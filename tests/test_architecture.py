@@ -39,7 +39,7 @@ ALLOWED = {
     "guide": {"config"},
     "given": {"errors"},
     "matrices": {"errors", "given", "model", "reduction", "updating"},
-    "identified": {"given", "updating", "results", "campaign"},
+    "identified": {"errors", "given", "updating", "results", "campaign"},
     "modelled": {"given", "model", "reduction", "campaign"},
     "study": {"given", "config", "updating", "results", "method", "campaign", "virtual", "identified", "modelled"},
     "cli": {
