@@ -112,6 +112,18 @@ def columns_of(inputs: Inputs, shared: Sharers | None) -> Floats:
     return np.asarray(inputs.statistics.errors.gain_db * own)
 
 
+def groups_of(inputs: Inputs) -> Iterator[Sharers]:
+    """The responses of each sensor, then those of each hammer point."""
+    kinds: tuple[tuple[str, Callable[[int], object]], ...] = (
+        ("sensor", lambda i: sensor_of(inputs, i)),
+        ("hammer point", lambda i: inputs.responses[i].input),
+    )
+    for kind, of in kinds:
+        owners = [of(i) for i in range(len(inputs.responses))]
+        for owner in dict.fromkeys(owners):
+            yield Sharers(kind, tuple(i for i, other in enumerate(owners) if other == owner))
+
+
 def sharers(inputs: Inputs, elsewhere: Floats) -> Iterator[Sharers]:
     """Responses that may share a gain, in the order in which it is looked for: those of one sensor or hammer point, then all.
 
@@ -124,22 +136,15 @@ def sharers(inputs: Inputs, elsewhere: Floats) -> Iterator[Sharers]:
         See ``Gains.shown``.
     """
     middle, errors = np.array([_median(column) for column in elsewhere.T]), inputs.statistics.errors
-    kinds: tuple[tuple[str, Callable[[int], object]], ...] = (
-        ("sensor", lambda i: sensor_of(inputs, i)),
-        ("hammer point", lambda i: inputs.responses[i].input),
-    )
     found: list[tuple[float, Sharers]] = []
-    for kind, of in kinds:
-        owners = [of(i) for i in range(len(inputs.responses))]
-        for owner in dict.fromkeys(owners):
-            group = Sharers(kind, tuple(i for i, other in enumerate(owners) if other == owner))
-            among = group.among(inputs)
-            own, others = (values[np.isfinite(values)] for values in (middle[among], middle[~among]))
-            if not own.size or not others.size or np.ptp(np.sign(own)):
-                continue
-            least, most = float(np.abs(own).min()), float(np.abs(others).max())
-            if least > errors.least_gain_db and most < errors.gain_shown * least:
-                found.append((most / least, group))
+    for group in groups_of(inputs):
+        among = group.among(inputs)
+        own, others = (values[np.isfinite(values)] for values in (middle[among], middle[~among]))
+        if not own.size or not others.size or np.ptp(np.sign(own)):
+            continue
+        least, most = float(np.abs(own).min()), float(np.abs(others).max())
+        if least > errors.least_gain_db and most < errors.gain_shown * least:
+            found.append((most / least, group))
     if found:
         yield min(found, key=lambda each: each[0])[1]
     yield everything(inputs)

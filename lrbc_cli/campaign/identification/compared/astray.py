@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from lrbc_cli.arrays import Integers
-from lrbc_cli.campaign.identification.compared.offsets import sensor_of
 from lrbc_cli.campaign.identification.found import Identification
+from lrbc_cli.campaign.identification.gains import groups_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import listing
 from lrbc_cli.updating.misfit.cost import mean_misfit
@@ -26,21 +24,15 @@ def standing_out(inputs: Inputs, result: Identification) -> tuple[str, str]:
     # The expected FRFs over the model's are the measured ones of the reference job over the model's: its error there.
     before, after = mean_misfit(result.updated, result.expected), mean_misfit(result.updated, result.measurement.values)
     excess = after - before
-    kinds: tuple[tuple[str, Callable[[int], object]], ...] = (
-        ("sensor", lambda i: sensor_of(inputs, i)),
-        ("hammer point", lambda i: inputs.responses[i].input),
-    )
     worst: tuple[float, str, Integers] = (inputs.statistics.errors.astray_db, "", np.zeros(0, dtype=np.int64))
-    for kind, of in kinds:
-        owners = [of(i) for i in range(len(inputs.responses))]
-        for owner in dict.fromkeys(owners):
-            own = np.isfinite(excess) & [other == owner for other in owners]
-            others = np.isfinite(excess) & ~own
-            if own.sum() < 2 or others.sum() < 2:
-                continue
-            beyond = float(np.quantile(excess[own], 0.5, method="lower") - np.median(excess[others]))
-            if beyond > worst[0]:
-                worst = beyond, kind, np.flatnonzero(own)
+    for group in groups_of(inputs):
+        own = np.isfinite(excess) & np.isin(np.arange(excess.size), group.responses)
+        others = np.isfinite(excess) & ~own
+        if own.sum() < 2 or others.sum() < 2:
+            continue
+        beyond = float(np.quantile(excess[own], 0.5, method="lower") - np.median(excess[others]))
+        if beyond > worst[0]:
+            worst = beyond, group.kind, np.flatnonzero(own)
     _, kind, at = worst
     if not kind:
         return "", ""
