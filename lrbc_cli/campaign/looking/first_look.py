@@ -41,10 +41,10 @@ from lrbc_cli.campaign.identification.compared.offsets import (
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.weights import without_noise
 from lrbc_cli.campaign.looking.all_jobs import OfJob, tight_state, together
-from lrbc_cli.campaign.looking.axes import out_of_reach_text, stretched_text
+from lrbc_cli.campaign.looking.axes import stretched_text
 from lrbc_cli.campaign.looking.causes.added import loaded_text, missing_text
 from lrbc_cli.campaign.looking.causes.damped import misdamped_text
-from lrbc_cli.campaign.looking.causes.held import idle_text, or_held, supports_text
+from lrbc_cli.campaign.looking.causes.held import idle_text, or_held
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
 from lrbc_cli.campaign.looking.causes.parts import by_parts_text
 from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings
@@ -62,7 +62,7 @@ from lrbc_cli.campaign.looking.causes.tightness import (
 )
 from lrbc_cli.campaign.looking.fitted import as_exported, at_bounds_text, fitted_exchanged, fitted_frf, roughly_calibrated, strike_text
 from lrbc_cli.campaign.looking.states import BUILT_WORK, Looking, Seen, coarsely_reduced, nearest_states, on_lines, reach_of_one
-from lrbc_cli.campaign.looking.unexplained import beside_fit, beside_tight, little_in_common, of_one_field, placed, without_repeated
+from lrbc_cli.campaign.looking.unexplained import beside_fit, beside_tight, little_in_common, placed, uncalibrated, without_repeated
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misread
 from lrbc_cli.campaign.reduced import cache
@@ -74,6 +74,9 @@ from lrbc_cli.updating.comparison.scale import Offset, grouped
 
 #: Misfit up to which no fit of loosened bolts is needed to explain a measurement [dB].
 NEAR = 2.0
+
+#: Misfit of the reference job after a rough calibration up to which no other part of the model is looked for [dB].
+USUAL = 1.5
 
 #: Number of nearest states for which exchanged sensors are looked for.
 NEAREST = 4
@@ -356,22 +359,26 @@ def _calibrated(
         return source, replace(first, told=told)
     calibrated = rough()
     if calibrated is None:
-        return source, replace(first, told=_uncalibrated(seen, measurements[name], first.told))
+        return source, replace(first, told=uncalibrated(seen, measurements[name], first.told))
     again, after = _looked_at(calibrated, measurements, name), Seen.of(calibrated, name, measurements[name])
     # A calibration takes a wrong clock for another stiffness, so only a place that it shows is told instead.
     if Kind.STRETCHED in kinds and not kinds_of(again.told) & {Kind.COORDINATES, Kind.HAMMER, Kind.HAMMERS, Kind.EXCHANGED}:
         return source, first
+    far = Kind.UNLIKE in kinds | kinds_of(again.told) and after.misfit > LEAST_DIFFERENCE
+    if far and (part := by_parts_text(seen, measurements[name], calibrated=after.misfit)):
+        return source, OfJob(said(Kind.MATERIAL, part))
     # Nothing found is no all-clear while the FRFs of another excitation are not fitted.
     if not again.told and (Kind.COORDINATES in kinds or any(db > LEAST_DIFFERENCE for db in after.by_excitation.values())):
         loaded = "" if again.told else loaded_text(after)
         return calibrated, OfJob(said(Kind.MATERIAL, loaded)) if loaded else first
     if unit := of_other_unit_text(seen, after):
         return calibrated, OfJob(said(Kind.SPRINGS, unit))
-    if not kinds_of(again.told) and after.misfit > NEAR and (far := at_bounds_text(calibrated, after.misfit)):
-        return calibrated, OfJob(said(Kind.MATERIAL, far))
+    if not kinds_of(again.told) and after.misfit > NEAR and (bound := at_bounds_text(calibrated, after.misfit)):
+        return calibrated, OfJob(said(Kind.MATERIAL, bound))
     moved = [*said(Kind.LOWERED, or_held(seen, lowered_text(seen, after))), *said(Kind.SPRINGS, raised_text(seen, after))]
-    if not again.told and not moved and after.misfit > NEAR:
-        moved = said(Kind.MATERIAL, missing_text(seen, measurements[name], after.misfit, least=NEAR))
+    if not again.told and not moved and after.misfit > USUAL:
+        part = missing_text(seen, measurements[name], after.misfit, least=NEAR)
+        moved = said(Kind.MATERIAL, part or by_parts_text(seen, measurements[name], calibrated=after.misfit))
     return calibrated, replace(again, told=[*again.told, *moved])
 
 
@@ -400,20 +407,6 @@ def _of_one(source: Looking, measurements: Mapping[str, Measurement], name: str)
         if not all(each.has(Effect.IS_FAR) for each in found.told):
             return first, found
     return _seen_and_calibrated(source, measurements, name)
-
-
-def _uncalibrated(seen: Seen, measurement: Measurement, told: list[Finding]) -> list[Finding]:
-    """Findings of the reference job, of which no rough calibration brings the model near: a stiffness out of reach, or supports."""
-    if Kind.UNLIKE in kinds_of(told):
-        text = out_of_reach_text(measurement, seen) or by_parts_text(seen, measurement)
-        return said(Kind.MATERIAL, text) or of_one_field(seen, measurement, told)
-    if not told and seen.misfit > LEAST_DIFFERENCE and (held := supports_text(seen)):
-        text = (
-            f"measured and computed FRFs differ by {seen.misfit:.1f} dB (median of the responses, mean level of each removed), more than a "
-            f"calibration corrects{held}. Where the test bench has none, remove the constraint in the FE model, and export it again"
-        )
-        return said(Kind.UNLIKE, text)
-    return told
 
 
 def _channels(

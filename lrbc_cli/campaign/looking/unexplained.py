@@ -23,11 +23,12 @@ from lrbc_cli.campaign.identification.compared.likeness import (
     same_sensor,
 )
 from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.looking.axes import out_of_reach_text
 from lrbc_cli.campaign.looking.causes.added import added_text
 from lrbc_cli.campaign.looking.causes.coordinates import coordinates_texts
 from lrbc_cli.campaign.looking.causes.held import held_text, idle_text, supports_text
 from lrbc_cli.campaign.looking.causes.moved import hammer_text, sensor_text
-from lrbc_cli.campaign.looking.causes.parts import lump_text, part_text
+from lrbc_cli.campaign.looking.causes.parts import by_parts_text, lump_text, part_text
 from lrbc_cli.campaign.looking.causes.rescaled import rescaled_text, softness_text
 from lrbc_cli.campaign.looking.causes.tables import unit_text
 from lrbc_cli.campaign.looking.causes.tightness import looser, tighter_text
@@ -169,6 +170,20 @@ def little_in_common(seen: Seen, measurements: Mapping[str, Measurement]) -> lis
         told = said(Kind.UNLIKE, text)
     # Each on its own: ``placed`` looks for the place of each.
     return told + single_responses(inputs, every, outlying(every), "the model", few=every.size)
+
+
+def uncalibrated(seen: Seen, measurement: Measurement, told: list[Finding]) -> list[Finding]:
+    """Findings of the reference job, of which no rough calibration brings the model near: a stiffness out of reach, or supports."""
+    if Kind.UNLIKE in kinds_of(told):
+        text = out_of_reach_text(measurement, seen) or by_parts_text(seen, measurement)
+        return said(Kind.MATERIAL, text) or of_one_field(seen, measurement, told)
+    if not told and seen.misfit > LEAST_DIFFERENCE and (held := supports_text(seen)):
+        text = (
+            f"measured and computed FRFs differ by {seen.misfit:.1f} dB (median of the responses, mean level of each removed), more than a "
+            f"calibration corrects{held}. Where the test bench has none, remove the constraint in the FE model, and export it again"
+        )
+        return said(Kind.UNLIKE, text)
+    return told
 
 
 def of_one_field(seen: Seen, measurement: Measurement, told: list[Finding]) -> list[Finding]:

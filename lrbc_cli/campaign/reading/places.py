@@ -72,10 +72,10 @@ def components_place(campaign: Campaign) -> str:
     return "model.dofs" if source is None else source.name
 
 
-def extents(xyz: Floats) -> str:
-    """Bounding box of points [m] in words."""
-    low, high = xyz.min(axis=0), xyz.max(axis=0)
-    return ", ".join(f"{axis} {a:.4g} to {b:.4g}" for axis, a, b in zip("xyz", low, high, strict=True)) + " m"
+def extents(xyz: Floats, unit: float = 1.0, name: str = "m") -> str:
+    """Bounding box of points [m] in words, in a unit of length with its name."""
+    low, high = xyz.min(axis=0) / unit, xyz.max(axis=0) / unit
+    return ", ".join(f"{axis} {a:.4g} to {b:.4g}" for axis, a, b in zip("xyz", low, high, strict=True)) + f" {name}"
 
 
 def require_near(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
@@ -24,6 +24,7 @@ from lrbc_cli.campaign.reduced.memory import reduction_cost
 from lrbc_cli.campaign.reduced.stage import affine_model
 from lrbc_cli.errors import LrbcError, listing
 from lrbc_cli.model.fem import FeModel
+from lrbc_cli.model.mesh_parts import MeshPart, mesh_parts
 
 #: What of a part is multiplied, and what is then to be checked.
 _WRONG = {
@@ -44,20 +45,19 @@ def part_text(seen: Seen, before: float, *, ratio: float = 2.9, moduli: float = 
     ratio, moduli : float
         Of the densities (7850 and 2700 kg/m3), and of the moduli (210 and 70 GPa), of steel and aluminium.
     """
-    cases = [(part, factor, kind) for part in _parts(seen) for factor in (ratio, 1.0 / ratio) for kind in _WRONG]
+    cases = [(part, factor, kind) for part in _bodies(seen) for factor in (ratio, 1.0 / ratio) for kind in _WRONG]
     if not cases and seen.inputs.model.is_acoustic.any() and before > UNLIKE:
         # One structure beside air, whose mass is right: large models, so one case only. More resonances than computed: it is too light.
         more = resonances(seen.measured) >= resonances(seen.model)
-        cases = [(~seen.inputs.model.is_acoustic, ratio if more else 1.0 / ratio, "mass")]
+        cases = [(_body(seen.inputs.model, ~seen.inputs.model.is_acoustic), ratio if more else 1.0 / ratio, "mass")]
     few, inputs = seen.few(FEWEST), seen.inputs
     if before <= LEAST_DIFFERENCE or not cases or len(cases) * seen.work(few.s.size) > MOST_WORK:
         return ""
     model, found = inputs.model, list[tuple[float, float, int]]()
     for number, (part, factor, kind) in enumerate(cases):
-        # The coupling of structure and air stays.
-        own, stiff = sp.diags_array(part.astype(float)), moduli if factor > 1.0 else 1.0 / moduli
-        K = model.K if kind == "mass" else sp.csc_array(model.K + (stiff - 1.0) * (own @ model.K @ own))
-        M = model.M if kind == "stiffness" else sp.csc_array(model.M + (factor - 1.0) * (own @ model.M @ own))
+        stiff = moduli if factor > 1.0 else 1.0 / moduli
+        K = model.K if kind == "mass" else sp.csc_array(model.K + (stiff - 1.0) * part.K)
+        M = model.M if kind == "stiffness" else sp.csc_array(model.M + (factor - 1.0) * part.M)
         with suppress(LrbcError):
             found.append((*_misfit(few, replace(model, K=K, M=M)), number))
     if not found or not explains(*min(found)[:2], before, 1.5):
@@ -65,8 +65,7 @@ def part_text(seen: Seen, before: float, *, ratio: float = 2.9, moduli: float = 
     left, _, best = min(found)
     part, factor, kind = cases[best]
     what, check = _WRONG[kind]
-    dofs = inputs.dofs
-    where = "structure" if len(cases) == 1 else "part" if dofs is None else f"part at {extents(dofs.xyz[part])}"
+    where = "structure" if len(cases) == 1 else _where(seen, part, "part")
     size = "small" if factor > 1.0 else "large"
     return (
         f"the {what} of the {where} {'are' if kind == 'material' else 'is'} probably about {ratio:g} times too {size}, as of aluminium and "
@@ -113,48 +112,75 @@ def by_parts_text(
     seen: Seen,
     whole: Measurement,
     *,
+    calibrated: float = np.inf,
     passes: int = 2,
     rounds: int = 2,
-    least: float = 1.2,
-    clear: float = 0.5,
-    most: int = 6,
     exact: float = 1.0,
 ) -> str:
-    """Warning that names the part, of those that only springs join, whose stiffness or mass is wrong by any factor; else empty.
+    """Warning that names the part whose stiffness or mass is wrong by any factor; else empty.
 
-    Rough calibrations find factors of the stiffness and of the mass of each part, and full solves confirm them.
+    Rough calibrations find factors of the stiffness and of the mass of each part, and full solves confirm them. Parts that only springs
+    join come first, then those that share nodes (``model.mesh_parts``).
 
     Parameters
     ----------
     seen : Seen
     whole : Measurement
         The same on all its lines.
+    calibrated : float
+        Level misfit after a rough calibration of the whole model, if there is one [dB].
     passes, rounds : int
         Number of reduced models, each of the matrices found with the one before, and of calibrations with each: a calibration reaches a
         factor of 1.35.
-    least, clear : float
-        Least factor of that part, and largest share of its logarithm that those of any other part may have.
-    most : int
-        Largest number of parts.
     exact : float
         Largest error of the reduced model at the factors found [dB].
     """
-    source, before, parts = seen.source, seen.misfit, list(_parts(seen))
-    settings, inputs = source.inputs.campaign.calibration, source.inputs
+    source, settings, inputs = seen.source, seen.inputs.campaign.calibration, seen.inputs
     free = settings is not None and settings.job == seen.job and not inputs.model.extras and source.stage is not None
-    if not free or not 2 <= len(parts) <= most or before <= LEAST_DIFFERENCE or reduction_cost(inputs)[0].work > MOST_WORK:
+    if not free or seen.misfit <= LEAST_DIFFERENCE or reduction_cost(inputs)[0].work > MOST_WORK:
         return ""
+    meshed = [] if inputs.dofs is None else mesh_parts(inputs.model, inputs.dofs)
+    kinds = [parts for parts in (_bodies(seen), meshed) if len(parts) > 1]
+    before = min(seen.misfit, calibrated)
+    return next(filter(None, (_of_parts(seen, whole, parts, before, passes, rounds, exact=exact) for parts in kinds)), "")
+
+
+def _of_parts(
+    seen: Seen,
+    whole: Measurement,
+    parts: Sequence[MeshPart],
+    before: float,
+    passes: int,
+    rounds: int,
+    *,
+    least: float = 1.2,
+    clear: float = 0.5,
+    most: int = 6,
+    exact: float = 1.0,
+    falling: float = 0.8,
+) -> str:
+    """See ``by_parts_text``, for parts of one kind.
+
+    ``before``: level misfit without [dB]; ``falling``: what each pass may leave of it. ``least``, ``clear``: least factor of that part, and
+    largest share of its logarithm that those of any other part may have; of more than ``most`` parts those are calibrated that alone bring
+    the model nearest.
+    """
+    source, settings = seen.source, seen.inputs.campaign.calibration
     assert settings is not None
     keys = [(f"stiffness {k}", f"mass {k}") for k in range(len(parts))]
     others = tuple(name for name in settings.names if name not in ("stiffness.structure", "mass.structure"))
     names = (*others, *chain(*keys))
     try:
-        found, begun = _begun(source, seen, keys, parts)
+        found, begun, nearest = _begun(source, seen, keys, parts)
+        if len(parts) > most:
+            return _of_parts(seen, whole, [parts[k] for k in nearest[:most]], before, passes, rounds, exact=exact)
         factors = dict.fromkeys(names, 1.0) | begun
         for _ in range(passes):
-            found, further = calibrated_by_rounds(_with_parts(found, keys, parts), whole, names, rounds)
-            factors = {name: value * further[name] for name, value in factors.items()}
-        after = Seen.of(found, seen.job, whole)
+            now = [MeshPart(part.own, factors[k] * part.K, factors[m] * part.M) for part, (k, m) in zip(parts, keys, strict=True)]
+            found, further = calibrated_by_rounds(_with_parts(found, keys, now), whole, names, rounds)
+            factors, after = {name: value * further[name] for name, value in factors.items()}, Seen.of(found, seen.job, whole)
+            if after.misfit > falling * before:
+                return ""
         few = after.few(FEWEST)
         full = ported(few, found.inputs.model).evaluate(few.dynamic)
     except LrbcError:
@@ -170,10 +196,9 @@ def by_parts_text(
     return _part_text(seen, parts[worst], worst, logs[worst], after.misfit)
 
 
-def _part_text(seen: Seen, part: Bools, number: int, logs: Floats, left: float) -> str:
+def _part_text(seen: Seen, part: MeshPart, number: int, logs: Floats, left: float) -> str:
     """Warning about one part, with the logarithms of the factors of its stiffness and mass, and the misfit left [dB]."""
-    dofs, (stiffness, mass) = seen.inputs.dofs, logs.tolist()
-    where = f"part {number + 1}" if dofs is None else f"part at {extents(dofs.xyz[part])}"
+    (stiffness, mass), where = logs.tolist(), _where(seen, part, f"part {number + 1}")
     return (
         f"with the stiffness of the {where} times {np.exp(stiffness):.2g}, and its mass times {np.exp(mass):.2g}, a rough calibration "
         f"leaves a level misfit of {left:.1f} dB, of {seen.misfit:.1f} dB (mean level of each response removed). "
@@ -181,16 +206,26 @@ def _part_text(seen: Seen, part: Bools, number: int, logs: Floats, left: float) 
     )
 
 
+def _where(seen: Seen, part: MeshPart, unknown: str) -> str:
+    """A part by its extents, its border among them; ``unknown`` without coordinates."""
+    dofs, units = seen.inputs.dofs, seen.inputs.campaign.unit_system
+    if dofs is None:
+        return unknown
+    return f"part at {extents(dofs.xyz[part.own | (part.K.diagonal() != 0.0)], units.length, units.length_name)}"
+
+
 def _begun(
     source: Looking,
     seen: Seen,
     keys: Sequence[tuple[str, str]],
-    parts: Sequence[Bools],
+    parts: Sequence[MeshPart],
     *,
     sizes: tuple[float, ...] = (0.7, 0.83, 1.2, 1.4),
     lines: int = 60,
-) -> tuple[Looking, dict[str, float]]:
-    """The model, as it is or with stiffness and mass of one part multiplied, that is nearest to the measurement, and these factors.
+) -> tuple[Looking, dict[str, float], list[int]]:
+    """The model, as it is or with stiffness and mass of one part multiplied, that is nearest to the measurement; and these factors.
+
+    Third, the numbers of the parts in the order in which they alone bring the model near.
 
     A calibration finds the nearest valley only, and resonances that cross others lead into another one. ``sizes`` are the factors tried on
     a thickness, on about ``lines`` lines.
@@ -198,14 +233,17 @@ def _begun(
     whole, few = _with_parts(source, keys, parts), seen.few(lines)
     assert whole.stage is not None
     affine = affine_model(whole.inputs, whole.stage)
-    found = list[tuple[float, int, Looking, dict[str, float]]]()
+    found, alone = list[tuple[float, int, Looking, dict[str, float]]](), dict[int, float]()
     # Another thickness, another modulus, another density.
     ways = [way for size in sizes for way in ((size**3, size), (size**3, 1.0), (1.0, size**2))]
-    for factors in [{}, *(dict(zip(own, way, strict=True)) for own in keys for way in ways)]:
+    for k, factors in [(-1, dict[str, float]()), *((k, dict(zip(own, way, strict=True))) for k, own in enumerate(keys) for way in ways)]:
         one = multiplied(whole, affine, factors)
         values = one.model(few.s, few.parameters).frf(few.parameters.initial)
-        found.append((float(np.median(apart(few.measured, values))), len(found), one, factors))
-    return min(found)[2:]
+        left = float(np.median(apart(few.measured, values)))
+        found.append((left, len(found), one, factors))
+        alone[k] = min(left, alone.get(k, np.inf))
+    _, _, nearest, begun = min(found)
+    return nearest, begun, sorted(range(len(keys)), key=alone.__getitem__)
 
 
 def _cause(stiffness: float, mass: float) -> str:
@@ -226,14 +264,12 @@ def _cause(stiffness: float, mass: float) -> str:
     return min(ways)[1]
 
 
-def _with_parts(source: Looking, keys: Sequence[tuple[str, str]], parts: Sequence[Bools]) -> Looking:
+def _with_parts(source: Looking, keys: Sequence[tuple[str, str]], parts: Sequence[MeshPart]) -> Looking:
     """The model with a factor of the stiffness, and one of the mass, of each part, named by ``keys``."""
     inputs, model = source.inputs, source.inputs.model
     groups = dict[str, dict[str, sp.csc_array]]()
     for (stiffness, mass), part in zip(keys, parts, strict=True):
-        # The coupling of structure and air stays.
-        own = sp.diags_array(part.astype(float))
-        groups |= {stiffness: {"stiffness": sp.csc_array(own @ model.K @ own)}, mass: {"mass": sp.csc_array(own @ model.M @ own)}}
+        groups |= {stiffness: {"stiffness": part.K}, mass: {"mass": part.M}}
     model = replace(model, extras=groups)
     inputs = replace(inputs, model=model, recipe=recipe_of(inputs.campaign, model))
     assert source.stage is not None
@@ -245,8 +281,8 @@ def _misfit(seen: Seen, model: FeModel) -> tuple[float, float]:
     return left_of(seen, ported(seen, model).evaluate(seen.dynamic))
 
 
-def _parts(seen: Seen, *, least: float = 0.02) -> Iterator[Bools]:
-    """(n,) masks of the structural parts that only terms join, each with a share of ``least`` of the DOFs; nothing if there is one."""
+def _bodies(seen: Seen, *, least: float = 0.02) -> list[MeshPart]:
+    """The structural parts that only terms join, each with a share of ``least`` of the DOFs; empty if there is one."""
     model = seen.inputs.model
     structural = ~model.is_acoustic
     # Air joins parts, too; without it, each of its DOFs is a part of its own.
@@ -254,5 +290,10 @@ def _parts(seen: Seen, *, least: float = 0.02) -> Iterator[Bools]:
     alone = {name: sp.csc_array(own @ getattr(model, name) @ own) for name in ("K", "C", "M")}
     labels = parts_of(replace(model, **alone), joined=False)
     large = np.flatnonzero(np.bincount(labels[structural], minlength=1) >= max(least * structural.sum(), 1.0))
-    if large.size > 1:
-        yield from (labels == label for label in large)
+    return [_body(model, labels == label) for label in large] if large.size > 1 else []
+
+
+def _body(model: FeModel, mask: Bools) -> MeshPart:
+    """The part with these DOFs; the coupling of structure and air is no share of it."""
+    own = sp.diags_array(mask.astype(float))
+    return MeshPart(mask, sp.csc_array(own @ model.K @ own), sp.csc_array(own @ model.M @ own))
