@@ -292,6 +292,8 @@ class Provenance(Record):
     rests_on: RestsOn | None = None
     #: Means of the measurement [dB] by which a copy of it is recognised, see ``Measurement.means``.
     measured_db: Vector | None = None
+    #: The same of the noise by its coherence, see ``Measurement.noise_means``.
+    coherence_db: Vector | None = None
     files: dict[str, str] | None = None
     judgement: IdentityRecord | None = None
 
@@ -398,6 +400,7 @@ class JobRecord(_JobBase):
             doubtful=() if tight is None else tight.doubtful,
             missing=tuple(name for name, entry in self.misfit_db.responses.items() if entry.used and not math.isfinite(entry.final)),
             measurement=() if self.provenance.measured_db is None else tuple(self.provenance.measured_db.tolist()),
+            coherence=() if self.provenance.coherence_db is None else tuple(self.provenance.coherence_db.tolist()),
             **{name: value for name, value in (self.decision_rule or {}).items() if name in ("copied_db", "confidence")},
         )
 

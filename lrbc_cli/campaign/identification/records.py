@@ -94,9 +94,20 @@ class Measurement:
     def means(self) -> Floats:
         """(2 R,) sums of levels over lines, weight 1 and weight rising from 0 to 1, over the number of valid lines [dB]; 0 without any."""
         valid = measured_values(self.values)
-        level = np.where(valid, decibel(np.where(valid, self.values, 1.0)), 0.0)
-        rising = np.linspace(0.0, 1.0, max(level.shape[0], 1))[: level.shape[0], None]
-        return np.asarray(np.concatenate([level.sum(axis=0), (rising * level).sum(axis=0)]) / np.tile(np.maximum(valid.sum(axis=0), 1), 2))
+        return _means(np.where(valid, decibel(np.where(valid, self.values, 1.0)), 0.0), valid)
+
+    @property
+    def noise_means(self) -> Floats:
+        """(2 R,) the same sums of the levels of noise that the coherence states, ``1 - g²`` [dB]; 0 where it is constant or unknown."""
+        valid = (self.coherence > 0.0) & (self.coherence < 1.0)
+        valid &= np.ptp(np.where(valid, self.coherence, 0.5), axis=0) > 0.0
+        return _means(np.where(valid, 0.5 * decibel(np.where(valid, 1.0 - self.coherence, 1.0)), 0.0), valid)
+
+
+def _means(level: Floats, valid: Bools) -> Floats:
+    """(2 R,) sums of levels (F, R) over lines, weight 1 and weight rising from 0 to 1, over the number of valid lines."""
+    rising = np.linspace(0.0, 1.0, max(level.shape[0], 1))[: level.shape[0], None]
+    return np.asarray(np.concatenate([level.sum(axis=0), (rising * level).sum(axis=0)]) / np.tile(np.maximum(valid.sum(axis=0), 1), 2))
 
 
 def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:

@@ -49,6 +49,8 @@ class JobFinding:
         Responses to be used that the files of the job do not contain.
     measurement : sequence of float
         Figures of the measured levels, independent of the file [dB]; empty if not known.
+    coherence : sequence of float
+        The same of the noise that the coherence states [dB]; zeros where it is constant or unknown.
     copied_db : float
         Largest difference of these figures for the same measurement, see ``DecisionRule`` [dB].
     confidence : float
@@ -63,6 +65,7 @@ class JobFinding:
     doubtful: Sequence[str] = ()
     missing: Sequence[str] = ()
     measurement: Sequence[float] = ()
+    coherence: Sequence[float] = ()
     copied_db: float = 0.0
     confidence: float = 0.95
 
@@ -119,22 +122,30 @@ def open_points(job: JobFinding) -> list[str]:
 
 
 def once_more(jobs: Mapping[str, JobFinding], others: Mapping[str, JobFinding] = MappingProxyType({})) -> dict[str, str]:
-    """Messages on jobs with the same measurement as another job or one of ``others``; a copy of the reference job is not validated anyway.
+    """Messages on jobs with the measurement or the coherence of another job or of one of ``others``.
 
-    Measurements whose figures all differ by no more than ``copied_db`` are the same, even if written with other digits.
+    Measurements whose figures all differ by no more than ``copied_db`` are the same, even if written with other digits. A copy of the
+    reference job is not validated anyway.
     """
-    known = {name: job for name, job in {**others, **jobs}.items() if job.measurement and job.assumed != "reference"}
+    every = {**others, **jobs}
+    known = {name: job for name, job in every.items() if job.measurement and job.assumed != "reference"}
     found = {}
     for name, job in ((name, job) for name, job in known.items() if name in jobs):
-        same = [other for other in known if other != name and _one(job, known[other])]
+        same = [other for other in known if other != name and _alike(job.measurement, known[other].measurement, job.copied_db)]
         if same:
             found[name] = f"the same measurement as {_names(same)}: check whether another file was meant"
+        elif any(job.coherence) and (
+            same := [other for other in every if other != name and _alike(job.coherence, every[other].coherence, job.copied_db)]
+        ):
+            found[name] = (
+                f"the coherence is that of {_names(same)}, so one of them is of another measurement: check which files were meant, or "
+                "leave the coherence out"
+            )
     return found
 
 
-def _one(job: JobFinding, other: JobFinding) -> bool:
-    own, figures = job.measurement, other.measurement
-    return len(own) == len(figures) and all(abs(a - b) <= job.copied_db for a, b in zip(own, figures, strict=True))
+def _alike(own: Sequence[float], other: Sequence[float], most: float) -> bool:
+    return len(own) == len(other) and all(abs(a - b) <= most for a, b in zip(own, other, strict=True))
 
 
 def not_clear(jobs: Mapping[str, JobFinding], others: Mapping[str, JobFinding] = MappingProxyType({})) -> dict[str, list[str]]:

@@ -19,8 +19,9 @@ from lrbc_cli.updating.statistics.priors import BoltPrior
 def loss_ratios(problem: MixtureProblem, prior: BoltPrior, state: State) -> list[tuple[int, str, float]]:
     """For springs of each tight joint the log likelihood ratio of a typical loss of them against none, as joint, name and ratio.
 
-    The springs change by the mean of loose joints, with one linear step of everything else, and the prior of the rest is as without. A
-    ratio is limited by its significance, see ``limited``. The effect of a loss grows with the level of these springs in the reference
+    The springs change by the mean of loose joints, with one linear step of everything else, and the prior of the rest is as without. Some
+    springs alone may also have lost no more than the upper quartile, a decade, which changes far less; both count alike. A ratio is limited
+    by its significance, see ``limited``. The effect of a loss grows with the level of these springs in the reference
     state, which fits a measurement in spite of errors of the model and so takes up some of them: the loss also counts from the lower end
     of the 95 % interval of this level. Of both levels the ratio nearer to zero counts, none if they differ in sign; of the covariances at
     both ends the mean.
@@ -35,8 +36,10 @@ def loss_ratios(problem: MixtureProblem, prior: BoltPrior, state: State) -> list
 
     def ratio(one: Springs) -> float:
         change, found = problem.loosened(one.joint, prior), []
+        changes = dict.fromkeys((change, max(change, prior.joint_slight_loss)) if one.name else (change,))
         for level in levels:
-            ratios = [limited(loss, problem.variance, (precision, slope), cells) for loss in compare(one.terms, change, level)]
+            losses = [loss for each in changes for loss in compare(one.terms, each, level)]
+            ratios = [limited(loss, problem.variance, (precision, slope), cells) for loss in losses]
             found.append(float(logsumexp(ratios) - np.log(len(ratios))))
         return min(max(found), 0.0) + max(min(found), 0.0)
 

@@ -52,6 +52,11 @@ class BoltPrior(Checked):
     loose_share: Inside = 0.1
     leakage: Share = 0.3
 
+    @property
+    def joint_slight_loss(self) -> float:
+        """Upper quartile of the change of a loose joint: three of four have lost more [decades]."""
+        return self.joint_loose_mean + 0.6745 * self.joint_loose_std
+
     def tables(self, joint: Bools) -> tuple[Floats, Floats]:
         """(b, 2, 2) precision [1/decade²] and mean [decades] of each bolt's change; axes: tight or loose, and 1 if a neighbour is loose.
 
