@@ -72,6 +72,20 @@ def test_one_measurement_under_two_names_shows_one_state() -> None:
     assert once_more({"tight": replace(REFERENCE, measurement=(1.0, 2.0)), "after": once}) == {}
 
 
+def test_the_coherence_of_another_job_clears_neither() -> None:
+    """Also that of the reference job; zeros, where it is constant or unknown, are nobody's."""
+    own = job("tttttt", measurement=(1.0, 2.0), coherence=(-30.0, -14.0), copied_db=2e-4)
+    copy = replace(own, measurement=(1.5, 2.5))
+    silent = [replace(own, measurement=(figure, 2.0), coherence=(0.0, 0.0)) for figure in (3.0, 4.0)]
+    jobs = {"tight": REFERENCE, "after": own, "later": copy, "fifth": silent[0], "sixth": silent[1]}
+    assert list(not_clear(jobs)) == ["after", "later"]
+    assert once_more(jobs)["later"].startswith("the coherence is that of after, so one of them is of another measurement")
+    assert once_more(jobs | {"later": replace(copy, coherence=(-30.001, -14.0))}) == {}
+    beside = {"tight": replace(REFERENCE, coherence=own.coherence), "after": own}
+    assert list(once_more(beside)) == ["after"]
+    assert "that of tight" in once_more(beside)["after"]
+
+
 @pytest.mark.parametrize("jobs", [{}, {"tight": REFERENCE}, {"tight": REFERENCE, "again": job("tttttt", assumed="baseline")}])
 def test_nothing_compared_is_nothing_shown(jobs: dict[str, JobFinding]) -> None:
     assert not_clear(jobs) == {"": ["no job was compared with the reference job"]}

@@ -99,6 +99,29 @@ def test_what_counts_is_the_most_over_all_caps(values: list[float]) -> None:
     assert significant(parts) == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
+def test_some_springs_alone_may_have_lost_a_decade_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A typical loss of them is excluded by far, the slight one is not; all springs of the joint are asked for the typical one."""
+    asked: list[tuple[int, float]] = []
+
+    def compare(terms: np.ndarray, decades: float, level: float) -> Sequence[Any]:
+        asked.append((int(terms[0]), decades))
+        return [-100.0 if decades == PRIOR.joint_loose_mean else -0.5]
+
+    monkeypatch.setattr("lrbc_cli.updating.posterior.excluded.limited", lambda loss, *_: loss)
+    two = np.zeros(2)
+    problem = MixtureProblem(
+        data=lambda z: (z, np.eye(2)), variance=1.0, bounds=np.tile([-4.0, 2.0], (2, 1)), bolts=np.arange(2), neighbours=(),
+        joint=np.array([True, True]), mean=two, std=two + 1.0, springs=[Springs(0, "", np.array([7])), Springs(0, "axial", np.array([8]))],
+        losses=lambda _: compare, level_error=0.0, cells=np.arange(2),
+    )  # fmt: skip
+    state = State(kinds=np.array([False, True]), z=two, evidence=0.0, A=np.eye(2), b=two)
+    found = {name: ratio for _, name, ratio in loss_ratios(problem, PRIOR, state)}
+    assert found == {"": pytest.approx(-100.0), "axial": pytest.approx(-0.5 - np.log(2.0))}
+    slight = PRIOR.joint_loose_mean + 0.6745 * PRIOR.joint_loose_std
+    assert slight == pytest.approx(-0.96, abs=0.01)
+    assert set(asked) == {(7, PRIOR.joint_loose_mean), (8, PRIOR.joint_loose_mean), (8, slight)}
+
+
 @given(st.integers(0, 50), st.floats(0.01, 5.0), st.floats(0.0, 1.0), st.integers(1, 40))
 def test_the_limit_changes_the_size_only(seed: int, effect: float, lost: float, width: int) -> None:
     loss, precision, _ = linear(seed, effect=effect, lost=lost)

@@ -113,6 +113,7 @@ def by_parts_text(
     whole: Measurement,
     *,
     calibrated: float = np.inf,
+    most: float = EXPLAINED,
     passes: int = 2,
     rounds: int = 2,
     exact: float = 1.0,
@@ -129,6 +130,8 @@ def by_parts_text(
         The same on all its lines.
     calibrated : float
         Level misfit after a rough calibration of the whole model, if there is one [dB].
+    most : float
+        Largest level misfit that may be left [dB].
     passes, rounds : int
         Number of reduced models, each of the matrices found with the one before, and of calibrations with each: a calibration reaches a
         factor of 1.35.
@@ -141,30 +144,31 @@ def by_parts_text(
         return ""
     meshed = [] if inputs.dofs is None else mesh_parts(inputs.model, inputs.dofs)
     kinds = [parts for parts in (_bodies(seen), meshed) if len(parts) > 1]
-    before = min(seen.misfit, calibrated)
-    return next(filter(None, (_of_parts(seen, whole, parts, before, passes, rounds, exact=exact) for parts in kinds)), "")
+    limits = min(seen.misfit, calibrated), most
+    return next(filter(None, (_of_parts(seen, whole, parts, limits, passes, rounds, exact=exact) for parts in kinds)), "")
 
 
 def _of_parts(
     seen: Seen,
     whole: Measurement,
     parts: Sequence[MeshPart],
-    before: float,
+    limits: tuple[float, float],
     passes: int,
     rounds: int,
     *,
     least: float = 1.2,
     clear: float = 0.5,
-    most: int = 6,
+    count: int = 6,
     exact: float = 1.0,
     falling: float = 0.8,
 ) -> str:
     """See ``by_parts_text``, for parts of one kind.
 
-    ``before``: level misfit without [dB]; ``falling``: what each pass may leave of it. ``least``, ``clear``: least factor of that part, and
-    largest share of its logarithm that those of any other part may have; of more than ``most`` parts those are calibrated that alone bring
-    the model nearest.
+    ``limits``: level misfit without, and the largest that may be left [dB]; ``falling``: what each pass may leave of the first. ``least``,
+    ``clear``: least factor of that part, and largest share of its logarithm that those of any other part may have; of more than ``count``
+    parts those are calibrated that alone bring the model nearest.
     """
+    before, most = limits
     source, settings = seen.source, seen.inputs.campaign.calibration
     assert settings is not None
     keys = [(f"stiffness {k}", f"mass {k}") for k in range(len(parts))]
@@ -172,8 +176,8 @@ def _of_parts(
     names = (*others, *chain(*keys))
     try:
         found, begun, nearest = _begun(source, seen, keys, parts)
-        if len(parts) > most:
-            return _of_parts(seen, whole, [parts[k] for k in nearest[:most]], before, passes, rounds, exact=exact)
+        if len(parts) > count:
+            return _of_parts(seen, whole, [parts[k] for k in nearest[:count]], limits, passes, rounds, exact=exact)
         factors = dict.fromkeys(names, 1.0) | begun
         for _ in range(passes):
             now = [MeshPart(part.own, factors[k] * part.K, factors[m] * part.M) for part, (k, m) in zip(parts, keys, strict=True)]
@@ -191,7 +195,7 @@ def _of_parts(
     second = float(np.delete(sizes, worst).max())
     # The basis is that of the model before the last calibrations.
     errs = float(np.median(apart(full, few.model))) > exact
-    if errs or after.misfit > min(EXPLAINED, CLEARLY * before) or max(np.log(least), second / clear) > sizes[worst]:
+    if errs or after.misfit > min(most, CLEARLY * before) or max(np.log(least), second / clear) > sizes[worst]:
         return ""
     return _part_text(seen, parts[worst], worst, logs[worst], after.misfit)
 
@@ -236,6 +240,8 @@ def _begun(
     found, alone = list[tuple[float, int, Looking, dict[str, float]]](), dict[int, float]()
     # Another thickness, another modulus, another density.
     ways = [way for size in sizes for way in ((size**3, size), (size**3, 1.0), (1.0, size**2))]
+    # Steel for aluminium, and its density alone.
+    ways += [(stiff**power, heavy**power) for stiff, heavy in ((3.0, 2.9), (1.0, 2.9)) for power in (1.0, -1.0)]
     for k, factors in [(-1, dict[str, float]()), *((k, dict(zip(own, way, strict=True))) for k, own in enumerate(keys) for way in ways)]:
         one = multiplied(whole, affine, factors)
         values = one.model(few.s, few.parameters).frf(few.parameters.initial)
