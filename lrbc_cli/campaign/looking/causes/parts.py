@@ -142,10 +142,10 @@ def by_parts_text(
     free = settings is not None and settings.job == seen.job and not inputs.model.extras and source.stage is not None
     if not free or seen.misfit <= LEAST_DIFFERENCE or reduction_cost(inputs)[0].work > MOST_WORK:
         return ""
-    meshed = [] if inputs.dofs is None else mesh_parts(inputs.model, inputs.dofs)
-    kinds = [parts for parts in (_bodies(seen), meshed) if len(parts) > 1]
-    limits = min(seen.misfit, calibrated), most
-    return next(filter(None, (_of_parts(seen, whole, parts, limits, passes, rounds, exact=exact) for parts in kinds)), "")
+    dofs, limits = inputs.dofs, (min(seen.misfit, calibrated), most)
+    kinds = [_bodies(seen)] if dofs is None else [mesh_parts(inputs.model, dofs, divided=divided) for divided in (False, True)]
+    others = (parts for k, parts in enumerate(kinds) if len(parts) > 1 and len(parts) not in [len(before) for before in kinds[:k]])
+    return next(filter(None, (_of_parts(seen, whole, parts, limits, passes, rounds, exact=exact) for parts in others)), "")
 
 
 def _of_parts(
@@ -173,11 +173,11 @@ def _of_parts(
     assert settings is not None
     keys = [(f"stiffness {k}", f"mass {k}") for k in range(len(parts))]
     others = tuple(name for name in settings.names if name not in ("stiffness.structure", "mass.structure"))
-    names = (*others, *chain(*keys))
     try:
         found, begun, nearest = _begun(source, seen, keys, parts)
-        if len(parts) > count:
-            return _of_parts(seen, whole, [parts[k] for k in nearest[:count]], limits, passes, rounds, exact=exact)
+        kept = sorted(nearest[:count])
+        keys, parts = [keys[k] for k in kept], [parts[k] for k in kept]
+        names = (*others, *chain(*keys))
         factors = dict.fromkeys(names, 1.0) | begun
         for _ in range(passes):
             now = [MeshPart(part.own, factors[k] * part.K, factors[m] * part.M) for part, (k, m) in zip(parts, keys, strict=True)]
@@ -237,19 +237,19 @@ def _begun(
     whole, few = _with_parts(source, keys, parts), seen.few(lines)
     assert whole.stage is not None
     affine = affine_model(whole.inputs, whole.stage)
-    found, alone = list[tuple[float, int, Looking, dict[str, float]]](), dict[int, float]()
+    found, alone = list[tuple[float, int, dict[str, float]]](), dict[int, float]()
     # Another thickness, another modulus, another density.
     ways = [way for size in sizes for way in ((size**3, size), (size**3, 1.0), (1.0, size**2))]
     # Steel for aluminium, and its density alone.
     ways += [(stiff**power, heavy**power) for stiff, heavy in ((3.0, 2.9), (1.0, 2.9)) for power in (1.0, -1.0)]
     for k, factors in [(-1, dict[str, float]()), *((k, dict(zip(own, way, strict=True))) for k, own in enumerate(keys) for way in ways)]:
-        one = multiplied(whole, affine, factors)
-        values = one.model(few.s, few.parameters).frf(few.parameters.initial)
+        stage = replace(whole.stage, reduction=replace(whole.stage.reduction, model=affine.at(factors)))
+        values = replace(whole, stage=stage).model(few.s, few.parameters).frf(few.parameters.initial)
         left = float(np.median(apart(few.measured, values)))
-        found.append((left, len(found), one, factors))
+        found.append((left, len(found), factors))
         alone[k] = min(left, alone.get(k, np.inf))
-    _, _, nearest, begun = min(found)
-    return nearest, begun, sorted(range(len(keys)), key=alone.__getitem__)
+    begun = min(found)[2]
+    return multiplied(whole, affine, begun), begun, sorted(range(len(keys)), key=alone.__getitem__)
 
 
 def _cause(stiffness: float, mass: float) -> str:
