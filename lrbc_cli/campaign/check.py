@@ -51,6 +51,8 @@ class Findings:
         Memory [bytes] and time [s] of the reduction, if it has to be done.
     compared : bool
         Whether measured and computed FRFs were compared.
+    far : float
+        Level misfit that is left between the reference job and the model, if it is more than usual; else 0 [dB].
     """
 
     sections: dict[str, list[str]] = field(default_factory=dict)
@@ -60,6 +62,7 @@ class Findings:
     tree: dict[str, Any] = field(default_factory=dict)
     predicted: dict[str, Any] | None = None
     compared: bool = False
+    far: float = 0.0
 
     def warn(self, *texts: str) -> None:
         """Add findings that no other place shares."""
@@ -287,7 +290,7 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     """Add findings from comparing measurements with each other and with the model; returns why they were not compared, if so."""
     usable = {name: found for name, found in readable.items() if not normalised(found.values)}
     look = _looks(inputs, folder, usable, progress)
-    out.compared, reference = look.compared, inputs.campaign.update.reference or ""
+    out.compared, out.far, reference = look.compared, look.far, inputs.campaign.update.reference or ""
     of_tight = kinds_of(each for each in look.found if reference and each.job == reference)
     # Peaks of an inverse FRF are the zeros of the FRF, and phases read as imaginary parts jump.
     misread = {each.job for each in look.found if each.kind is Kind.READ}

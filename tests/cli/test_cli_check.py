@@ -627,6 +627,12 @@ def test_the_last_line_says_whether_frfs_were_compared(tmp_path: Path, monkeypat
     """A clean check is an answer, and one without a comparison is none."""
     folder = frame(tmp_path)
     assert folder.run("check").stdout.splitlines()[-1] == "no warnings"
+    with monkeypatch.context() as patch:
+        # More is left than usual, and no cause was found.
+        patch.setattr("lrbc_cli.campaign.looking.first_look.NEAR", 0.01)
+        last = folder.run("check").stdout.splitlines()[-1]
+        assert last.startswith("no warnings, but the reference job is ")
+        assert last.endswith("an error of the model may hide loose bolts")
     monkeypatch.setattr("lrbc_cli.campaign.looking.first_look.BUILT_WORK", 0.0)
     last = folder.run("check").stdout.splitlines()[-1]
     assert last == "no warnings, but measured and computed FRFs were not compared: see jobs"
