@@ -244,7 +244,9 @@ def _begun(
     ways += [(stiff**power, heavy**power) for stiff, heavy in ((3.0, 2.9), (1.0, 2.9)) for power in (1.0, -1.0)]
     for k, factors in [(-1, dict[str, float]()), *((k, dict(zip(own, way, strict=True))) for k, own in enumerate(keys) for way in ways)]:
         stage = replace(whole.stage, reduction=replace(whole.stage.reduction, model=affine.at(factors)))
-        values = replace(whole, stage=stage).model(few.s, few.parameters).frf(few.parameters.initial)
+        # A source of its own: FRFs computed before are kept in it.
+        one = Looking(inputs=whole.inputs, stage=stage, kind="port")
+        values = one.model(few.s, few.parameters).frf(few.parameters.initial)
         left = float(np.median(apart(few.measured, values)))
         found.append((left, len(found), factors))
         alone[k] = min(left, alone.get(k, np.inf))
