@@ -126,7 +126,9 @@ def check(
     add("method", inputs.method.choices)
     out.warn(*inputs.method.warnings, *_unvalidated(inputs))
     add("jobs", _jobs(inputs, folder, parts, out, detailed, progress))
+    before = inputs.campaign.calibration is not None and not (use is not None and use.used)
     more = [
+        *(["lrbc check once more after lrbc calibrate: with the calibrated model smaller faults show"] if before else []),
         *([] if pictured else ["lrbc check --picture draws the structure with bolts, sensors and updated terms"]),
         "lrbc plan shows, from the model alone, which bolts these responses can detect, and ranks the responses",
     ]

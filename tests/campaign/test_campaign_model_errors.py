@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -183,7 +184,7 @@ def test_what_multiplies_stiffness_and_mass(stiffness: float, mass: float, words
 
 
 @pytest.mark.parametrize(
-    ("mass", "flat", "one", "doubt"), [(2.0, 1.0, 0.0, False), (2000.0, 1.0, 0.0, True), (2000.0, 0.01, 0.0, False), (2.0, 1.0, 1e9, False)]
+    ("mass", "flat", "one", "doubt"), [(2.0, 1.0, 0.0, False), (2000.0, 1.0, 0.0, True), (0.02, 0.01, 0.0, False), (2.0, 1.0, 1e9, False)]
 )
 def test_masses_that_no_material_has(mass: float, flat: float, one: float, doubt: bool) -> None:
     """Eight times two kilograms in a litre, a thousand times as much, the same in a plate, and one mass that only fixes a motion."""
@@ -195,6 +196,9 @@ def test_masses_that_no_material_has(mass: float, flat: float, one: float, doubt
     model: Any = SimpleNamespace(M=csc(np.diag(weights)))
     found = list(too_heavy(model, dofs, SI))
     assert bool(found) is doubt
+    # A plate counts as thick as a twentieth of its length.
+    sheet = replace(dofs, xyz=dofs.xyz * [1.0, 1.0, 0.01])
+    assert bool(list(too_heavy(model, sheet, SI))) is (mass > 1.0)
     if doubt:
         assert "1.4e+04 kg in a box of 0.1 x 0.1 x 0.1 m: 1.4e+07 kg/m³ on average, more than any material" in found[0]
         assert "SI requires kg/m³, 7850 for steel" in found[0]

@@ -67,4 +67,9 @@ def test_points_from_another_origin() -> None:
 @pytest.mark.slow
 def test_sensors_from_the_other_side() -> None:
     ends = np.ptp(sample("frame").dofs.xyz[:, 0])
-    assert "all sensors are probably stated with x counted from the other side" in told((-1, 1), (ends, 0.0))
+    text = told((-1, 1), (ends, 0.0))
+    assert "all sensors are probably stated with x counted from the other side" in text
+    assert "mirrored variant" not in text
+    # With the hammer, too, the model may as well be that of the other hand.
+    text = told((-1, 1), (ends, 0.0), hammer=True)
+    assert "if their places are right, the model is the mirrored variant, and the bolts are wrong, too" in text

@@ -71,9 +71,13 @@ def together_text(seen: Seen) -> str:
     now, stated, move = min(found, key=lambda each: each[0])
     unit, first = inputs.campaign.unit_system.length, int(move.moved[0])
     at = ", ".join(f"{value:.6g}" for value in dofs.xyz[move.dof[first]] / unit)
+    # With all points mirrored, nothing tells whether they are wrong or the model is; the bolts are wrong only in the latter case.
+    every = "counted from the other side" in move.how and move.moved.size == points.dof.size
+    model = ". But if their places are right, the model is the mirrored variant, and the bolts are wrong, too: export the other one"
+    fix = f"{points.names[first]}: near: [{at}] and so on{model if every else ''}"
     return (
         f"{_who(points, move)} are probably stated {move.how}: {move.fix} the level misfit falls from {stated:.1f} to {now:.1f} dB (mean "
-        f"level of each response removed). Correct the places of these points: {points.names[first]}: near: [{at}] and so on"
+        f"level of each response removed). Correct the places of these points: {fix}"
     )
 
 

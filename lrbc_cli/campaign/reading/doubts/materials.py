@@ -83,14 +83,17 @@ def too_heavy(model: FeModel, dofs: DofTable | None, unit: UnitSystem, *, most: 
     most : float
         Density of osmium [kg/m³].
     thin : float
-        Least ratio of the shortest to the longest side of the box: shells and beams extend beyond their nodes by half a thickness.
+        Least ratio of the shortest to the longest side of the box: shells extend beyond their nodes by half a thickness. Of beams along a
+        line nothing is told.
     """
     if dofs is None:
         return
     moves = np.isin(dofs.component, COMPONENTS[:3]) & ~dofs.is_acoustic
     sides = np.ptp(dofs.xyz[moves], axis=0) if moves.any() else np.zeros(3)
-    if float(sides.min()) <= thin * float(sides.max()):
+    least = thin * float(sides.max())
+    if float(np.sort(sides)[1]) <= least:
         return
+    sides = np.maximum(sides, least)
     row = {label: np.real(model.M @ (dofs.component == label).astype(float))[dofs.component == label] for label in COMPONENTS[:3]}
     # One node may hold a large mass that only fixes a motion.
     mass = max(float(own.sum() - np.abs(own).max()) for own in row.values() if own.size)
