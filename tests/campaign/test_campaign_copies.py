@@ -160,3 +160,24 @@ def test_the_tight_state_under_another_name_is_no_all_clear(tmp_path: Path, put:
     done = folder.run("update", "--fail-on-loose")
     assert done.code == 7, done.stdout
     assert "it has the numbers of the measurement of tight" in done.stdout
+
+
+def test_figures_of_the_coherence_tell_measurements_apart() -> None:
+    """Two of one state, and a copy; where it is constant, unknown or below 1 on few lines, nothing is told."""
+    rng = np.random.default_rng(8)
+    lines, values = np.linspace(20.0, 200.0, 181), np.ones((181, 4), dtype=complex)
+
+    def with_coherence(coherence: np.ndarray) -> Measurement:
+        return Measurement(frequency_hz=lines, values=values, coherence=coherence, notes=(), warnings=(), records=(), hashes={})
+
+    def drawn() -> np.ndarray:
+        found = 1.0 - 1e-3 * rng.gamma(4.0, 0.25, (181, 4))
+        found[:, 1], found[:, 2], found[5:, 3] = 0.99, np.nan, 1.0
+        return found
+
+    first, second = drawn(), drawn()
+    one, other = with_coherence(first).noise_means(), with_coherence(second).noise_means()
+    np.testing.assert_array_equal(one, with_coherence(first.copy()).noise_means())
+    assert abs(one[0] - other[0]) > 2e-3
+    assert one[0] == pytest.approx(float(np.mean(10.0 * np.log10(1.0 - first[:, 0]))))
+    np.testing.assert_array_equal(one[[1, 2, 3, 5, 6, 7]], 0.0)

@@ -16,7 +16,7 @@ from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared import offsets
 from lrbc_cli.campaign.identification.compared.likeness import apart
 from lrbc_cli.campaign.identification.unknowns import parameterise
-from lrbc_cli.campaign.looking import first_look
+from lrbc_cli.campaign.looking import first_look, unexplained
 from lrbc_cli.campaign.looking.all_jobs import OfJob, together
 from lrbc_cli.campaign.looking.fitted import _without_worst, expected_frf, fitted_theta, strike_text
 from lrbc_cli.campaign.looking.states import Looking, Seen
@@ -136,7 +136,8 @@ def calibrated(
     monkeypatch.setattr(first_look, "_looked_at", lambda *_: OfJob())
     for text in ("tighter_text", "looser", "loaded_text"):
         monkeypatch.setattr(first_look, text, lambda *_: "")
-    monkeypatch.setattr(first_look, "missing_text", lambda *_, **__: "")
+    for text in ("missing_text", "by_parts_text"):
+        monkeypatch.setattr(first_look, text, lambda *_, **__: "")
     source: Any = SimpleNamespace(inputs=SimpleNamespace(campaign=SimpleNamespace(calibration=SimpleNamespace(job="tight"))))
     measurement: Any = None
     return first_look._calibrated(
@@ -225,9 +226,9 @@ def test_a_calibration_that_ends_at_a_bound_is_told_unless_the_model_then_fits(
 def test_supports_of_a_model_that_no_calibration_brings_near(monkeypatch: pytest.MonkeyPatch, misfit: float, held: str, told: str) -> None:
     """Nodes held by leaving out their rows cannot be freed, so that no model shows what is behind them; they are named all the same."""
     stand_in: Any = SimpleNamespace(misfit=misfit)
-    monkeypatch.setattr(first_look, "supports_text", lambda _: held)
+    monkeypatch.setattr(unexplained, "supports_text", lambda _: held)
     unused: Any = None
-    found = first_look._uncalibrated(stand_in, unused, [])
+    found = unexplained.uncalibrated(stand_in, unused, [])
     assert [each.kind for each in found] == ([Kind.UNLIKE] if told else [])
     assert not told or (told in found[0].text and "remove the constraint in the FE model" in found[0].text)
 

@@ -96,11 +96,13 @@ class Measurement:
         valid = measured_values(self.values)
         return _means(np.where(valid, decibel(np.where(valid, self.values, 1.0)), 0.0), valid)
 
-    @property
-    def noise_means(self) -> Floats:
-        """(2 R,) the same sums of the levels of noise that the coherence states, ``1 - g²`` [dB]; 0 where it is constant or unknown."""
+    def noise_means(self, *, least: int = 10) -> Floats:
+        """(2 R,) the same sums of the levels of noise that the coherence states, ``1 - g²`` [dB].
+
+        0 where it is constant, unknown or 1 on all but ``least`` lines: coherences of few digits are alike by chance.
+        """
         valid = (self.coherence > 0.0) & (self.coherence < 1.0)
-        valid &= np.ptp(np.where(valid, self.coherence, 0.5), axis=0) > 0.0
+        valid &= (valid.sum(axis=0) >= least) & (np.ptp(np.where(valid, self.coherence, 0.5), axis=0) > 0.0)
         return _means(np.where(valid, 0.5 * decibel(np.where(valid, 1.0 - self.coherence, 1.0)), 0.0), valid)
 
 

@@ -169,7 +169,7 @@ def provenance_of(inputs: Inputs, stage: ReductionStage | None, result: Identifi
             stage.reduction, key=stage.decision.key, size=stage.reduction.model.size, tolerance=stage.reduction.options.tolerance
         ),
         measured_db=result.measurement.means,
-        coherence_db=result.measurement.noise_means,
+        coherence_db=result.measurement.noise_means(),
         **digests,
     )
 
