@@ -197,7 +197,7 @@ def misread(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup], dof
         *_damping(campaign, model),
         *_terms_twice(model, groups, dofs, None),
         *start_slips(campaign).values(),
-        *too_heavy(model, dofs, campaign.unit_system),
+        *too_heavy(model, dofs, campaign.unit_system, flat=False),
     )
     return bool(told or opposed_text(model))
 

@@ -71,7 +71,9 @@ def _name(known: Mapping[str, float], size: float) -> str | None:
     return next((name for name, own in known.items() if np.isclose(size, own, rtol=1e-3, atol=0.0)), None)
 
 
-def too_heavy(model: FeModel, dofs: DofTable | None, unit: UnitSystem, *, most: float = 2.26e4, thin: float = 0.05) -> Iterator[str]:
+def too_heavy(
+    model: FeModel, dofs: DofTable | None, unit: UnitSystem, *, flat: bool = True, most: float = 2.26e4, thin: float = 0.05
+) -> Iterator[str]:
     """Warning if the mass sum exceeds that of the smallest box about the structure, were it full of the densest material.
 
     Parameters
@@ -80,6 +82,8 @@ def too_heavy(model: FeModel, dofs: DofTable | None, unit: UnitSystem, *, most: 
     dofs : DofTable or None
     unit : UnitSystem
         Stated by the campaign.
+    flat : bool
+        Whether flat structures are asked for, too: of these the FRFs may tell more, such as the factor.
     most : float
         Density of osmium [kg/m³].
     thin : float
@@ -91,7 +95,7 @@ def too_heavy(model: FeModel, dofs: DofTable | None, unit: UnitSystem, *, most: 
     moves = np.isin(dofs.component, COMPONENTS[:3]) & ~dofs.is_acoustic
     sides = np.ptp(dofs.xyz[moves], axis=0) if moves.any() else np.zeros(3)
     least = thin * float(sides.max())
-    if float(np.sort(sides)[1]) <= least:
+    if float(np.sort(sides)[1 if flat else 0]) <= least:
         return
     sides = np.maximum(sides, least)
     row = {label: np.real(model.M @ (dofs.component == label).astype(float))[dofs.component == label] for label in COMPONENTS[:3]}
