@@ -126,15 +126,20 @@ def check(
     add("method", inputs.method.choices)
     out.warn(*inputs.method.warnings, *_unvalidated(inputs))
     add("jobs", _jobs(inputs, folder, parts, out, detailed, progress))
+    add("more", _more(inputs, pictured))
+    out.tree = _tree(inputs, out, decision)
+    return out
+
+
+def _more(inputs: Inputs, pictured: bool) -> list[str]:
+    """What else shows faults or bolts."""
+    use = inputs.calibration
     before = inputs.campaign.calibration is not None and not (use is not None and use.used)
-    more = [
+    return [
         *(["lrbc check once more after lrbc calibrate: with the calibrated model smaller faults show"] if before else []),
         *([] if pictured else ["lrbc check --picture draws the structure with bolts, sensors and updated terms"]),
         "lrbc plan shows, from the model alone, which bolts these responses can detect, and ranks the responses",
     ]
-    add("more", more)
-    out.tree = _tree(inputs, out, decision)
-    return out
 
 
 def _tree(inputs: Inputs, out: Findings, decision: cache.CacheDecision) -> dict[str, Any]:
