@@ -20,11 +20,11 @@ def loss_ratios(problem: MixtureProblem, prior: BoltPrior, state: State) -> list
     """For springs of each tight joint the log likelihood ratio of a typical loss of them against none, as joint, name and ratio.
 
     The springs change by the mean of loose joints, with one linear step of everything else, and the prior of the rest is as without. Some
-    springs alone may also have lost no more than the upper quartile, a decade, which changes far less; both count alike. A ratio is limited
-    by its significance, see ``limited``. The effect of a loss grows with the level of these springs in the reference
-    state, which fits a measurement in spite of errors of the model and so takes up some of them: the loss also counts from the lower end
-    of the 95 % interval of this level. Of both levels the ratio nearer to zero counts, none if they differ in sign; of the covariances at
-    both ends the mean.
+    springs alone may also have lost no more than the upper quartile, a decade, which changes far less: the larger ratio counts, so that a
+    loss that is not excluded is not hidden by another one that is. A ratio is limited by its significance, see ``limited``. The effect of a
+    loss grows with the level of these springs in the reference state, which fits a measurement in spite of errors of the model and so takes
+    up some of them: the loss also counts from the lower end of the 95 % interval of this level. Of both levels the ratio nearer to zero
+    counts, none if they differ in sign; of the covariances at both ends the mean.
     """
     asked = [one for one in problem.springs if not state.kinds[one.joint]]
     if not asked or problem.losses is None or problem.cells is None:
@@ -38,9 +38,11 @@ def loss_ratios(problem: MixtureProblem, prior: BoltPrior, state: State) -> list
         change, found = problem.loosened(one.joint, prior), []
         changes = dict.fromkeys((change, max(change, prior.joint_slight_loss)) if one.name else (change,))
         for level in levels:
-            losses = [loss for each in changes for loss in compare(one.terms, each, level)]
-            ratios = [limited(loss, problem.variance, (precision, slope), cells) for loss in losses]
-            found.append(float(logsumexp(ratios) - np.log(len(ratios))))
+            of_changes = []
+            for each in changes:
+                ratios = [limited(loss, problem.variance, (precision, slope), cells) for loss in compare(one.terms, each, level)]
+                of_changes.append(float(logsumexp(ratios) - np.log(len(ratios))))
+            found.append(max(of_changes))
         return min(max(found), 0.0) + max(min(found), 0.0)
 
     return [(one.joint, one.name, found) for one, found in zip(asked, side_by_side(ratio, asked), strict=True)]
