@@ -62,6 +62,7 @@ from lrbc_cli.campaign.looking.causes.tightness import (
 )
 from lrbc_cli.campaign.looking.fitted import as_exported, at_bounds_text, fitted_exchanged, fitted_frf, roughly_calibrated, strike_text
 from lrbc_cli.campaign.looking.states import BUILT_WORK, Looking, Seen, coarsely_reduced, nearest_states, on_lines, reach_of_one
+from lrbc_cli.campaign.looking.trials import NEAR
 from lrbc_cli.campaign.looking.unexplained import beside_fit, beside_tight, little_in_common, placed, uncalibrated, without_repeated
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misread
@@ -71,9 +72,6 @@ from lrbc_cli.campaign.reduced.stage import ReductionStage, require_baselines
 from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.comparison.scale import Offset, grouped
-
-#: Misfit up to which no fit of loosened bolts is needed to explain a measurement [dB].
-NEAR = 2.0
 
 #: Misfit of the reference job after a rough calibration up to which no other part of the model is looked for [dB].
 USUAL = 1.5
@@ -369,7 +367,7 @@ def _calibrated(
         return source, replace(first, told=told)
     calibrated = rough()
     if calibrated is None:
-        return source, replace(first, told=uncalibrated(seen, measurements[name], first.told))
+        return source, replace(first, told=uncalibrated(seen, measurements, first.told))
     again, after = _looked_at(calibrated, measurements, name), Seen.of(calibrated, name, measurements[name])
     # A calibration takes a wrong clock for another stiffness, so only a place that it shows is told instead.
     if Kind.STRETCHED in kinds and not kinds_of(again.told) & {Kind.COORDINATES, Kind.HAMMER, Kind.HAMMERS, Kind.EXCHANGED}:

@@ -13,6 +13,7 @@ from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE,
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.weights import correction
 from lrbc_cli.campaign.looking.states import Looking, Seen
+from lrbc_cli.campaign.looking.trials import NEAR
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import affine_model
 from lrbc_cli.errors import LrbcError
@@ -270,7 +271,7 @@ def roughly_calibrated(
     if settings is None or (inputs.calibration is not None and inputs.calibration.used) or source.stage is None:
         return None
     before = Seen.of(source, settings.job, measurement).misfit
-    if before <= LEAST_DIFFERENCE:
+    if before <= NEAR:
         return None
     try:
         if beside is not None:

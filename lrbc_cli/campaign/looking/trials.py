@@ -21,6 +21,9 @@ from lrbc_cli.reduction.problem.full import full_ports
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.updating.peaks import peaks_of
 
+#: Level misfit up to which no fit of loosened bolts, and no rough calibration, is needed to explain a measurement [dB].
+NEAR = 2.0
+
 #: Level misfit of the tight state above which more than small errors of the model are wrong [dB].
 UNLIKE = 6.0
 

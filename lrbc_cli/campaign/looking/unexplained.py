@@ -102,7 +102,6 @@ def _blow_text(seen: Seen, away: Mapping[int, float], at: int, what: str) -> str
 
 def _stated(seen: Seen, told: list[Finding]) -> list[Finding]:
     """Findings of the reference job with those of wrong coordinates, which replace other findings of the same sensors."""
-    told = _dead(seen, told)
     if kinds_of(told) <= {Kind.UNLIKE, Kind.ALONE}:
         found, left = coordinates_texts(seen, unlike=Kind.UNLIKE in kinds_of(told))
         elsewhere = {i for responses in found for i in responses}
@@ -111,6 +110,8 @@ def _stated(seen: Seen, told: list[Finding]) -> list[Finding]:
             *(Finding(text=text, kind=Kind.COORDINATES, responses=responses) for responses, text in found.items()),
             *(each for each in told if not elsewhere.intersection(each.responses) and not (explained and each.kind is Kind.UNLIKE)),
         ]
+    # A sensor along another axis may be as far below the level of the model as a dead one.
+    told = _dead(seen, told)
     alone = [i for each in told if each.kind is Kind.ALONE for i in each.responses]
     if not alone:
         return told
@@ -172,15 +173,19 @@ def little_in_common(seen: Seen, measurements: Mapping[str, Measurement]) -> lis
     return told + single_responses(inputs, every, outlying(every), "the model", few=every.size)
 
 
-def uncalibrated(seen: Seen, measurement: Measurement, told: list[Finding]) -> list[Finding]:
+def uncalibrated(seen: Seen, measurements: Mapping[str, Measurement], told: list[Finding]) -> list[Finding]:
     """Findings of the reference job, of which no rough calibration brings the model near: a stiffness out of reach, or supports."""
+    measurement = measurements[seen.job]
     if Kind.UNLIKE in kinds_of(told):
         text = out_of_reach_text(measurement, seen) or by_parts_text(seen, measurement)
         return said(Kind.MATERIAL, text) or of_one_field(seen, measurement, told)
+    differ = f"measured and computed FRFs differ by {seen.misfit:.1f} dB (median of the responses, mean level of each removed)"
+    if not told and seen.misfit > LEAST_DIFFERENCE and (tighter := tighter_text(seen, measurements, least=LEAST_DIFFERENCE)):
+        return said(Kind.NOT_TIGHT, f"{differ}. {tighter}")
     if not told and seen.misfit > LEAST_DIFFERENCE and (held := supports_text(seen)):
         text = (
-            f"measured and computed FRFs differ by {seen.misfit:.1f} dB (median of the responses, mean level of each removed), more than a "
-            f"calibration corrects{held}. Where the test bench has none, remove the constraint in the FE model, and export it again"
+            f"{differ}, more than a calibration corrects{held}. Where the test bench has none, remove the constraint in the FE model, and "
+            "export it again"
         )
         return said(Kind.UNLIKE, text)
     return told

@@ -24,7 +24,7 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, require_memory
 from lrbc_cli.campaign.structure import drawn_dofs
-from lrbc_cli.errors import DataError, NumericalError
+from lrbc_cli.errors import DataError, NumericalError, listing
 from lrbc_cli.io.atomic import remove_leftovers
 from lrbc_cli.method.resolve import formula
 from lrbc_cli.model.terms import Parameterisation
@@ -153,30 +153,66 @@ def require_baselines(inputs: Inputs, model: ReducedModel, *, share: float = 1e-
     DataError
         If a motion has a negative stiffness beyond both.
     """
-    n, baseline = model.structure, np.zeros(inputs.model.terms.size)
+    baseline = np.zeros(inputs.model.terms.size)
     for one in inputs.groups:
         baseline[one.terms] = one.config.baseline if one.config.kind == "stiffness" else 0.0
-    if not baseline.any():
+    found = _lacking(model, baseline, share, rounding)
+    if found is None:
         return
-    K, left, right = model.K.real[:n, :n], model.left[:n].real, model.right[:n].real
-    values, vectors = np.linalg.eigh(0.5 * (K + K.T))
-    x = vectors[:, 0]
-    each = baseline * (left.T @ x) * (right.T @ x)
-    lacking = -float(x @ K @ x)
-    if values[0] > -rounding * np.abs(values).max() or lacking < share * float(each.sum()):
-        return
+    lacking, each = found
     group = max(inputs.groups, key=lambda one: float(each[one.terms].sum()))
     full, terms = inputs.model, inputs.model.terms
     exported = replace(full, K=(full.K + (terms.left * baseline) @ terms.right.T).tocsc())
-    hint = lacking_springs(exported, group, inputs.dofs, inputs.bolts) or (
-        "remove `baseline` if the matrix was exported without the springs; otherwise give the stiffness that it contains"
-    )
+    hint = lacking_springs(exported, group, inputs.dofs, inputs.bolts) or _of_some_bolts(inputs, model, baseline, share, rounding)
+    hint = hint or "remove `baseline` if the matrix was exported without the springs; otherwise give the stiffness that it contains"
     raise DataError(
         f"parameters.{group.name}.baseline: the stiffness matrix does not contain what is subtracted from it",
         file=inputs.campaign.path,
         expected="a matrix that was exported with these springs, and their stiffness as the baseline",
         found=f"a motion whose stiffness in the matrix is {_share(1.0 - lacking / float(each.sum()))} of what baselines subtract from it",
         hint=hint if not inputs.warnings else f"first fix the causes of these warnings: {'; '.join(inputs.warnings)}",
+    )
+
+
+def _lacking(model: ReducedModel, baseline: Floats, share: float, rounding: float) -> tuple[float, Floats] | None:
+    """Negative stiffness of the softest motion, and (m,) what ``baseline`` subtracts from it by term; None if it is none beyond the limits.
+
+    ``model`` is the one from which these baselines are subtracted.
+    """
+    if not baseline.any():
+        return None
+    n = model.structure
+    K, left, right = model.K.real[:n, :n], model.left[:n].real, model.right[:n].real
+    values, vectors = np.linalg.eigh(0.5 * (K + K.T))
+    x = vectors[:, 0]
+    each = baseline * (left.T @ x) * (right.T @ x)
+    lacking = -float(x @ K @ x)
+    return None if values[0] > -rounding * np.abs(values).max() or lacking < share * float(each.sum()) else (lacking, each)
+
+
+def _of_some_bolts(inputs: Inputs, model: ReducedModel, baseline: Floats, share: float, rounding: float) -> str:
+    """Hint that names bolts whose springs the stiffness matrix does not contain, while it contains those of the others; else empty."""
+    if inputs.bolts is None:
+        return ""
+    owner = np.full(baseline.size, -1)
+    for one in inputs.groups:
+        if one.bolt is not None:
+            owner[one.terms] = one.bolt[one.parameter]
+    n = model.structure
+    left, right = model.left[:n].real, model.right[:n].real
+    held, lacking = np.unique(owner[(owner >= 0) & (baseline != 0.0)]).tolist(), list[str]()
+    for bolt in held:
+        # As exported, without the springs of this bolt alone.
+        others = np.where(owner == bolt, 0.0, baseline)
+        K = model.K.copy()
+        K[:n, :n] += (left * others) @ right.T
+        if _lacking(replace(model, K=K), baseline - others, share, rounding) is not None:
+            lacking.append(inputs.bolts.name[bolt])
+    if not lacking or len(lacking) == len(held):
+        return ""
+    return (
+        f"it contains the springs of the other bolts, but not those of {listing(lacking, 12)}, or not as stiff: check whether it was "
+        "exported with these springs missing, and export it with all of them; otherwise correct their stiffnesses in the table"
     )
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lrbc_cli.arrays import Bools, Floats, Integers
 from lrbc_cli.campaign.findings import Finding, Kind
-from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, levels, spread
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, apart, levels, spread
 from lrbc_cli.campaign.looking.fitted import widely_fitted
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.looking.trials import EXPLAINED, NEARER
@@ -67,65 +68,113 @@ def other_tables(seen: Seen) -> list[Finding]:
         return []
     # Factors between units are tried, too: springs that are practically free or clamped fit equally well with them.
     powers = np.array([-2, -1, 1, 2, *POWERS])
-    unit, ways = np.isin(powers, POWERS), []
-    for where, signs, files, names in _tables(seen):
-        left, _ = _moved(seen, where, powers[:, None] * signs)
+    unit, ways = np.isin(powers, POWERS), list[tuple[float, int, _Table]]()
+    for whole in _tables(seen):
+        table, left = whole, _changed(seen, whole, powers)
+        # Stiff translations hide how stiff they are: the factor may be that of the rotations alone.
+        for part in _kinds(whole):
+            own = _changed(seen, part, powers)
+            if own[unit].min() < _NEARER * left[unit].min():
+                table, left = part, own
         # Beyond the factor that frees or clamps, all fit equally well: take the smallest.
         close = np.flatnonzero(unit & (left <= _ALIKE * left.min()))
         best = int(close[np.argmin(np.abs(powers[close]))]) if close.size else int(left.argmin())
         if unit[best] and left[best] < min(MOST_LEFT, CLEARLY * before, _NEARER * left[~unit].min()):
-            ways.append((float(left[best]), powers[best] * signs, where, files, names))
+            ways.append((float(left[best]), int(powers[best]), table))
     if ways:
         # Prefer a single table: a further gain by others may be chance.
         nearest = min(left for left, *_ in ways)
-        after, moved, where, files, names = next(way for way in ways if way[0] <= _ALIKE * nearest)
-        factors, stated = [f"{10.0 ** moved[0]:g}"], seen.inputs.campaign.unit_system.text
-        if (moved < 0).any() and (moved > 0).any():
-            factors = [f"{10.0 ** moved[_turning(seen)[where] == turns][0]:g}" for turns in (False, True)]
-        times, by = (
-            ", those of rotations ".join([factors[0], *(f"{word} {factor}" for factor in factors[1:])]) for word in ("times", "by")
-        )
-        found = f"with all stiffnesses of {files} times {times}, the level misfit falls from {before:.1f} to {after:.1f} dB"
-        wrong = f"stiffnesses probably in another unit than `units: {stated}` says"
-        fix = f"Multiply the stiffnesses there by {by}"
-        if np.abs(seen.parameters.initial[where] + moved).max() < 1.0:
-            keys = ", ".join(f"parameters.{name}.initial: 0" for name in names)
-            wrong, fix = "wrong start value, the table is right", f"Write {keys}"
-        return [Finding(text=f"{wrong}: {found} (mean level of each response removed). {fix}", kind=Kind.TABLE)]
+        return [_of_unit(seen, *next(way for way in ways if way[0] <= _ALIKE * nearest), before)]
     return _material(seen, before)
 
 
-def _tables(seen: Seen) -> Iterator[tuple[Integers, Integers, str, list[str]]]:
-    """Indices in theta of each table of springs, and of all, the sign of the power of ten for each, and names of files and groups."""
-    every = []
-    for group, where, _ in seen.parameters.placed:
-        file = next(g.config.select.bushings for g in seen.inputs.groups if g.name == group.name)
-        if file is not None:
-            every.append((np.arange(where.start, where.stop), file.name, [group.name]))
-    for at, name, groups in every:
-        yield at, np.ones(at.size, dtype=np.int64), name, groups
+@dataclass(frozen=True, kw_only=True)
+class _Table:
+    """A table of springs, its rotations or translations alone, or several tables.
+
+    Attributes
+    ----------
+    terms : (k,) int array
+    signs : (k,) int array
+        Of the power of ten by which each is multiplied.
+    turning : (k,) bool array
+        Whether the spring acts on rotations only.
+    files : str
+    groups : tuple of str
+    """
+
+    terms: Integers
+    signs: Integers
+    turning: Bools
+    files: str
+    groups: tuple[str, ...]
+
+
+def _tables(seen: Seen) -> Iterator[_Table]:
+    """Each table of springs, and all together, also with translations and rotations that are wrong by inverse factors."""
+    inputs, every = seen.inputs, list[_Table]()
+    for group in inputs.groups:
+        file = group.config.select.bushings
+        if file is not None and group.config.kind == "stiffness":
+            ones, turning = np.ones(group.terms.size, dtype=np.int64), _turning(seen, group.terms)
+            every.append(_Table(terms=group.terms, signs=ones, turning=turning, files=file.name, groups=(group.name,)))
+    yield from every
     if not every:
         return
-    at, files = np.concatenate([at for at, _, _ in every]), " and ".join(dict.fromkeys(file for _, file, _ in every))
-    names, turning = [name for *_, names in every for name in names], _turning(seen)[at]
+    files = " and ".join(dict.fromkeys(table.files for table in every))
+    joined = {name: np.concatenate([getattr(table, name) for table in every]) for name in ("terms", "signs", "turning")}
+    together = _Table(**joined, files=files, groups=tuple(name for table in every for name in table.groups))
     if len(every) > 1:
-        yield at, np.ones(at.size, dtype=np.int64), files, names
-    if turning.any() and not turning.all():
-        # N/mm and N mm/rad: translations and rotations are wrong by inverse factors.
-        yield at, np.where(turning, -1, 1), files, names
+        yield together
+    if together.turning.any() and not together.turning.all():
+        # N/mm and N mm/rad.
+        yield replace(together, signs=np.where(together.turning, -1, 1))
 
 
-def _turning(seen: Seen) -> Bools:
-    """(size,) True for values of springs that act on rotations only."""
-    inputs, parameters = seen.inputs, seen.parameters
-    found = np.zeros(parameters.size, dtype=bool)
-    if inputs.dofs is None:
-        return found
-    left, rotation = inputs.model.terms.left, np.char.startswith(inputs.dofs.component.astype(str), "ROT")
-    for group, where, _ in parameters.placed:
-        for term, parameter in zip(group.terms.tolist(), group.parameter.tolist(), strict=True):
-            found[where.start + parameter] = rotation[left[:, [term]].nonzero()[0]].all()
-    return found
+def _kinds(table: _Table) -> Iterator[_Table]:
+    """Rotations and translations alone, if the springs of a table act on both and are multiplied by the same power."""
+    if table.turning.all() or not table.turning.any() or np.ptp(table.signs):
+        return
+    for what, own in (("rotations", table.turning), ("translations", ~table.turning)):
+        files = f"the {what} in {table.files}"
+        yield replace(table, terms=table.terms[own], signs=table.signs[own], turning=table.turning[own], files=files)
+
+
+def _turning(seen: Seen, terms: Integers) -> Bools:
+    """(k,) True for springs that act on rotations only."""
+    dofs, left = seen.inputs.dofs, seen.inputs.model.terms.left
+    if dofs is None:
+        return np.zeros(terms.size, dtype=bool)
+    rotation = np.char.startswith(dofs.component.astype(str), "ROT")
+    return np.array([rotation[left[:, [term]].nonzero()[0]].all() for term in terms.tolist()])
+
+
+def _changed(seen: Seen, table: _Table, powers: Integers) -> Floats:
+    """Level misfit with the springs of a table multiplied by each of the ``powers`` of ten, constants removed [dB]."""
+    ports, start, found = seen.source.table(seen.s), seen.dynamic, list[float]()
+    for power in powers.tolist():
+        dynamic = start.copy()
+        dynamic[:, table.terms] *= 10.0 ** (power * table.signs)
+        found.append(float(np.median(apart(seen.measured, ports.evaluate(dynamic)))))
+    return np.array(found)
+
+
+def _of_unit(seen: Seen, after: float, power: int, table: _Table, before: float) -> Finding:
+    """Finding of a table that is wrong by a power of ten, with the level misfits with and without that factor [dB]."""
+    factors, stated = [f"{10.0 ** (power * table.signs[0]):g}"], seen.inputs.campaign.unit_system.text
+    if np.ptp(table.signs):
+        factors = [f"{10.0 ** (power * table.signs[table.turning == turns][0]):g}" for turns in (False, True)]
+    times, by = (", those of rotations ".join([factors[0], *(f"{word} {factor}" for factor in factors[1:])]) for word in ("times", "by"))
+    found = f"with all stiffnesses of {table.files} times {times}, the level misfit falls from {before:.1f} to {after:.1f} dB"
+    wrong = f"stiffnesses probably in another unit than `units: {stated}` says"
+    fix = f"Multiply the stiffnesses there by {by}"
+    initial = [seen.parameters.initial[where] for group, where, _ in seen.parameters.placed if group.name in table.groups]
+    # A part of a table shares the start values of all of it.
+    whole = sum(one.terms.size for one in seen.inputs.groups if one.name in table.groups) == table.terms.size
+    if whole and not np.ptp(table.signs) and np.abs(np.concatenate(initial) + power).max() < 1.0:
+        keys = ", ".join(f"parameters.{name}.initial: 0" for name in table.groups)
+        wrong, fix = "wrong start value, the table is right", f"Write {keys}"
+    return Finding(text=f"{wrong}: {found} (mean level of each response removed). {fix}", kind=Kind.TABLE)
 
 
 def _moved(seen: Seen, where: Integers, powers: Floats) -> tuple[Floats, Floats]:

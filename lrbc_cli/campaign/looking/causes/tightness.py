@@ -22,7 +22,7 @@ def taken_as_tight(inputs: Inputs) -> set[str]:
     return {*campaign.update.baselines, *([campaign.calibration.job] if campaign.calibration is not None else [])}
 
 
-def tighter_text(seen: Seen, measurements: Mapping[str, Measurement], *, as_well: float = 1.1) -> str:
+def tighter_text(seen: Seen, measurements: Mapping[str, Measurement], *, as_well: float = 1.1, least: float = UNLIKE) -> str:
     """Warning that names jobs that fit the tight model far better than the reference job does; empty if there are none.
 
     If one bolt explains the reference job, files are not said to be exchanged: that would put the file of a loosened state in its place.
@@ -36,6 +36,8 @@ def tighter_text(seen: Seen, measurements: Mapping[str, Measurement], *, as_well
     as_well : float
         Largest misfit that a free bolt may leave, as a ratio to that of the nearest job that could be exchanged. Its stiffness is not
         fitted, so it may leave a little more.
+    least : float
+        Least difference from the reference job of a job assumed tight that is nearer to the model, but not twice as near [dB].
     """
     reference, every = seen.job, {name: Seen.of(seen.source, name, whole) for name, whole in measurements.items()}
     far = {name: own.misfit for name, own in every.items()}
@@ -43,7 +45,7 @@ def tighter_text(seen: Seen, measurements: Mapping[str, Measurement], *, as_well
     def share(name: str) -> float:
         values, other = every[name].measured, every[reference].measured
         known = name in taken_as_tight(seen.inputs) and values.shape == other.shape
-        return NEARER if known and float(np.median(apart(values, other))) > UNLIKE else CLEARLY
+        return NEARER if known and float(np.median(apart(values, other))) > least else CLEARLY
 
     near = {name: own for name, own in far.items() if name != reference and own < min(UNLIKE, share(name) * far[reference])}
     if not near:
