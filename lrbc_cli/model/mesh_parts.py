@@ -38,7 +38,7 @@ class MeshPart:
     M: sp.csc_array
 
 
-def mesh_parts(model: FeModel, dofs: DofTable, *, divided: bool = True, least: float = 0.02, most: int = 24) -> list[MeshPart]:
+def mesh_parts(model: FeModel, dofs: DofTable, *, least: float = 0.02, most: int = 24) -> list[MeshPart]:
     """Parts of the structure, joined or not; empty if there is one only, or more than ``most``.
 
     Parameters
@@ -46,8 +46,6 @@ def mesh_parts(model: FeModel, dofs: DofTable, *, divided: bool = True, least: f
     model : FeModel
     dofs : DofTable
         Borders are looked for across the axes of its coordinates.
-    divided : bool
-        Whether parts that share nodes are told apart.
     least : float
         Share of the nodes that a part has at least.
     most : int
@@ -58,7 +56,7 @@ def mesh_parts(model: FeModel, dofs: DofTable, *, divided: bool = True, least: f
     _, first, node = np.unique(dofs.node[at], return_index=True, return_inverse=True)
     xyz, pairs, few = dofs.xyz[at][first], _joined(model.K, at, node), max(least * first.size, 1.0)
     bodies = [body for body in _connected(pairs, np.arange(first.size)) if body.size >= few]
-    parts = [part for body in bodies for part in _split(xyz, _within(pairs, body), body, few)] if divided else bodies
+    parts = [part for body in bodies for part in _split(xyz, _within(pairs, body), body, few)]
     if not 1 < len(parts) <= most:
         return []
     label, own = np.full(first.size, -1), np.full(model.size, -1)

@@ -342,9 +342,9 @@ def _seen_and_calibrated(source: Looking, measurements: Mapping[str, Measurement
         return max(after.misfit, *after.by_excitation.values()) <= LEAST_DIFFERENCE
 
     first = _looked_at(source, measurements, name, explained=explained)
-    # A factor on the frequencies, or a mass somewhere, may mend half of what a wrong part causes; the part mends all of it.
-    if kinds_of(first.told) & {Kind.RESCALED, Kind.STRETCHED, Kind.MATERIAL} and (
-        part := by_parts_text(Seen.of(source, name, measurements[name]), measurements[name], most=0.5 * NEAR)
+    # A factor on the frequencies or the springs, or a mass somewhere, may mend half of what a wrong part causes; the part mends all of it.
+    if kinds_of(first.told) & {Kind.RESCALED, Kind.STRETCHED, Kind.MATERIAL, Kind.SPRINGS} and (
+        part := by_parts_text(Seen.of(source, name, measurements[name]), measurements[name], most=NEAR)
     ):
         return source, OfJob(said(Kind.MATERIAL, part))
     return _calibrated(source, measurements, name, first, rough)

@@ -21,9 +21,13 @@ from lrbc_cli.reduction.problem.vectors import highest_omega
 BEYOND = 10.0
 
 
-def parts_of(model: FeModel, *, joined: bool = True) -> NDArray[np.int64]:
-    """(n,) number of the connected part to which each DOF belongs; entries of matrices and, if ``joined``, terms connect DOFs."""
-    part = np.arange(model.size)
+def parts_of(model: FeModel, *, joined: bool = True, rounding: float = 1e-12) -> NDArray[np.int64]:
+    """(n,) number of the connected part to which each DOF belongs; entries of matrices and, if ``joined``, terms connect DOFs.
+
+    ``rounding``: entry of the stiffness matrix, relative to those on its diagonal, up to which it is what a baseline that was subtracted
+    leaves, and connects none.
+    """
+    part, diagonal = np.arange(model.size), np.sqrt(np.abs(model.K.diagonal()))
     # A term connects all DOFs of its two vectors.
     terms = sp.vstack([model.terms.left, model.terms.right], format="csc")
     # One matrix after the other, so that later ones need not join what is joined already.
@@ -32,6 +36,8 @@ def parts_of(model: FeModel, *, joined: bool = True) -> NDArray[np.int64]:
         row = part[matrix.indices % model.size]
         col = part[np.repeat(np.arange(model.size) if column is None else column, np.diff(matrix.indptr))]
         joins = (row != col) & (matrix.data != 0)
+        if matrix is model.K:
+            joins &= np.abs(matrix.data) > rounding * np.repeat(diagonal, np.diff(matrix.indptr)) * diagonal[matrix.indices]
         if joins.any():
             count = int(part.max()) + 1
             links = sp.csr_array((np.ones(int(joins.sum()), dtype=bool), (row[joins], col[joins])), shape=(count, count))

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from lrbc_cli.arrays import Integers
+from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, apart
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.fitted import calibrated_by_rounds
@@ -25,10 +25,10 @@ from lrbc_cli.reduction.reduced.many import ports_of
 
 @dataclass(frozen=True)
 class _Mass:
-    """A mass [kg] at a node, its DOFs there, their place in words, and the level misfit with it [dB]."""
+    """A mass [kg], the nodes that carry equal shares of it, their DOFs, the place in words, and the level misfit with it [dB]."""
 
     mass: float
-    node: int
+    nodes: tuple[int, ...]
     at: Integers
     place: str
     left: float
@@ -74,7 +74,7 @@ def missing_text(seen: Seen, whole: Measurement, calibrated: float, *, least: fl
     lump, mass, left = picking(found.at, seen.inputs.model.size), found.mass, np.inf
     with suppress(LrbcError):
         for _ in range(passes):
-            own = sp.csc_array(mass * (lump.T @ lump))
+            own = sp.csc_array(mass / len(found.nodes) * (lump.T @ lump))
             model = replace(seen.inputs.model, M=sp.csc_array(seen.inputs.model.M + own), extras={name: {"mass": own}})
             inputs = replace(seen.inputs, model=model, recipe=recipe_of(seen.inputs.campaign, model))
             assert source.stage is not None
@@ -89,8 +89,9 @@ def missing_text(seen: Seen, whole: Measurement, calibrated: float, *, least: fl
 
 def _text(found: _Mass, before: float, how: str = "the level misfit falls from") -> str:
     sizes = f"{found.left:.1f} dB, without it {before:.1f} dB" if how.endswith("leaves") else f"{before:.1f} to {found.left:.1f} dB"
+    where = f"node{'s' if len(found.nodes) > 1 else ''} {', '.join(map(str, found.nodes))}"
     return (
-        f"with about {found.mass:.2g} kg more near node {found.node} at {found.place} {how} {sizes} (mean level of each response removed): "
+        f"with about {found.mass:.2g} kg more near {where} at {found.place} {how} {sizes} (mean level of each response removed): "
         "probably a part that was on the test bench is missing in the model, such as a motor or a fixture. Compare the mass sum with the "
         "weight of the structure; add the part in the FE model and export it again, or measure without it"
     )
@@ -122,23 +123,35 @@ def _heavier(
     nodes, first = np.unique(dofs.node[moving], return_index=True)
     if not nodes.size:
         return None
-    kept = nodes[thinned(dofs.xyz[moving][first], most)[1]]
-    places = [np.flatnonzero(moving & (dofs.node == node)) for node in kept]
+    xyz, few_nodes = dofs.xyz[moving][first], thinned(dofs.xyz[moving][first], most)[1]
+    kept, xyz = nodes[few_nodes], xyz[few_nodes]
+    places, feet = [np.flatnonzero(moving & (dofs.node == node)) for node in kept], _feet(xyz)
     whole = max(float(model.M[at][:, at].sum().real) for at in _along(seen))
-    left, node, mass = np.inf, 0, 0.0
+    left, best, mass = np.inf, feet[0], 0.0
     for few, wider in gradually(seen):
         with suppress(LrbcError):
             misfits = _misfits(few, places)
-            node = int(min(range(len(places)), key=lambda k: min(misfits(k, part * whole) for part in shares)))
+            best = min(feet, key=lambda each: min(misfits(each, part * whole) for part in shares))
             # Resonances allow less than the factor of two to three between those.
             tried = whole * np.geomspace(shares[0], shares[-1], 25)
-            mass = float(min(tried, key=lambda each: misfits(node, each)))
-            left = misfits(node, mass)
+            mass = float(min(tried, key=lambda each: misfits(best, each)))
+            left = misfits(best, mass)
         if left > wider * min(UNLIKE, NEARER * before):
             return None
-    xyz = ", ".join(f"{value:.4g}" for value in dofs.xyz[places[node][0]] / inputs.campaign.unit_system.length)
-    place = f"({xyz}) {inputs.campaign.unit_system.length_name}"
-    return _Mass(mass, int(kept[node]), places[node], place, left)
+    centre = ", ".join(f"{value:.4g}" for value in xyz[list(best)].mean(axis=0) / inputs.campaign.unit_system.length)
+    place = f"({centre}) {inputs.campaign.unit_system.length_name}"
+    at = np.concatenate([places[k] for k in best])
+    return _Mass(mass, tuple(int(kept[k]) for k in best), at, place, left)
+
+
+def _feet(xyz: Floats, *, beside: int = 6) -> list[tuple[int, ...]]:
+    """Sets of places (n, 3) on which a mass may stand: each alone, it and one of those ``beside`` it, and the four about their middle."""
+    count = len(xyz)
+    near = np.argsort(np.linalg.norm(xyz[:, None] - xyz, axis=2), axis=1, kind="stable")[:, : beside + 1]
+    pairs = sorted({(min(k, other), max(k, other)) for k, own in enumerate(near.tolist()) for other in own if other != k})
+    about = [np.argsort(np.linalg.norm(xyz - xyz[[a, b]].mean(axis=0), axis=1), kind="stable")[:4] for a, b in pairs if count > 3]
+    fours = sorted({tuple(sorted(own.tolist())) for own in about})
+    return [*((k,) for k in range(count)), *pairs, *fours]
 
 
 def loaded_text(seen: Seen, *, least: float = 0.005, most: float = 0.5, steps: int = 13, falls: float = 0.15, others: float = 0.33) -> str:
@@ -202,8 +215,8 @@ def _along(seen: Seen) -> list[Integers]:
     return [at for at in every if at.size]
 
 
-def _misfits(seen: Seen, places: Sequence[Integers]) -> Callable[[int, float], float]:
-    """Level misfit with a mass in all translations of a place, by the number of the place and the mass [dB]; one full solve a line."""
+def _misfits(seen: Seen, places: Sequence[Integers]) -> Callable[[Sequence[int], float], float]:
+    """Level misfit with a mass in all translations of places, by their numbers and the mass on all of them [dB]; one full solve a line."""
     inputs, settings = seen.inputs, seen.inputs.campaign.reduction
     model, at = inputs.model, picking(np.concatenate(places), inputs.model.size)
     beside = replace(model, B=sp.hstack([model.B, at.T], format="csc"), L=sp.vstack([model.L, at], format="csc"), extras={})
@@ -217,11 +230,11 @@ def _misfits(seen: Seen, places: Sequence[Integers]) -> Callable[[int, float], f
     quantity, each = seen.s[:, None] ** model.output_power, np.arange(outputs)
     begin = np.cumsum([0, *(place.size for place in places)])
 
-    def misfit(k: int, mass: float) -> float:
-        own = np.arange(begin[k], begin[k + 1])
+    def misfit(feet: Sequence[int], mass: float) -> float:
+        own = np.concatenate([np.arange(begin[k], begin[k + 1]) for k in feet])
         driven = G[:, outputs + own][:, :, :loads]
-        flexible = np.eye(own.size) / (mass * seen.s[:, None, None] ** 2) + G[:, outputs + own][:, :, loads + own]
-        # Inertia at the place, for each of its translations.
+        flexible = np.eye(own.size) / (mass / len(feet) * seen.s[:, None, None] ** 2) + G[:, outputs + own][:, :, loads + own]
+        # Inertia at each place, for each of its translations.
         force = np.linalg.solve(flexible, driven)[:, :, inputs.input_of]
         values = G[:, each, inputs.input_of] - np.einsum("frc,fcr->fr", G[:, :outputs][:, :, loads + own], force)
         return float(np.median(apart(seen.measured, values * quantity)))

@@ -101,6 +101,15 @@ def held_text(seen: Seen, before: float, *, most: int = 8) -> str | None:
     )
 
 
+def free_of_supports(seen: Seen) -> FeModel:
+    """The model without its springs to the ground beside the terms: another material of a part leaves feet as they are."""
+    model, dofs = seen.inputs.model, seen.inputs.dofs
+    if dofs is None or model.is_acoustic.any():
+        return model
+    rows, _ = _held(model.K, dofs, np.unique(model.terms.left.indices))
+    return replace(model, K=sp.csc_array(model.K - sp.diags_array(_forces(model.K, dofs, rows)))) if rows.size else model
+
+
 def _without(seen: Seen, rows: Integers, before: float) -> float:
     """Level misfit without the forces to the ground at ``rows`` [dB]; infinite if it does not explain the measurement."""
     inputs, model = seen.inputs, seen.inputs.model

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -13,10 +13,11 @@ import scipy.sparse as sp
 from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart
 from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.looking.causes.held import free_of_supports
 from lrbc_cli.campaign.looking.causes.rescaled import explains
 from lrbc_cli.campaign.looking.fitted import calibrated_by_rounds, multiplied
 from lrbc_cli.campaign.looking.states import Looking, Seen, coarsely_reduced
-from lrbc_cli.campaign.looking.trials import EXPLAINED, FEWEST, MOST_WORK, UNLIKE, left_of, ported, resonances
+from lrbc_cli.campaign.looking.trials import EXPLAINED, FEWEST, MOST_WORK, NEARER, UNLIKE, left_of, ported, resonances
 from lrbc_cli.campaign.reading.factors import recipe_of
 from lrbc_cli.campaign.reading.places import extents
 from lrbc_cli.campaign.reading.reach import parts_of
@@ -34,6 +35,22 @@ _WRONG = {
 }
 
 
+@dataclass(frozen=True)
+class _Alike:
+    """Parts of the same size and mass, such as two stringers of one section, which are wrong together; and the sums of their shares."""
+
+    parts: tuple[MeshPart, ...]
+    K: sp.csc_array
+    M: sp.csc_array
+
+    @classmethod
+    def of(cls, parts: Sequence[MeshPart]) -> _Alike:
+        return cls(tuple(parts), sp.csc_array(sum(part.K for part in parts)), sp.csc_array(sum(part.M for part in parts)))
+
+    def times(self, stiffness: float, mass: float) -> _Alike:
+        return _Alike(self.parts, stiffness * self.K, mass * self.M)
+
+
 def part_text(seen: Seen, before: float, *, ratio: float = 2.9, moduli: float = 3.0) -> str:
     """Warning that names a part, of those that only springs join, or a structure beside air, with the material of another; else empty.
 
@@ -45,28 +62,28 @@ def part_text(seen: Seen, before: float, *, ratio: float = 2.9, moduli: float = 
     ratio, moduli : float
         Of the densities (7850 and 2700 kg/m3), and of the moduli (210 and 70 GPa), of steel and aluminium.
     """
-    cases = [(part, factor, kind) for part in _bodies(seen) for factor in (ratio, 1.0 / ratio) for kind in _WRONG]
-    if not cases and seen.inputs.model.is_acoustic.any() and before > UNLIKE:
+    bodies, model, found = _bodies(seen), seen.inputs.model, list[tuple[float, float, int, float, float]]()
+    ways = [(stiff**sign, heavy**sign) for sign in (1, -1) for stiff, heavy in ((1.0, ratio), (moduli, 1.0), (moduli, ratio))]
+    if not bodies and model.is_acoustic.any() and before > UNLIKE:
         # One structure beside air, whose mass is right: large models, so one case only. More resonances than computed: it is too light.
         more = resonances(seen.measured) >= resonances(seen.model)
-        cases = [(_body(seen.inputs.model, ~seen.inputs.model.is_acoustic), ratio if more else 1.0 / ratio, "mass")]
-    few, inputs = seen.few(FEWEST), seen.inputs
-    if before <= LEAST_DIFFERENCE or not cases or len(cases) * seen.work(few.s.size) > MOST_WORK:
+        bodies, ways = [_body(model, ~model.is_acoustic)], [(1.0, ratio if more else 1.0 / ratio)]
+    few = seen.few(FEWEST)
+    if before <= LEAST_DIFFERENCE or len(bodies) * len(ways) * seen.work(few.s.size) > MOST_WORK:
         return ""
-    model, found = inputs.model, list[tuple[float, float, int]]()
-    for number, (part, factor, kind) in enumerate(cases):
-        stiff = moduli if factor > 1.0 else 1.0 / moduli
-        K = model.K if kind == "mass" else sp.csc_array(model.K + (stiff - 1.0) * part.K)
-        M = model.M if kind == "stiffness" else sp.csc_array(model.M + (factor - 1.0) * part.M)
-        with suppress(LrbcError):
-            found.append((*_misfit(few, replace(model, K=K, M=M)), number))
+    for k, part in enumerate(bodies):
+        for stiff, heavy in ways:
+            K = model.K if stiff == 1.0 else sp.csc_array(model.K + (stiff - 1.0) * part.K)
+            M = model.M if heavy == 1.0 else sp.csc_array(model.M + (heavy - 1.0) * part.M)
+            with suppress(LrbcError):
+                found.append((*_misfit(few, replace(model, K=K, M=M)), k, stiff, heavy))
     if not found or not explains(*min(found)[:2], before, 1.5):
         return ""
-    left, _, best = min(found)
-    part, factor, kind = cases[best]
+    left, _, best, stiff, heavy = min(found)
+    kind = "mass" if stiff == 1.0 else "stiffness" if heavy == 1.0 else "material"
     what, check = _WRONG[kind]
-    where = "structure" if len(cases) == 1 else _where(seen, part, "part")
-    size = "small" if factor > 1.0 else "large"
+    where = "structure" if len(bodies) == 1 else _where(seen, bodies[best], "part")
+    size = "small" if max(stiff, heavy) > 1.0 else "large"
     return (
         f"the {what} of the {where} {'are' if kind == 'material' else 'is'} probably about {ratio:g} times too {size}, as of aluminium and "
         f"steel exchanged: corrected, the level misfit falls from {before:.1f} to {left:.1f} dB (mean level of each response removed). "
@@ -142,31 +159,45 @@ def by_parts_text(
     free = settings is not None and settings.job == seen.job and not inputs.model.extras and source.stage is not None
     if not free or seen.misfit <= LEAST_DIFFERENCE or reduction_cost(inputs)[0].work > MOST_WORK:
         return ""
-    dofs, limits = inputs.dofs, (min(seen.misfit, calibrated), most)
-    kinds = [_bodies(seen)] if dofs is None else [mesh_parts(inputs.model, dofs, divided=divided) for divided in (False, True)]
-    others = (parts for k, parts in enumerate(kinds) if len(parts) > 1 and len(parts) not in [len(before) for before in kinds[:k]])
-    return next(filter(None, (_of_parts(seen, whole, parts, limits, passes, rounds, exact=exact) for parts in others)), "")
+    dofs, limits, bodies = inputs.dofs, (min(seen.misfit, calibrated), most), _bodies(seen)
+    meshed = [] if dofs is None else mesh_parts(free_of_supports(seen), dofs)
+    kinds = [grouped for parts in (bodies, meshed if len(meshed) > len(bodies) else []) if len(grouped := _grouped(parts)) > 1]
+    return next(filter(None, (_of_parts(seen, whole, parts, limits, passes, rounds, exact=exact) for parts in kinds)), "")
+
+
+def _grouped(parts: Sequence[MeshPart], *, near: float = 1e-6) -> list[_Alike]:
+    """The parts, those with as many DOFs and the same mass, to a share ``near``, together."""
+    found = list[tuple[int, float, list[MeshPart]]]()
+    for part in parts:
+        count, mass = int(part.own.sum()), float(np.abs(part.M.diagonal()).sum())
+        same = next((own for size, weight, own in found if size == count and abs(weight - mass) <= near * mass), None)
+        if same is None:
+            found.append((count, mass, [part]))
+        else:
+            same.append(part)
+    return [_Alike.of(own) for _, _, own in found]
 
 
 def _of_parts(
     seen: Seen,
     whole: Measurement,
-    parts: Sequence[MeshPart],
+    parts: Sequence[_Alike],
     limits: tuple[float, float],
     passes: int,
     rounds: int,
     *,
     least: float = 1.2,
-    clear: float = 0.5,
     count: int = 6,
     exact: float = 1.0,
     falling: float = 0.8,
 ) -> str:
     """See ``by_parts_text``, for parts of one kind.
 
-    ``limits``: level misfit without, and the largest that may be left [dB]; ``falling``: what each pass may leave of the first. ``least``,
-    ``clear``: least factor of that part, and largest share of its logarithm that those of any other part may have; of more than ``count``
-    parts those are calibrated that alone bring the model nearest.
+    ``limits``: level misfit without, and the largest that may be left [dB]; ``falling``: what each pass may leave of the first; ``least``:
+    least factor of that part; of more than ``count`` parts those are calibrated that alone bring the model nearest.
+
+    Small parts take up what is left, and their factors mean nothing. So the factors of one part alone must explain the measurement, and
+    clearly better than those of any other do.
     """
     before, most = limits
     source, settings = seen.source, seen.inputs.campaign.calibration
@@ -180,7 +211,7 @@ def _of_parts(
         names = (*others, *chain(*keys))
         factors = dict.fromkeys(names, 1.0) | begun
         for _ in range(passes):
-            now = [MeshPart(part.own, factors[k] * part.K, factors[m] * part.M) for part, (k, m) in zip(parts, keys, strict=True)]
+            now = [part.times(factors[k], factors[m]) for part, (k, m) in zip(parts, keys, strict=True)]
             found, further = calibrated_by_rounds(_with_parts(found, keys, now), whole, names, rounds)
             factors, after = {name: value * further[name] for name, value in factors.items()}, Seen.of(found, seen.job, whole)
             if after.misfit > falling * before:
@@ -189,20 +220,27 @@ def _of_parts(
         full = ported(few, found.inputs.model).evaluate(few.dynamic)
     except LrbcError:
         return ""
-    logs = np.log([[factors[name] for name in own] for own in keys])
-    sizes = np.linalg.norm(logs, axis=1)
-    worst = int(np.argmax(sizes))
-    second = float(np.delete(sizes, worst).max())
     # The basis is that of the model before the last calibrations.
-    errs = float(np.median(apart(full, few.model))) > exact
-    if errs or after.misfit > min(most, CLEARLY * before) or max(np.log(least), second / clear) > sizes[worst]:
+    if float(np.median(apart(full, few.model))) > exact or after.misfit > min(most, CLEARLY * before):
         return ""
-    return _part_text(seen, parts[worst], worst, logs[worst], after.misfit)
+    alone = [_of_one_part(found, after, whole, factors, [name for own in keys if own != kept for name in own]) for kept in keys]
+    worst = int(np.argmin(alone))
+    logs = np.log([factors[name] for name in keys[worst]])
+    if alone[worst] > min(EXPLAINED, CLEARLY * before, NEARER * min(np.delete(alone, worst))) or np.linalg.norm(logs) < np.log(least):
+        return ""
+    return _part_text(seen, parts[worst], worst, logs, alone[worst])
 
 
-def _part_text(seen: Seen, part: MeshPart, number: int, logs: Floats, left: float) -> str:
+def _of_one_part(found: Looking, after: Seen, whole: Measurement, factors: Mapping[str, float], others: Sequence[str]) -> float:
+    """Level misfit [dB] of the calibrated model with the factors ``others`` taken back."""
+    assert found.stage is not None
+    one = multiplied(found, affine_model(found.inputs, found.stage), {name: 1.0 / factors[name] for name in others})
+    return Seen.of(replace(one, start=found.start), after.job, whole).misfit
+
+
+def _part_text(seen: Seen, part: _Alike, number: int, logs: Floats, left: float) -> str:
     """Warning about one part, with the logarithms of the factors of its stiffness and mass, and the misfit left [dB]."""
-    (stiffness, mass), where = logs.tolist(), _where(seen, part, f"part {number + 1}")
+    (stiffness, mass), where = logs.tolist(), " and the ".join(_where(seen, each, f"part {number + 1}") for each in part.parts)
     return (
         f"with the stiffness of the {where} times {np.exp(stiffness):.2g}, and its mass times {np.exp(mass):.2g}, a rough calibration "
         f"leaves a level misfit of {left:.1f} dB, of {seen.misfit:.1f} dB (mean level of each response removed). "
@@ -222,7 +260,7 @@ def _begun(
     source: Looking,
     seen: Seen,
     keys: Sequence[tuple[str, str]],
-    parts: Sequence[MeshPart],
+    parts: Sequence[_Alike],
     *,
     sizes: tuple[float, ...] = (0.7, 0.83, 1.2, 1.4),
     lines: int = 60,
@@ -272,7 +310,7 @@ def _cause(stiffness: float, mass: float) -> str:
     return min(ways)[1]
 
 
-def _with_parts(source: Looking, keys: Sequence[tuple[str, str]], parts: Sequence[MeshPart]) -> Looking:
+def _with_parts(source: Looking, keys: Sequence[tuple[str, str]], parts: Sequence[_Alike]) -> Looking:
     """The model with a factor of the stiffness, and one of the mass, of each part, named by ``keys``."""
     inputs, model = source.inputs, source.inputs.model
     groups = dict[str, dict[str, sp.csc_array]]()
@@ -291,7 +329,7 @@ def _misfit(seen: Seen, model: FeModel) -> tuple[float, float]:
 
 def _bodies(seen: Seen, *, least: float = 0.02) -> list[MeshPart]:
     """The structural parts that only terms join, each with a share of ``least`` of the DOFs; empty if there is one."""
-    model = seen.inputs.model
+    model = free_of_supports(seen)
     structural = ~model.is_acoustic
     # Air joins parts, too; without it, each of its DOFs is a part of its own.
     own = sp.diags_array(structural.astype(float))
