@@ -225,12 +225,17 @@ def test_a_calibration_that_ends_at_a_bound_is_told_unless_the_model_then_fits(
 )
 def test_supports_of_a_model_that_no_calibration_brings_near(monkeypatch: pytest.MonkeyPatch, misfit: float, held: str, told: str) -> None:
     """Nodes held by leaving out their rows cannot be freed, so that no model shows what is behind them; they are named all the same."""
-    stand_in: Any = SimpleNamespace(misfit=misfit)
+    stand_in: Any = SimpleNamespace(misfit=misfit, job="tight")
     monkeypatch.setattr(unexplained, "supports_text", lambda _: held)
-    unused: Any = None
+    monkeypatch.setattr(unexplained, "tighter_text", lambda *_, **__: "")
+    unused: Any = {"tight": None}
     found = unexplained.uncalibrated(stand_in, unused, [])
     assert [each.kind for each in found] == ([Kind.UNLIKE] if told else [])
     assert not told or (told in found[0].text and "remove the constraint in the FE model" in found[0].text)
+    # A baseline that fits the tight model far better: the reference job is not tight, whatever holds the model.
+    monkeypatch.setattr(unexplained, "tighter_text", lambda *_, **__: "again (2.5 dB) fits far better")
+    loose = unexplained.uncalibrated(stand_in, unused, [])
+    assert [each.kind for each in loose] == ([Kind.NOT_TIGHT] if misfit > 3.0 else [])
 
 
 @pytest.mark.parametrize(("late", "kept"), [({1}, set()), ({1, 4}, {1, 4}), ({3, 4, 5}, {3, 4, 5}), ({0, 2, 5}, {2, 5})])

@@ -112,7 +112,7 @@ def test_a_right_mesh_is_no_finding(tmp_path: Path) -> None:
             "plate",
             (0.58 * 70e9, 0.84 * 2700.0),
             "x 0 to 0.3, y 0 to 0.18, z 0 to 0.01 m",
-            r"thickness of its plates, .* 1\.[12]\d* times too large",
+            r"thickness of plates, .* 1\.[12]\d* times too large",
         ),
     ],
 )

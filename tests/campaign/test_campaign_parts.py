@@ -104,11 +104,11 @@ def told(given: FeModel, true: FeModel, cause: Callable[[Seen, float], str] = pa
 @pytest.mark.parametrize(
     ("factors", "what"),
     [
-        ((2.9, 1.0), "the mass of the part at x 0 to 0.8, y 0.1 to 0.1, z 0 to 0 m is probably about 2.9 times too small"),
-        ((1.0, 1.0 / 3.0), "the stiffness of the part at x 0 to 0.8, y 0.1 to 0.1, z 0 to 0 m is probably about 2.9 times too large"),
+        ((2.9, 1.0), "the mass of the part at x 0 to 0.8, y 0.1, z 0 m is probably about 2.9 times too small"),
+        ((1.0, 1.0 / 3.0), "the stiffness of the part at x 0 to 0.8, y 0.1, z 0 m is probably about 2.9 times too large"),
         (
             (1.0 / 2.9, 1.0 / 3.0),
-            "the stiffness and mass of the part at x 0 to 0.8, y 0.1 to 0.1, z 0 to 0 m are probably about 2.9 times",
+            "the stiffness and mass of the part at x 0 to 0.8, y 0.1, z 0 m are probably about 2.9 times",
         ),
     ],
 )
@@ -360,7 +360,7 @@ def test_a_mass_that_a_calibration_has_half_made_up_for(monkeypatch: pytest.Monk
     source = SimpleNamespace(stage=StageAlone(None))
     seen: Any = SimpleNamespace(source=source, job="tight", misfit=7.5, inputs=inputs)
     at = np.array([10])
-    monkeypatch.setattr(added, "_heavier", lambda *_: added._Mass(8.0, 10, at, "(0.2, 0, 0) m", 4.0))
+    monkeypatch.setattr(added, "_heavier", lambda *_: added._Mass(8.0, (10,), at, "(0.2, 0, 0) m", 4.0))
     monkeypatch.setattr(added, "recipe_of", lambda *_: None)
     monkeypatch.setattr(added, "coarsely_reduced", lambda inputs: begun.append((inputs.model.M - plain.M).sum()))
     monkeypatch.setattr(added, "Looking", lambda **fields: fields)

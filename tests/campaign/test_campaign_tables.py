@@ -28,27 +28,33 @@ def frf(springs: np.ndarray, times: float = 1.0) -> np.ndarray:
     return modes @ SHAPES
 
 
-def campaign() -> tuple[Any, Any]:
-    """Source and parameters of that beam, a table of springs for each group."""
+def campaign(*, joined: bool = False) -> tuple[Any, Any]:
+    """Source and parameters of that beam, a table of springs for each group, or both groups in one table with one value for a joint."""
+    names = ("joints",) if joined else ("axial", "rocking")
+    terms = [np.arange(2)] if joined else [np.array([0]), np.array([1])]
     groups = [
-        SimpleNamespace(name=n, config=SimpleNamespace(select=SimpleNamespace(bushings=Path(f"{n}.csv")))) for n in ("axial", "rocking")
+        SimpleNamespace(name=n, terms=own, config=SimpleNamespace(kind="stiffness", select=SimpleNamespace(bushings=Path(f"{n}.csv"))))
+        for n, own in zip(names, terms, strict=True)
     ]
     inputs = SimpleNamespace(
         groups=groups,
         campaign=SimpleNamespace(unit_system=SimpleNamespace(text="SI")),
         dofs=SimpleNamespace(component=np.array(["UZ", "ROTY"])),
-        model=SimpleNamespace(terms=SimpleNamespace(left=sp.csc_array(np.eye(2)))),
+        model=SimpleNamespace(terms=SimpleNamespace(left=sp.csc_array(np.eye(2)), size=2)),
     )
-    placed = [
-        (SimpleNamespace(name=group.name, kind="stiffness", terms=np.array([i]), parameter=np.zeros(1, dtype=int)), slice(i, i + 1), None)
-        for i, group in enumerate(groups)
-    ]
+    placed = [(SimpleNamespace(name=group.name, kind="stiffness"), slice(i, i + 1), None) for i, group in enumerate(groups)]
     model = SimpleNamespace(nearby=lambda _: lambda values: np.array([frf(row) for row in values]))
-    return SimpleNamespace(inputs=inputs, model=lambda s, parameters: model), SimpleNamespace(initial=np.zeros(2), placed=placed, size=2)
+    ports = SimpleNamespace(evaluate=lambda dynamic: frf(np.log10(dynamic[0].real)))
+    source = SimpleNamespace(inputs=inputs, model=lambda s, parameters: model, table=lambda s: ports)
+    theta = np.zeros(len(groups))
+    parameters = SimpleNamespace(
+        initial=theta, placed=placed, size=theta.size, dynamic=lambda theta, s: np.ones((s.size, 2), dtype=complex)
+    )
+    return source, parameters
 
 
-def told(measured: np.ndarray) -> str:
-    source, parameters = campaign()
+def told(measured: np.ndarray, *, joined: bool = False) -> str:
+    source, parameters = campaign(joined=joined)
     job = seen(measured, frf(np.zeros(2))[None], source=source, parameters=parameters)
     return "; ".join(map(str, other_tables(job)))
 
@@ -62,11 +68,10 @@ def test_the_nearest_unit_is_meant(monkeypatch: pytest.MonkeyPatch) -> None:
     """Springs that clamp as good as all: a million times leaves no more than a thousand times does."""
     left = dict.fromkeys((-12, -9, -6, -3, -2, -1, 1), 14.6) | {2: 4.0, 3: 1.4, 6: 1.0, 9: 1.0, 12: 1.0}
 
-    def moved(*arguments: Any) -> tuple[np.ndarray, np.ndarray]:
-        powers = arguments[-1][:, 0]
-        return np.array([left.get(power, 14.6) for power in powers.tolist()]), np.zeros(powers.size)
+    def changed(_: Any, __: Any, powers: np.ndarray) -> np.ndarray:
+        return np.array([left.get(power, 14.6) for power in powers.tolist()])
 
-    monkeypatch.setattr(tables, "_moved", moved)
+    monkeypatch.setattr(tables, "_changed", changed)
     assert "times 1000, " in told(frf(np.array([6.0, 0.0])))
 
 
@@ -75,6 +80,14 @@ def test_a_table_in_newtons_per_millimetre() -> None:
     text = told(frf(np.array([3.0, -3.0])))
     assert "with all stiffnesses of axial.csv and rocking.csv times 1000, those of rotations times 0.001" in text
     assert "Multiply the stiffnesses there by 1000, those of rotations by 0.001" in text
+
+
+def test_rotations_alone_in_another_unit() -> None:
+    """One value for a joint scales all its springs, but a table may be wrong in its rotations only."""
+    text = told(frf(np.array([0.0, 3.0])), joined=True)
+    assert "with all stiffnesses of the rotations in joints.csv times 1000" in text
+    assert "Multiply the stiffnesses there by 1000" in text
+    assert "with all stiffnesses of joints.csv times 1000" in told(frf(np.array([3.0, 3.0])), joined=True)
 
 
 def test_a_model_of_another_material() -> None:

@@ -264,6 +264,13 @@ def of_sensors(
             if not changed[name].told:
                 changed[name] = replace(changed[name], told=odd_sensors(inputs, known | {name: closer(name)}).get(name, []))
         every = {**source.near, **known}
+        for name in (name for name in found if name in every):
+            # Fitted closely only if a coarse fit shows it.
+            if not changed[name].told and odd_records(inputs, name, every):
+                far = closer(name)
+                alone = odd_records(inputs, name, every | {name: far})
+                told = single_responses(inputs, far, alone, "the state of the bolts that fits best", name)
+                changed[name] = replace(changed[name], told=told)
         for name in (name for name in source.near if name in found and not changed[name].told):
             if astray_sensor(inputs, name, every):
                 changed[name] = replace(changed[name], told=astray_sensor(inputs, name, every | {name: closer(name)}))
@@ -339,6 +346,37 @@ def odd_sensors(
                     f"overloaded, loose or dead, or another one was connected. Measure again, or remove its records from the file of {name}"
                 )
                 found.setdefault(name, []).append(Finding(text=text, kind=Kind.ALONE, responses=records))
+    return found
+
+
+def odd_records(inputs: Inputs, name: str, away: Mapping[str, Floats], *, times: float = 2.5, beyond: float = 2.0) -> list[int]:
+    """Responses that are far from the fitted state in one job and at one hammer point alone, as if overloaded during these blows.
+
+    Errors of the model and loosened joints near a sensor show at its other hammer points, in other jobs, or in the other responses of that
+    hammer point, too. On 12 right campaigns with 100 jobs no response was more than 2.2 times as far as the farthest of these three.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    name : str
+    away : mapping
+        Level misfits (R,) with the fitted state [dB], by job.
+    times : float
+        Least ratio to the farthest of the medians of these three.
+    beyond : float
+        Least distance from it [dB].
+    """
+    own, others = away[name], [every for other, every in away.items() if other != name]
+    found = list[int]()
+    for i, far in enumerate(own.tolist()):
+        sensor, struck = (
+            np.array(same_sensor(inputs, i), dtype=int),
+            own[(inputs.input_of == inputs.input_of[i]) & (np.arange(own.size) != i)],
+        )
+        if others and sensor.size and struck.size > 1:
+            usual = max(float(np.median(each)) for each in (own[sensor], struck, [every[i] for every in others]))
+            if far > max(times * usual, usual + beyond):
+                found.append(i)
     return found
 
 

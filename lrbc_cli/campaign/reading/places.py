@@ -74,8 +74,9 @@ def components_place(campaign: Campaign) -> str:
 
 def extents(xyz: Floats, unit: float = 1.0, name: str = "m") -> str:
     """Bounding box of points [m] in words, in a unit of length with its name."""
-    low, high = xyz.min(axis=0) / unit, xyz.max(axis=0) / unit
-    return ", ".join(f"{axis} {a:.4g} to {b:.4g}" for axis, a, b in zip("xyz", low, high, strict=True)) + f" {name}"
+    ends = np.stack([xyz.min(axis=0), xyz.max(axis=0)], axis=1) / unit
+    of_axis = (list(dict.fromkeys(f"{value:.4g}" for value in own)) for own in ends.tolist())
+    return ", ".join(f"{axis} {' to '.join(own)}" for axis, own in zip("xyz", of_axis, strict=True)) + f" {name}"
 
 
 def require_near(

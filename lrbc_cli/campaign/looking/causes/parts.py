@@ -240,9 +240,11 @@ def _of_one_part(found: Looking, after: Seen, whole: Measurement, factors: Mappi
 
 def _part_text(seen: Seen, part: _Alike, number: int, logs: Floats, left: float) -> str:
     """Warning about one part, with the logarithms of the factors of its stiffness and mass, and the misfit left [dB]."""
-    (stiffness, mass), where = logs.tolist(), " and the ".join(_where(seen, each, f"part {number + 1}") for each in part.parts)
+    stiffness, mass = logs.tolist()
+    where = " and the ".join(_where(seen, each, f"part {number + 1}") for each in part.parts)
+    whose = "its" if len(part.parts) == 1 else "their"
     return (
-        f"with the stiffness of the {where} times {np.exp(stiffness):.2g}, and its mass times {np.exp(mass):.2g}, a rough calibration "
+        f"with the stiffness of the {where} times {np.exp(stiffness):.2g}, and {whose} mass times {np.exp(mass):.2g}, a rough calibration "
         f"leaves a level misfit of {left:.1f} dB, of {seen.misfit:.1f} dB (mean level of each response removed). "
         f"{_cause(stiffness, mass)}. Correct it in the FE model, and export it again"
     )
@@ -302,10 +304,10 @@ def _cause(stiffness: float, mass: float) -> str:
     thin, both = (3.0 * stiffness + mass) / 10.0, (stiffness + mass) / 2.0
     lacking = "missing in the model" if mass > 0.0 else "not on the structure"
     ways = [
-        (abs(stiffness - 3.0 * mass) / 10.0**0.5, f"The thickness of its plates, or the height of its beams, is probably {wrong(thin)}"),
-        (abs(stiffness - mass) / 2.0**0.5, f"Its modulus and density are probably both {wrong(both)} (aluminium for steel: 2.9)"),
-        (abs(mass), f"Its modulus is probably {wrong(stiffness)}"),
-        (abs(stiffness), f"Its density is probably {wrong(mass)}, or a mass on it is {lacking}"),
+        (abs(stiffness - 3.0 * mass) / 10.0**0.5, f"The thickness of plates, or the height of beams, is probably {wrong(thin)}"),
+        (abs(stiffness - mass) / 2.0**0.5, f"Modulus and density are probably both {wrong(both)} (aluminium for steel: 2.9)"),
+        (abs(mass), f"The modulus is probably {wrong(stiffness)}"),
+        (abs(stiffness), f"The density is probably {wrong(mass)}, or a mass there is {lacking}"),
     ]
     return min(ways)[1]
 
