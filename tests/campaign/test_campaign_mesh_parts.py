@@ -105,7 +105,7 @@ def test_a_right_mesh_is_no_finding(tmp_path: Path) -> None:
             "wall",
             (210e9, 7850.0),
             "x 0.06 to 0.24, y 0.12 to 0.15, z 0.01 to 0.055 m",
-            r"modulus and density are probably both [23]\.\d times too s",
+            r"Modulus and density are probably both [23]\.\d times too s",
         ),
         ("block", (70e9, 7850.0), "x 0.21 to 0.3, y 0 to 0.09, z 0.01 to 0.04 m", r"density is probably (2\.[5-9]|3)\d* times too small"),
         (

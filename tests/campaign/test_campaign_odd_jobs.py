@@ -178,6 +178,20 @@ def test_a_sensor_that_alone_is_far_off_in_a_job_near_the_tight_state() -> None:
     assert all_jobs.astray_sensor(inputs, "own", {"own": np.where(usual > 2.0, 0.9, moved)})
 
 
+def test_a_record_that_was_overloaded_in_one_job() -> None:
+    """Its sensor is right at the other hammer point, the hammer at the other sensors, and the record in the other jobs."""
+    responses = [SimpleNamespace(name=f"a{k}-h{h}", input=h, node=k, direction=3) for h in range(2) for k in range(4)]
+    inputs: Any = SimpleNamespace(responses=responses, input_of=np.repeat([0, 1], 4))
+    usual = np.array([1.3, 1.2, 1.4, 1.3, 1.2, 1.3, 1.2, 1.4])
+    others, clipped = {f"s{k}": usual for k in range(4)}, usual.copy()
+    clipped[1] = 4.0
+    assert all_jobs.odd_records(inputs, "own", others | {"own": clipped}) == [1]
+    moved, struck, modelled = clipped.copy(), clipped.copy(), {name: clipped for name in others}
+    moved[5], struck[[0, 2, 3]] = 4.0, 4.0
+    for away in (others | {"own": moved}, others | {"own": struck}, modelled | {"own": clipped}, {"own": clipped}):
+        assert all_jobs.odd_records(inputs, "own", away) == []
+
+
 def test_springs_without_any_effect() -> None:
     """Two groups: beside one that has an effect the other may be without."""
     model = modal(HZ, responses=6)

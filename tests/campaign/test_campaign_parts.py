@@ -24,6 +24,7 @@ from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.factors import make_recipe
 from lrbc_cli.model.fem import FeModel
+from lrbc_cli.model.mesh_parts import MeshPart
 from lrbc_cli.model.terms import LowRankTerms
 from lrbc_cli.updating.comparison.scale import Known, Offset
 
@@ -114,6 +115,33 @@ def told(given: FeModel, true: FeModel, cause: Callable[[Seen, float], str] = pa
 )
 def test_a_part_of_another_material(factors: tuple[float, float], what: str) -> None:
     assert told(assembly(), assembly(*factors)).startswith(what)
+
+
+def test_feet_and_what_a_baseline_leaves_are_no_share_of_a_part() -> None:
+    """A frame of steel, modelled as of aluminium, stands on the same feet; springs that were subtracted leave rounding errors."""
+    feet = sp.diags_array(np.where(np.isin(np.arange(2 * COUNT), (COUNT + 2, COUNT + 37)), 2e6, 0.0))
+    rounding = sp.lil_array((2 * COUNT, 2 * COUNT))
+    rounding[0, COUNT + 30] = rounding[COUNT + 30, 0] = 1e-7
+    given, true = (replace(model, K=sp.csc_array(model.K + feet + rounding)) for model in (assembly(1.0 / 2.9, 1.0 / 3.0), assembly()))
+    text = told(given, true)
+    assert text.startswith("the stiffness and mass of the part at x 0 to 0.8, y 0.1, z 0 m are probably about 2.9 times too small"), text
+    left = re.search(r"to ([\d.]+) dB", text)
+    assert left is not None
+    assert float(left[1]) < 1.0  # of proportional damping
+
+
+def test_parts_of_one_section_are_wrong_together() -> None:
+    """Two stringers, and a third that is heavier."""
+
+    def part(at: int, mass: float) -> MeshPart:
+        own = np.arange(12) // 3 == at
+        return MeshPart(own, sp.csc_array(np.diag(5.0 * own)), sp.csc_array(np.diag(mass * own)))
+
+    first, second = parts._grouped([part(0, 1.0), part(1, 1.2), part(2, 1.0)])
+    assert [np.flatnonzero(each.own)[0] for each in first.parts] == [0, 6]
+    np.testing.assert_array_equal(first.M.diagonal(), [1.0] * 3 + [0.0] * 3 + [1.0] * 3 + [0.0] * 3)
+    np.testing.assert_array_equal(first.times(2.0, 3.0).K.diagonal(), 2.0 * first.K.diagonal())
+    assert len(second.parts) == 1
 
 
 @pytest.mark.parametrize(
@@ -345,6 +373,10 @@ def test_a_mass_that_the_model_lacks() -> None:
     assert found is not None
     assert float(found[1]) == pytest.approx(8.0, rel=0.15)
     assert int(found[2]) == 10
+    # A pump on two feet.
+    pump = re.match(r"with about ([\d.]+) kg more near nodes 8, 12 at", told(loaded(), loaded(8, 12, mass=4.0), added_text))
+    assert pump is not None
+    assert float(pump[1]) == pytest.approx(8.0, rel=0.1)
     # A model that holds it, masses at three places, or another material are something else.
     assert told(loaded(10), loaded(10), added_text) == ""
     assert told(loaded(), loaded(3, 37, COUNT + 15, mass=12.0), added_text) == ""

@@ -1838,7 +1838,7 @@ MISTAKES = [
         config(("reference: tight-1", "reference: b3-half-b4-loose")),
         0,
         "fit the tight model far better than b3-half-b4-loose",
-        "set update.reference to a tight job",
+        "Set update.reference to a tight job, such as tight-1",
     ),
     Mistake(
         "x and y of the hammer exchanged",
