@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
@@ -12,94 +11,20 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from looking import seen
+from rows import COUNT, HZ, InputsAlone, assembly, told
 from systems import whole
 
 from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.looking.causes import added, parts, rescaled
 from lrbc_cli.campaign.looking.causes.added import added_text, loaded_text
 from lrbc_cli.campaign.looking.causes.held import held_text, supports_text
-from lrbc_cli.campaign.looking.causes.parts import lump_text, part_text
+from lrbc_cli.campaign.looking.causes.parts import lump_text
 from lrbc_cli.campaign.looking.first_look import _gains_by_chance
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.model.dofs import DofTable
-from lrbc_cli.model.factors import make_recipe
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.mesh_parts import MeshPart
-from lrbc_cli.model.terms import LowRankTerms
 from lrbc_cli.updating.comparison.scale import Known, Offset
-
-#: Masses of each of two rows, joined by the springs of three bolts.
-COUNT = 40
-HZ = np.linspace(10.0, 400.0, 150)
-
-
-def assembly(mass: float = 1.0, stiffness: float = 1.0, *, joined: bool = False, first: float = 1.0) -> FeModel:
-    """Two rows of masses and springs; factors on those of the second, and on the ``first`` masses.
-
-    ``joined``: by a spring of the matrix, too, as one part.
-    """
-    n, blocks = 2 * COUNT, []
-    for factor in (1.0, stiffness):
-        row = np.diag(np.full(COUNT, 2.0)) - np.eye(COUNT, k=1) - np.eye(COUNT, k=-1)
-        row[0, 0] = row[-1, -1] = 1.0
-        blocks.append(4e7 * factor * row)
-    K = sp.lil_array(sp.block_diag(blocks))
-    if joined:
-        for i, j, sign in ((0, 0, 1.0), (COUNT, COUNT, 1.0), (0, COUNT, -1.0), (COUNT, 0, -1.0)):
-            K[i, j] = K[i, j] + 1e3 * sign
-    left = np.zeros((n, 3))
-    for term, (a, b) in enumerate(((0, COUNT + 30), (15, COUNT + 5), (39, COUNT + 38))):
-        left[a, term], left[b, term] = 1.0, -1.0
-    bolts = sp.csc_array(left)
-    terms = LowRankTerms(left=bolts, right=bolts, power=np.zeros(3, dtype=np.int64), baseline=np.zeros(3))
-    M = np.repeat([0.4 * first, 0.4 * mass], COUNT)
-    at = [3, 22, COUNT + 9, COUNT + 27]
-    outputs = sp.csc_array((np.ones(4), (np.arange(4), at)), (4, n))
-    loads = sp.csc_array((np.ones(1), ([8], [0])), (n, 1))
-    return FeModel(
-        K=sp.csc_array(K),
-        C=sp.csc_array(2e-5 * K),
-        M=sp.csc_array(sp.diags_array(M)),
-        B=loads,
-        L=outputs,
-        output_power=np.full(4, 2),
-        is_acoustic=np.zeros(n, dtype=bool),
-        terms=terms,
-    )
-
-
-def frf(model: FeModel, springs: np.ndarray) -> np.ndarray:
-    left, found = model.terms.left.toarray(), []
-    for s in 2j * np.pi * HZ:
-        Z = (model.K + s * model.C + s**2 * model.M).toarray() + left * springs @ left.T
-        found.append(s**2 * (model.L @ np.linalg.solve(Z, model.B.toarray()))[:, 0])
-    return np.array(found)
-
-
-def told(given: FeModel, true: FeModel, cause: Callable[[Seen, float], str] = part_text, *, air: bool = False, **given_as: Any) -> str:
-    springs = np.array([3e6, 1e6, 2e6])
-    dofs = DofTable(
-        node=np.arange(2 * COUNT),
-        component=np.full(2 * COUNT, "UX"),
-        xyz=np.stack([np.tile(np.linspace(0.0, 0.8, COUNT), 2), np.repeat([0.0, 0.1], COUNT), np.zeros(2 * COUNT)], axis=1),
-    )
-    metres = SimpleNamespace(length=1.0, length_name="m")
-    campaign = SimpleNamespace(reduction=SimpleNamespace(band=(10.0, 400.0), backend="superlu"), unit_system=metres)
-    if air:
-        # Said to be a pressure, for want of a smaller model of both.
-        given = replace(given, is_acoustic=np.arange(2 * COUNT) == 2 * COUNT - 1)
-    inputs: Any = SimpleNamespace(
-        model=given,
-        dofs=dofs,
-        campaign=campaign,
-        input_of=np.zeros(4, dtype=np.int64),
-        recipe=make_recipe(**{"damping": None, "acoustic": False} | given_as),
-    )
-    initial = np.log10(springs)
-    parameters = SimpleNamespace(initial=initial, dynamic=lambda theta, s: np.tile(10.0**theta + 0j, (len(s), 1)))
-    source = SimpleNamespace(inputs=inputs, known={b"work": 1.0})
-    job = seen(frf(true, springs), frf(given, springs)[None], hz=HZ, source=source, parameters=parameters)
-    return cause(job, job.misfit)
 
 
 @pytest.mark.parametrize(
@@ -345,13 +270,6 @@ def test_a_mass_that_the_structure_does_not_have() -> None:
 
 
 @dataclass(frozen=True)
-class InputsAlone:
-    model: FeModel
-    campaign: Any
-    recipe: Any
-
-
-@dataclass(frozen=True)
 class StageAlone:
     reduction: Any
 
@@ -390,7 +308,7 @@ def test_a_mass_that_a_calibration_has_half_made_up_for(monkeypatch: pytest.Monk
     settings = SimpleNamespace(job="tight", names=names)
     inputs = InputsAlone(model=plain, campaign=SimpleNamespace(calibration=settings), recipe=None)
     source = SimpleNamespace(stage=StageAlone(None))
-    seen: Any = SimpleNamespace(source=source, job="tight", misfit=7.5, inputs=inputs)
+    seen: Any = SimpleNamespace(source=source, job="tight", misfit=7.5, inputs=inputs, few=lambda _: None)
     at = np.array([10])
     monkeypatch.setattr(added, "_heavier", lambda *_: added._Mass(8.0, (10,), at, "(0.2, 0, 0) m", 4.0))
     monkeypatch.setattr(added, "recipe_of", lambda *_: None)

@@ -42,7 +42,7 @@ from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.weights import without_noise
 from lrbc_cli.campaign.looking.all_jobs import OfJob, tight_state, together
 from lrbc_cli.campaign.looking.axes import stretched_text
-from lrbc_cli.campaign.looking.causes.added import loaded_text, missing_text
+from lrbc_cli.campaign.looking.causes.added import loaded_text
 from lrbc_cli.campaign.looking.causes.damped import misdamped_text
 from lrbc_cli.campaign.looking.causes.held import idle_text, or_held
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
@@ -60,10 +60,26 @@ from lrbc_cli.campaign.looking.causes.tightness import (
     tighter_text,
     within_scatter,
 )
-from lrbc_cli.campaign.looking.fitted import as_exported, at_bounds_text, fitted_exchanged, fitted_frf, roughly_calibrated, strike_text
+from lrbc_cli.campaign.looking.fitted import (
+    as_exported,
+    at_bounds_text,
+    calibrated_from_another,
+    fitted_exchanged,
+    fitted_frf,
+    roughly_calibrated,
+    strike_text,
+)
 from lrbc_cli.campaign.looking.states import BUILT_WORK, Looking, Seen, coarsely_reduced, nearest_states, on_lines, reach_of_one
 from lrbc_cli.campaign.looking.trials import NEAR
-from lrbc_cli.campaign.looking.unexplained import beside_fit, beside_tight, little_in_common, placed, uncalibrated, without_repeated
+from lrbc_cli.campaign.looking.unexplained import (
+    beside_fit,
+    beside_tight,
+    little_in_common,
+    of_a_part,
+    placed,
+    uncalibrated,
+    without_repeated,
+)
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misread
 from lrbc_cli.campaign.reduced import cache
@@ -141,7 +157,7 @@ def first_look(
         found: dict[str, OfJob] = {}
         tight = measurements.get(reference or "")
         heard = {name: replace(measurements[name], values=_heard(inputs, name, measurements[name], tight)) for name in order}
-        source = _calibrated_from_another(source, heard)
+        source = calibrated_from_another(source, heard)
         if reference in order:
             progress(f"comparing {reference} with the model, job 1 of {len(order)}")
             source, found[reference] = _of_reference(source, heard, reference)
@@ -313,23 +329,6 @@ def _not_tight(seen: Seen, held: Complexes, measurements: Mapping[str, Measureme
     return not_tight(seen, held, on_lines(seen, measurements, [name for name in measurements if name not in tight]))
 
 
-def _calibrated_from_another(source: Looking, measurements: Mapping[str, Measurement]) -> Looking:
-    """Model after a rough calibration from a job that is not the reference job; unchanged if there is none, or if it would not help.
-
-    Both are said to be tight: with the model fitted to one, the other shows whether it is.
-    """
-    calibration, reference = source.inputs.campaign.calibration, source.inputs.campaign.update.reference
-    if calibration is None or calibration.job == reference or calibration.job not in measurements:
-        return source
-    found = roughly_calibrated(source, measurements[calibration.job])
-    if found is None:
-        return source
-    far = {name: Seen.of(found, name, whole).misfit for name, whole in measurements.items() if name != calibration.job}
-    own = far.pop(reference or "", 0.0)
-    # If no other job is near it either, the job of the calibration may be the one that is not tight.
-    return found if own <= LEAST_DIFFERENCE or any(other < CLEARLY * own for other in far.values()) else source
-
-
 def _seen_and_calibrated(source: Looking, measurements: Mapping[str, Measurement], name: str) -> tuple[Looking, OfJob]:
     """Model for the other jobs, and findings of the reference job ``name``, after a rough calibration where that helps."""
     rough, own = cache_of(lambda: roughly_calibrated(source, measurements[name])), source.inputs.campaign.calibration
@@ -377,16 +376,15 @@ def _calibrated(
         return source, OfJob(said(Kind.MATERIAL, part))
     # Nothing found is no all-clear while the FRFs of another excitation are not fitted.
     if not again.told and (Kind.COORDINATES in kinds or any(db > LEAST_DIFFERENCE for db in after.by_excitation.values())):
-        loaded = "" if again.told else loaded_text(after)
-        return calibrated, OfJob(said(Kind.MATERIAL, loaded)) if loaded else first
+        told = said(Kind.MATERIAL, loaded_text(after)) or of_a_part(seen, measurements[name], after.misfit)
+        return calibrated, OfJob(told) if told else first
     if unit := of_other_unit_text(seen, after):
         return calibrated, OfJob(said(Kind.SPRINGS, unit))
     if not kinds_of(again.told) and after.misfit > NEAR and (bound := at_bounds_text(calibrated, after.misfit)):
         return calibrated, OfJob(said(Kind.MATERIAL, bound))
     moved = [*said(Kind.LOWERED, or_held(seen, lowered_text(seen, after))), *said(Kind.SPRINGS, raised_text(seen, after))]
     if not again.told and not moved and after.misfit > USUAL:
-        part = missing_text(seen, measurements[name], after.misfit, least=NEAR)
-        moved = said(Kind.MATERIAL, part or by_parts_text(seen, measurements[name], calibrated=after.misfit))
+        moved = of_a_part(seen, measurements[name], after.misfit)
     return calibrated, replace(again, told=[*again.told, *moved])
 
 
@@ -410,7 +408,7 @@ def _of_one(source: Looking, measurements: Mapping[str, Measurement], name: str)
     if seen.misfit <= LEAST_DIFFERENCE and (idle := idle_text(seen, every=True)):
         return source, OfJob(said(Kind.IDLE, idle))
     if (exported := as_exported(source)) is not None:
-        exported = _calibrated_from_another(exported, measurements)
+        exported = calibrated_from_another(exported, measurements)
         first, found = _seen_and_calibrated(exported, measurements, name)
         if not all(each.has(Effect.IS_FAR) for each in found.told):
             return first, found

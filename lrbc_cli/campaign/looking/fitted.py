@@ -9,7 +9,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats, spaced
 from lrbc_cli.campaign.calibrate import first_problem
-from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, MOST_LEFT, apart, levels
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, apart, levels
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.weights import correction
 from lrbc_cli.campaign.looking.states import Looking, Seen
@@ -298,6 +298,23 @@ def roughly_calibrated(
     named = ", ".join(f"{name} {value:.3g}" for name, value in found.factors.items())
     note = f"compared with a rough calibration from {settings.job}, not stored ({named}): level misfit {after:.1f} dB, {before:.1f} before"
     return replace(found, note=note) if least <= LEAST_DIFFERENCE else None
+
+
+def calibrated_from_another(source: Looking, measurements: Mapping[str, Measurement]) -> Looking:
+    """Model after a rough calibration from a job that is not the reference job; unchanged if there is none, or if it would not help.
+
+    Both are said to be tight: with the model fitted to one, the other shows whether it is.
+    """
+    calibration, reference = source.inputs.campaign.calibration, source.inputs.campaign.update.reference
+    if calibration is None or calibration.job == reference or calibration.job not in measurements:
+        return source
+    found = roughly_calibrated(source, measurements[calibration.job])
+    if found is None:
+        return source
+    far = {name: Seen.of(found, name, whole).misfit for name, whole in measurements.items() if name != calibration.job}
+    own = far.pop(reference or "", 0.0)
+    # If no other job is near it either, the job of the calibration may be the one that is not tight.
+    return found if own <= LEAST_DIFFERENCE or any(other < CLEARLY * own for other in far.values()) else source
 
 
 def calibrated_from(source: Looking, measurement: Measurement, own: Bools) -> Looking | None:

@@ -75,6 +75,30 @@ def picking(dofs: Integers, size: int) -> sp.csc_array:
     return sp.csc_array((np.ones(dofs.size), (np.arange(dofs.size), dofs)), (dofs.size, size))
 
 
+def with_ports(model: FeModel, dofs: Integers) -> FeModel:
+    """A model with a further load and a further output at each of some DOFs, for ``full_frfs``."""
+    at = picking(dofs, model.size)
+    return replace(model, B=sp.hstack([model.B, at.T], format="csc"), L=sp.vstack([model.L, at], format="csc"), extras={})
+
+
+def at_values(H: Complexes, further: Complexes) -> Complexes:
+    """(F, n_out, n_in) FRFs with other dynamic values of the terms, eq. (18).
+
+    Parameters
+    ----------
+    H : (F, n_out + m, n_in + m) complex array
+        Of ``full_frfs``.
+    further : (F, m) complex array
+        The values less those in ``H``.
+    """
+    count = further.shape[1]
+    outputs, loads, further = H.shape[1] - count, H.shape[2] - count, further[:, None, :]
+    rows, columns = H[:, outputs:], H[:, :, loads:]
+    held = np.linalg.solve(np.eye(count) + rows[:, :, loads:] * further, rows[:, :, :loads])
+    found: Complexes = H[:, :outputs, :loads] - (columns[:, :outputs] * further) @ held
+    return found
+
+
 def ported(seen: Seen, model: FeModel) -> PortFrf:
     """Port FRFs of another model by full solves on the lines of ``seen``."""
     settings = seen.inputs.campaign.reduction

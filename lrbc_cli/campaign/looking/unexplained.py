@@ -24,7 +24,7 @@ from lrbc_cli.campaign.identification.compared.likeness import (
 )
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.axes import out_of_reach_text
-from lrbc_cli.campaign.looking.causes.added import added_text
+from lrbc_cli.campaign.looking.causes.added import added_text, missing_text
 from lrbc_cli.campaign.looking.causes.coordinates import coordinates_texts
 from lrbc_cli.campaign.looking.causes.held import held_text, idle_text, supports_text
 from lrbc_cli.campaign.looking.causes.moved import hammer_text, sensor_text
@@ -33,9 +33,10 @@ from lrbc_cli.campaign.looking.causes.rescaled import rescaled_text, softness_te
 from lrbc_cli.campaign.looking.causes.tables import unit_text
 from lrbc_cli.campaign.looking.causes.tightness import looser, tighter_text
 from lrbc_cli.campaign.looking.causes.together import together_text
+from lrbc_cli.campaign.looking.displaced import displaced_text
 from lrbc_cli.campaign.looking.fitted import calibrated_from, carefully_fitted, expected_frf
 from lrbc_cli.campaign.looking.states import Seen, by_excitation
-from lrbc_cli.campaign.looking.trials import NEARER, UNLIKE
+from lrbc_cli.campaign.looking.trials import NEAR, NEARER, UNLIKE
 from lrbc_cli.campaign.reading.inputs import Inputs
 
 
@@ -177,8 +178,8 @@ def uncalibrated(seen: Seen, measurements: Mapping[str, Measurement], told: list
     """Findings of the reference job, of which no rough calibration brings the model near: a stiffness out of reach, or supports."""
     measurement = measurements[seen.job]
     if Kind.UNLIKE in kinds_of(told):
-        text = out_of_reach_text(measurement, seen) or by_parts_text(seen, measurement)
-        return said(Kind.MATERIAL, text) or of_one_field(seen, measurement, told)
+        text = out_of_reach_text(measurement, seen)
+        return said(Kind.MATERIAL, text) or of_a_part(seen, measurement, seen.misfit, lump=False) or of_one_field(seen, measurement, told)
     differ = f"measured and computed FRFs differ by {seen.misfit:.1f} dB (median of the responses, mean level of each removed)"
     if not told and seen.misfit > LEAST_DIFFERENCE and (tighter := tighter_text(seen, measurements, least=LEAST_DIFFERENCE)):
         return said(Kind.NOT_TIGHT, f"{differ}. {tighter}")
@@ -189,6 +190,17 @@ def uncalibrated(seen: Seen, measurements: Mapping[str, Measurement], told: list
         )
         return said(Kind.UNLIKE, text)
     return told
+
+
+def of_a_part(seen: Seen, whole: Measurement, calibrated: float, *, lump: bool = True) -> list[Finding]:
+    """Findings of a mass (``lump``) that the model lacks, a wrong part of it, or a joint elsewhere, from calibrations with each of them.
+
+    ``calibrated``: level misfit after a rough calibration without [dB].
+    """
+    text = missing_text(seen, whole, calibrated, least=NEAR) if lump else ""
+    text = text or by_parts_text(seen, whole, calibrated=calibrated)
+    elsewhere = "" if text or calibrated <= LEAST_DIFFERENCE else displaced_text(seen, whole, calibrated)
+    return said(Kind.MATERIAL, text) or said(Kind.SPRINGS, elsewhere)
 
 
 def of_one_field(seen: Seen, measurement: Measurement, told: list[Finding]) -> list[Finding]:

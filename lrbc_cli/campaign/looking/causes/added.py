@@ -14,7 +14,7 @@ from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, apart
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.fitted import calibrated_by_rounds
 from lrbc_cli.campaign.looking.states import Looking, Seen, coarsely_reduced
-from lrbc_cli.campaign.looking.trials import EXPLAINED, NEARER, UNLIKE, affordable, gradually, picking
+from lrbc_cli.campaign.looking.trials import EXPLAINED, FEWEST, NEARER, UNLIKE, affordable, at_values, gradually, picking, with_ports
 from lrbc_cli.campaign.reading.factors import recipe_of
 from lrbc_cli.campaign.structure import thinned
 from lrbc_cli.errors import LrbcError
@@ -68,7 +68,7 @@ def missing_text(seen: Seen, whole: Measurement, calibrated: float, *, least: fl
     """
     source, settings, name = seen.source, seen.inputs.campaign.calibration, "mass there"
     free = settings is not None and settings.job == seen.job and not seen.inputs.model.extras and source.stage is not None
-    found = _heavier(seen, seen.misfit) if free and calibrated > least else None
+    found = _heavier(seen.few(FEWEST), seen.misfit) if free and calibrated > least else None
     if found is None or settings is None:
         return ""
     lump, mass, left = picking(found.at, seen.inputs.model.size), found.mass, np.inf
@@ -218,15 +218,10 @@ def _along(seen: Seen) -> list[Integers]:
 def _misfits(seen: Seen, places: Sequence[Integers]) -> Callable[[Sequence[int], float], float]:
     """Level misfit with a mass in all translations of places, by their numbers and the mass on all of them [dB]; one full solve a line."""
     inputs, settings = seen.inputs, seen.inputs.campaign.reduction
-    model, at = inputs.model, picking(np.concatenate(places), inputs.model.size)
-    beside = replace(model, B=sp.hstack([model.B, at.T], format="csc"), L=sp.vstack([model.L, at], format="csc"), extras={})
-    H, D_ref = full_frfs(beside, seen.s, settings.band, backend=settings.backend)
-    loads, outputs, count = model.B.shape[1], model.L.shape[0], at.shape[0]
-    # The terms at their start values, eq. (18).
-    further = (seen.dynamic - D_ref)[:, None, :]
-    rows, columns = H[:, outputs + count :], H[:, :, loads + count :]
-    held = np.linalg.solve(np.eye(model.terms.size) + rows[:, :, loads + count :] * further, rows[:, :, : loads + count])
-    G = H[:, : outputs + count, : loads + count] - (columns[:, : outputs + count] * further) @ held
+    model = inputs.model
+    H, D_ref = full_frfs(with_ports(model, np.concatenate(places)), seen.s, settings.band, backend=settings.backend)
+    # The terms at their start values.
+    G, loads, outputs = at_values(H, seen.dynamic - D_ref), model.B.shape[1], model.L.shape[0]
     quantity, each = seen.s[:, None] ** model.output_power, np.arange(outputs)
     begin = np.cumsum([0, *(place.size for place in places)])
 

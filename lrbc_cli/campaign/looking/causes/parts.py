@@ -223,18 +223,23 @@ def _of_parts(
     # The basis is that of the model before the last calibrations.
     if float(np.median(apart(full, few.model))) > exact or after.misfit > min(most, CLEARLY * before):
         return ""
-    alone = [_of_one_part(found, after, whole, factors, [name for own in keys if own != kept for name in own]) for kept in keys]
+    plain = dict.fromkeys(chain(*keys), 1.0)
+    alone = [_left_with(found, after, whole, factors, plain | {name: factors[name] for name in own}) for own in keys]
     worst = int(np.argmin(alone))
     logs = np.log([factors[name] for name in keys[worst]])
     if alone[worst] > min(EXPLAINED, CLEARLY * before, NEARER * min(np.delete(alone, worst))) or np.linalg.norm(logs) < np.log(least):
         return ""
-    return _part_text(seen, parts[worst], worst, logs, alone[worst])
+    # A factor on the whole structure is told elsewhere.
+    every = {name: factors[own] for key in keys for name, own in zip(key, keys[worst], strict=True)}
+    return (
+        "" if _left_with(found, after, whole, factors, every) < alone[worst] else _part_text(seen, parts[worst], worst, logs, alone[worst])
+    )
 
 
-def _of_one_part(found: Looking, after: Seen, whole: Measurement, factors: Mapping[str, float], others: Sequence[str]) -> float:
-    """Level misfit [dB] of the calibrated model with the factors ``others`` taken back."""
+def _left_with(found: Looking, after: Seen, whole: Measurement, factors: Mapping[str, float], others: Mapping[str, float]) -> float:
+    """Level misfit [dB] of the calibrated model with ``others`` instead of the factors found."""
     assert found.stage is not None
-    one = multiplied(found, affine_model(found.inputs, found.stage), {name: 1.0 / factors[name] for name in others})
+    one = multiplied(found, affine_model(found.inputs, found.stage), {name: value / factors[name] for name, value in others.items()})
     return Seen.of(replace(one, start=found.start), after.job, whole).misfit
 
 
