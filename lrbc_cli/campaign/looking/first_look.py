@@ -271,7 +271,7 @@ def _looked_at(
     if kinds_of(told) <= {Kind.LATE, Kind.EARLY} and (passed := filter_findings(seen, delayed)):
         return OfJob(passed)
     if not told and seen.reference:
-        told = _of_model(seen, measurements)
+        told = _of_model(seen, measurements, explained)
         kinds = kinds_of(told)
         if kinds <= {Kind.UNLIKE, Kind.ALONE, Kind.SPRINGS} and explained():
             # A table in another unit is told by what the calibration makes of it.
@@ -310,10 +310,13 @@ def _gains_by_chance(seen: Seen, told: Sequence[Finding], offsets: Sequence[Offs
     return not any(causes_of(seen.inputs, common, compared) for common in shared)
 
 
-def _of_model(seen: Seen, measurements: Mapping[str, Measurement]) -> list[Finding]:
-    """Findings of the reference job if the model is far from it: another material, factor or unit, or little in common."""
-    told = other_tables(seen) or little_in_common(seen, measurements)
-    if Kind.UNLIKE in kinds_of(told):
+def _of_model(seen: Seen, measurements: Mapping[str, Measurement], explained: Callable[[], bool] = lambda: False) -> list[Finding]:
+    """Findings of the reference job if the model is far from it: another material, factor or unit, or little in common.
+
+    No wrong factor of a matrix or a part, which takes long, where a calibration within its bounds has ``explained`` it.
+    """
+    told = other_tables(seen) or little_in_common(seen, measurements, explained)
+    if Kind.UNLIKE in kinds_of(told) and not explained():
         stretched = said(Kind.STRETCHED, stretched_text(measurements[seen.job], seen))
         joints = said(Kind.SPRINGS, joints_text(seen))
         told = joints or stretched or said(Kind.RESCALED, rescaled_text(seen, seen.misfit, further=1.5)) or told
@@ -372,8 +375,8 @@ def _calibrated(
     if Kind.STRETCHED in kinds and not kinds_of(again.told) & {Kind.COORDINATES, Kind.HAMMER, Kind.HAMMERS, Kind.EXCHANGED}:
         return source, first
     far = Kind.UNLIKE in kinds | kinds_of(again.told) and after.misfit > LEAST_DIFFERENCE
-    if far and (part := by_parts_text(seen, measurements[name], calibrated=after.misfit)):
-        return source, OfJob(said(Kind.MATERIAL, part))
+    if far and (part := of_a_part(seen, measurements[name], after.misfit, lump=False)):
+        return source, OfJob(part)
     # Nothing found is no all-clear while the FRFs of another excitation are not fitted.
     if not again.told and (Kind.COORDINATES in kinds or any(db > LEAST_DIFFERENCE for db in after.by_excitation.values())):
         told = said(Kind.MATERIAL, loaded_text(after)) or of_a_part(seen, measurements[name], after.misfit)

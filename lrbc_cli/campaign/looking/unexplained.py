@@ -141,20 +141,21 @@ def _dead(seen: Seen, told: list[Finding]) -> list[Finding]:
     return [*kept, Finding(text=text, kind=Kind.LEVEL, responses=dead)]
 
 
-def little_in_common(seen: Seen, measurements: Mapping[str, Measurement]) -> list[Finding]:
+def little_in_common(seen: Seen, measurements: Mapping[str, Measurement], explained: Callable[[], bool] = lambda: False) -> list[Finding]:
     """Findings if the tight state is not explained although neither factors nor exchanged sensors were found.
 
-    ``measurements`` of all jobs: another one may be nearer to the tight model.
+    ``measurements`` of all jobs: another one may be nearer to the tight model. Where a calibration has ``explained`` it, no factor of a
+    matrix and no wrong part is looked for.
     """
     inputs, every = seen.inputs, apart(seen.measured, seen.model)
     own = every[inputs.used]
     typical = float(np.median(every))
     told = list[Finding]()
     if typical > LEAST_DIFFERENCE and (
-        cause := said(Kind.RESCALED, rescaled_text(seen, typical))
+        cause := said(Kind.RESCALED, "" if explained() else rescaled_text(seen, typical))
         or said(Kind.IDLE, idle_text(seen))
         or said(Kind.SPRINGS, unit_text(seen, typical))
-        or said(Kind.MATERIAL, lump_text(seen, typical) or part_text(seen, typical))
+        or said(Kind.MATERIAL, "" if explained() else lump_text(seen, typical) or part_text(seen, typical))
     ):
         return cause
     if float(np.median(own)) > (LEAST_DIFFERENCE if seen.source.fitted_to not in (None, seen.job) else UNLIKE):
@@ -195,8 +196,10 @@ def uncalibrated(seen: Seen, measurements: Mapping[str, Measurement], told: list
 def of_a_part(seen: Seen, whole: Measurement, calibrated: float, *, lump: bool = True) -> list[Finding]:
     """Findings of a mass (``lump``) that the model lacks, a wrong part of it, or a joint elsewhere, from calibrations with each of them.
 
-    ``calibrated``: level misfit after a rough calibration without [dB].
+    ``calibrated``: level misfit after a rough calibration without [dB]. Nothing where springs at wrong nodes are warned of already.
     """
+    if seen.inputs.springs_doubt:
+        return []
     text = missing_text(seen, whole, calibrated, least=NEAR) if lump else ""
     text = text or by_parts_text(seen, whole, calibrated=calibrated)
     elsewhere = "" if text or calibrated <= LEAST_DIFFERENCE else displaced_text(seen, whole, calibrated)

@@ -206,6 +206,9 @@ def _of_parts(
     others = tuple(name for name in settings.names if name not in ("stiffness.structure", "mass.structure"))
     try:
         found, begun, nearest = _begun(source, seen, keys, parts)
+        if not begun:
+            # No factor of a single part brings the model nearer.
+            return ""
         kept = sorted(nearest[:count])
         keys, parts = [keys[k] for k in kept], [parts[k] for k in kept]
         names = (*others, *chain(*keys))
