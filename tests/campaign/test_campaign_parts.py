@@ -301,6 +301,22 @@ def test_a_mass_that_the_model_lacks() -> None:
     assert told(assembly(), assembly(2.9), added_text) == ""
 
 
+def test_a_foot_that_the_model_lacks() -> None:
+    """One of five feet, on a node that is tried, or beside it; not a mass, which a support resembles below a resonance."""
+
+    def on(*nodes: int) -> FeModel:
+        plain = loaded()
+        return replace(plain, K=sp.csc_array(plain.K + sp.diags_array(np.where(np.isin(np.arange(2 * COUNT), nodes), 5e6, 0.0))))
+
+    feet = (2, 37, COUNT + 2, COUNT + 12)
+    text = told(on(*feet), on(*feet, COUNT + 37), added_text)
+    found = re.match(r"with a support of about ([\d.e+]+) N/m to the ground in each direction near node (\d+) at", text)
+    assert found is not None, text
+    assert float(found[1]) == pytest.approx(5e6, rel=0.3)
+    assert abs(int(found[2]) - (COUNT + 37)) <= 1
+    assert told(on(*feet), on(*feet), added_text) == ""
+
+
 @pytest.mark.parametrize(("left", "told"), [(0.9, True), (1.3, False)])
 def test_a_mass_that_a_calibration_has_half_made_up_for(monkeypatch: pytest.MonkeyPatch, left: float, told: bool) -> None:
     """2.5 dB were left after a rough calibration, and nothing was said. The mass is calibrated together with the factors."""
@@ -310,11 +326,11 @@ def test_a_mass_that_a_calibration_has_half_made_up_for(monkeypatch: pytest.Monk
     source = SimpleNamespace(stage=StageAlone(None))
     seen: Any = SimpleNamespace(source=source, job="tight", misfit=7.5, inputs=inputs, few=lambda _: None)
     at = np.array([10])
-    monkeypatch.setattr(added, "_heavier", lambda *_: added._Mass(8.0, (10,), at, "(0.2, 0, 0) m", 4.0))
+    monkeypatch.setattr(added, "_nearest", lambda *_: added._Added("mass", 8.0, (10,), at, "(0.2, 0, 0) m", 4.0))
     monkeypatch.setattr(added, "recipe_of", lambda *_: None)
     monkeypatch.setattr(added, "coarsely_reduced", lambda inputs: begun.append((inputs.model.M - plain.M).sum()))
     monkeypatch.setattr(added, "Looking", lambda **fields: fields)
-    monkeypatch.setattr(added, "calibrated_by_rounds", lambda *_: (None, {"stiffness.structure": 1.0, "mass there": 0.7}))
+    monkeypatch.setattr(added, "calibrated_by_rounds", lambda *_: (None, {"stiffness.structure": 1.0, "added there": 0.7}))
     monkeypatch.setattr(added.Seen, "of", lambda *_: SimpleNamespace(misfit=left))
     text = added.missing_text(seen, Any, 2.5, least=2.0)
     # Each reduced model holds the mass found with the one before.

@@ -304,7 +304,7 @@ def astray_sensor(inputs: Inputs, name: str, away: Mapping[str, Floats], *, leas
     names, usual = listing([inputs.responses[i].name for i in at], 4), np.median(np.delete(far, at))
     text = (
         f"the FRFs of one sensor ({names}) are {np.median(far[at]):.1f} dB from the state of the bolts that fits best (mean level "
-        f"removed), the others {usual:.1f} dB. Check whether it was moved, turned or exchanged, or came loose, and measure again"
+        f"removed), the others {usual:.1f} dB. Check whether it was overloaded, moved, turned, exchanged or loose, and measure again"
     )
     return [Finding(text=text, kind=Kind.ALONE, responses=tuple(at))]
 

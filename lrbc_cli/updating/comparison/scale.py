@@ -150,7 +150,15 @@ def known_factors(quantity: str) -> tuple[Known, ...]:
     if quantity == "pressure":
         found.append(Known(_db(1.0 / 2e-5), "levels in dB re 20 uPa/N read as dB re 1 Pa/N"))
     model = "a model in MPa" if quantity == "pressure" else "a model in mm"
-    found.append(Known(120.0 if quantity == "pressure" else -60.0, f"{model} (exported in N, mm, t)", own, of_model=True, of_all=True))
+    found.append(
+        Known(
+            120.0 if quantity == "pressure" else -60.0,
+            f"{model} (exported in N, mm, t; then write `units: mm-N-t`)",
+            own,
+            of_model=True,
+            of_all=True,
+        )
+    )
     for factor, cause in (
         (np.sqrt(2.0), "rms and peak values mixed"),
         (2.0, "one-sided and two-sided spectra, or peak and peak-to-peak values, mixed"),

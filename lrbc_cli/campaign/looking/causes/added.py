@@ -1,4 +1,4 @@
-"""Tests whether the structure carries a mass that the model lacks: a motor that was left out of the export, or a heavy sensor."""
+"""Tests whether the structure has what the model lacks: a motor or a foot that was left out of the export, or a heavy sensor."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from lrbc_cli.arrays import Floats, Integers
-from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, apart
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.fitted import calibrated_by_rounds
 from lrbc_cli.campaign.looking.states import Looking, Seen, coarsely_reduced
@@ -24,10 +24,25 @@ from lrbc_cli.reduction.reduced.many import ports_of
 
 
 @dataclass(frozen=True)
-class _Mass:
-    """A mass [kg], the nodes that carry equal shares of it, their DOFs, the place in words, and the level misfit with it [dB]."""
+class _Added:
+    """A mass [kg], or a support [N/m] in each direction, and the nodes that have equal shares of it.
 
-    mass: float
+    Attributes
+    ----------
+    matrix : str
+        ``mass`` or ``stiffness``.
+    size : float
+    nodes : tuple of int
+    at : int array
+        DOFs there.
+    place : str
+        In words.
+    left : float
+        Level misfit with it [dB].
+    """
+
+    matrix: str
+    size: float
     nodes: tuple[int, ...]
     at: Integers
     place: str
@@ -35,7 +50,7 @@ class _Mass:
 
 
 def added_text(seen: Seen, before: float) -> str:
-    """Warning that names the node where with a further mass the model explains the tight state; empty if there is none.
+    """Warning that names the node where with a further mass, or a support, the model explains the tight state; empty if there is none.
 
     Parameters
     ----------
@@ -43,14 +58,14 @@ def added_text(seen: Seen, before: float) -> str:
     before : float
         Level misfit of the model, constants removed, median over the responses [dB].
     """
-    found = None if before <= UNLIKE else _heavier(seen, before)
+    found = None if before <= LEAST_DIFFERENCE else _nearest(seen, before)
     return "" if found is None else _text(found, before)
 
 
 def missing_text(seen: Seen, whole: Measurement, calibrated: float, *, least: float, passes: int = 2, rounds: int = 2) -> str:
-    """As ``added_text``, for a model that a rough calibration brings near; the mass is then calibrated together with the factors.
+    """As ``added_text``, for a model that a rough calibration brings near; the mass or support is then calibrated beside the factors.
 
-    Joints and factors make up for a part of a mass, so it is looked for without a calibration, and counts only if one with it leaves less
+    Joints and factors make up for a part of it, so it is looked for without a calibration, and counts only if one with it leaves less
     than half of the misfit of one without.
 
     Parameters
@@ -62,45 +77,53 @@ def missing_text(seen: Seen, whole: Measurement, calibrated: float, *, least: fl
     calibrated : float
         Level misfit after a rough calibration [dB].
     least : float
-        From which a mass is looked for [dB].
+        From which one is looked for [dB].
     passes, rounds : int
-        Number of reduced models, each with the mass found before, and of calibrations with each: one reaches a factor of 1.35.
+        Number of reduced models, each with the size found before, and of calibrations with each: one reaches a factor of 1.35.
     """
-    source, settings, name = seen.source, seen.inputs.campaign.calibration, "mass there"
+    source, settings, name = seen.source, seen.inputs.campaign.calibration, "added there"
     free = settings is not None and settings.job == seen.job and not seen.inputs.model.extras and source.stage is not None
-    found = _heavier(seen.few(FEWEST), seen.misfit) if free and calibrated > least else None
+    found = _nearest(seen.few(FEWEST), seen.misfit) if free and calibrated > least else None
     if found is None or settings is None:
         return ""
-    lump, mass, left = picking(found.at, seen.inputs.model.size), found.mass, np.inf
+    plain, lump, size, left = seen.inputs.model, picking(found.at, seen.inputs.model.size), found.size, np.inf
     with suppress(LrbcError):
         for _ in range(passes):
-            own = sp.csc_array(mass / len(found.nodes) * (lump.T @ lump))
-            model = replace(seen.inputs.model, M=sp.csc_array(seen.inputs.model.M + own), extras={name: {"mass": own}})
+            own = sp.csc_array(size / len(found.nodes) * (lump.T @ lump))
+            changed = {"M": sp.csc_array(plain.M + own)} if found.matrix == "mass" else {"K": sp.csc_array(plain.K + own)}
+            model = replace(plain, **changed, extras={name: {found.matrix: own}})
             inputs = replace(seen.inputs, model=model, recipe=recipe_of(seen.inputs.campaign, model))
             assert source.stage is not None
             beside = Looking(inputs=inputs, stage=replace(source.stage, reduction=coarsely_reduced(inputs)), kind="port")
             after, factors = calibrated_by_rounds(beside, whole, (*settings.names, name), rounds)
-            mass *= factors[name]
+            size *= factors[name]
             left = Seen.of(after, seen.job, whole).misfit
     if left > min(EXPLAINED, CLEARLY * calibrated):
         return ""
-    return _text(replace(found, mass=mass, left=left), calibrated, "a rough calibration leaves")
+    return _text(replace(found, size=size, left=left), calibrated, "a rough calibration leaves")
 
 
-def _text(found: _Mass, before: float, how: str = "the level misfit falls from") -> str:
+def _text(found: _Added, before: float, how: str = "the level misfit falls from") -> str:
     sizes = f"{found.left:.1f} dB, without it {before:.1f} dB" if how.endswith("leaves") else f"{before:.1f} to {found.left:.1f} dB"
-    where = f"node{'s' if len(found.nodes) > 1 else ''} {', '.join(map(str, found.nodes))}"
+    where = f"node{'s' if len(found.nodes) > 1 else ''} {', '.join(map(str, found.nodes))} at {found.place}"
+    removed = "(mean level of each response removed)"
+    if found.matrix == "mass":
+        return (
+            f"with about {found.size:.2g} kg more near {where} {how} {sizes} {removed}: probably a part that was on the test bench is "
+            "missing in the model, such as a motor or a fixture. Compare the mass sum with the weight of the structure; add the part in "
+            "the FE model and export it again, or measure without it"
+        )
     return (
-        f"with about {found.mass:.2g} kg more near {where} at {found.place} {how} {sizes} (mean level of each response removed): "
-        "probably a part that was on the test bench is missing in the model, such as a motor or a fixture. Compare the mass sum with the "
-        "weight of the structure; add the part in the FE model and export it again, or measure without it"
+        f"with a support of about {found.size:.2g} N/m to the ground in each direction near {where} {how} {sizes} {removed}: probably a "
+        "foot or a support that was on the test bench is missing in the model. Add it in the FE model and export it again, or measure "
+        "without it"
     )
 
 
-def _heavier(
+def _nearest(
     seen: Seen, before: float, *, most: int = 60, shares: tuple[float, ...] = (0.03, 0.06, 0.1, 0.2, 0.4), most_ports: int = 600
-) -> _Mass | None:
-    """The mass at a node with which the model is nearest to a measurement; None if it remains far from it.
+) -> _Added | None:
+    """The mass or support with which the model is nearest to a measurement; None if it remains far from it.
 
     Parameters
     ----------
@@ -110,7 +133,8 @@ def _heavier(
     most : int
         Largest number of nodes that are tried, spread over the structure.
     shares : tuple of float
-        Shares of the mass of the model that are tried at each.
+        Shares of the mass of the model that are tried at each. Supports are tried as stiff as a tenth to ten times of these are
+        inert in the middle of the band.
     most_ports : int
         Largest number of translations of these nodes and of terms: 0.2 GB of FRFs between them.
     """
@@ -127,21 +151,25 @@ def _heavier(
     kept, xyz = nodes[few_nodes], xyz[few_nodes]
     places, feet = [np.flatnonzero(moving & (dofs.node == node)) for node in kept], _feet(xyz)
     whole = max(float(model.M[at][:, at].sum().real) for at in _along(seen))
-    left, best, mass = np.inf, feet[0], 0.0
+    inert = float(np.abs(seen.s[0] * seen.s[-1]))
+    # A foot stands on one node.
+    ways = [("mass", foot, [share * whole for share in shares]) for foot in feet]
+    stiff = [power * share * whole * inert for power in (0.1, 1.0, 10.0) for share in shares]
+    ways += [("stiffness", foot, stiff) for foot in feet if len(foot) == 1]
+    best, size, left = ways[0], 0.0, np.inf
     for few, wider in gradually(seen):
         with suppress(LrbcError):
             misfits = _misfits(few, places)
-            best = min(feet, key=lambda each: min(misfits(each, part * whole) for part in shares))
+            best = min(ways, key=lambda way: min(misfits(way[0], way[1], each) for each in way[2]))
             # Resonances allow less than the factor of two to three between those.
-            tried = whole * np.geomspace(shares[0], shares[-1], 25)
-            mass = float(min(tried, key=lambda each: misfits(best, each)))
-            left = misfits(best, mass)
+            size = float(min(np.geomspace(best[2][0], best[2][-1], 25), key=lambda each: misfits(best[0], best[1], each)))
+            left = misfits(best[0], best[1], size)
         if left > wider * min(UNLIKE, NEARER * before):
             return None
-    centre = ", ".join(f"{value:.4g}" for value in xyz[list(best)].mean(axis=0) / inputs.campaign.unit_system.length)
+    matrix, foot, _ = best
+    centre = ", ".join(f"{value:.4g}" for value in xyz[list(foot)].mean(axis=0) / inputs.campaign.unit_system.length)
     place = f"({centre}) {inputs.campaign.unit_system.length_name}"
-    at = np.concatenate([places[k] for k in best])
-    return _Mass(mass, tuple(int(kept[k]) for k in best), at, place, left)
+    return _Added(matrix, size, tuple(int(kept[k]) for k in foot), np.concatenate([places[k] for k in foot]), place, left)
 
 
 def _feet(xyz: Floats, *, beside: int = 6) -> list[tuple[int, ...]]:
@@ -215,8 +243,11 @@ def _along(seen: Seen) -> list[Integers]:
     return [at for at in every if at.size]
 
 
-def _misfits(seen: Seen, places: Sequence[Integers]) -> Callable[[Sequence[int], float], float]:
-    """Level misfit with a mass in all translations of places, by their numbers and the mass on all of them [dB]; one full solve a line."""
+def _misfits(seen: Seen, places: Sequence[Integers]) -> Callable[[str, Sequence[int], float], float]:
+    """Level misfit [dB] with a mass or a support in all translations of places, by the matrix, their numbers, and its size on all of them.
+
+    One full solve a line for all of them.
+    """
     inputs, settings = seen.inputs, seen.inputs.campaign.reduction
     model = inputs.model
     H, D_ref = full_frfs(with_ports(model, np.concatenate(places)), seen.s, settings.band, backend=settings.backend)
@@ -225,11 +256,14 @@ def _misfits(seen: Seen, places: Sequence[Integers]) -> Callable[[Sequence[int],
     quantity, each = seen.s[:, None] ** model.output_power, np.arange(outputs)
     begin = np.cumsum([0, *(place.size for place in places)])
 
-    def misfit(feet: Sequence[int], mass: float) -> float:
+    def misfit(matrix: str, feet: Sequence[int], size: float) -> float:
         own = np.concatenate([np.arange(begin[k], begin[k + 1]) for k in feet])
         driven = G[:, outputs + own][:, :, :loads]
-        flexible = np.eye(own.size) / (mass / len(feet) * seen.s[:, None, None] ** 2) + G[:, outputs + own][:, :, loads + own]
-        # Inertia at each place, for each of its translations.
+        flexible = (
+            np.eye(own.size) / (size / len(feet) * seen.s[:, None, None] ** (2 if matrix == "mass" else 0))
+            + G[:, outputs + own][:, :, loads + own]
+        )
+        # Inertia or support at each place, for each of its translations.
         force = np.linalg.solve(flexible, driven)[:, :, inputs.input_of]
         values = G[:, each, inputs.input_of] - np.einsum("frc,fcr->fr", G[:, :outputs][:, :, loads + own], force)
         return float(np.median(apart(seen.measured, values * quantity)))
