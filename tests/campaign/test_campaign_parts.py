@@ -344,10 +344,20 @@ def test_a_mass_that_a_calibration_has_half_made_up_for(monkeypatch: pytest.Monk
     assert added.missing_text(seen, Any, 2.5, least=2.0) == ""
 
 
-def grounded(*nodes: int) -> FeModel:
-    """With a stiff spring to the ground at each of some nodes."""
+def grounded(*nodes: int, stiffness: float = 1e9) -> FeModel:
+    """With a spring to the ground at each of some nodes."""
     plain = assembly()
-    return replace(plain, K=sp.csc_array(plain.K + sp.diags_array(np.where(np.isin(np.arange(2 * COUNT), nodes), 1e9, 0.0))))
+    return replace(plain, K=sp.csc_array(plain.K + sp.diags_array(np.where(np.isin(np.arange(2 * COUNT), nodes), stiffness, 0.0))))
+
+
+@pytest.mark.parametrize(("stated", "words"), [(4e7, "10 times too stiff"), (4e5, "10 times too soft"), (4e6, "")])
+def test_feet_of_a_wrong_stiffness(stated: float, words: str) -> None:
+    feet = (2, 37, COUNT + 2, COUNT + 37)
+    given, true = (grounded(*feet, stiffness=size) for size in (stated, 4e6))
+    text = told(given, true, lambda job, before: held_text(job, before) or "")
+    assert bool(text) is bool(words)
+    assert words in text
+    assert not words or text.startswith(f"the supports of the model (2, 37, {COUNT + 2}, {COUNT + 37}) are probably {words}")
 
 
 def test_a_foot_in_the_air() -> None:

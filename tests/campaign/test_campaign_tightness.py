@@ -195,6 +195,13 @@ def test_a_bolt_that_is_stiffer_in_most_other_jobs_was_loose_in_the_reference_jo
     assert risen(*jobs, odd=("B2",)) == ""
 
 
+def test_a_bolt_that_is_stiffer_in_all_other_jobs_by_less_was_loose_in_the_reference_job() -> None:
+    """A calibration from that job takes up half of the loss."""
+    jobs = [(0.1, 0.68, 0.0), (0.0, 0.91, 0.3), (0.2, 0.56, 0.1), (0.0, 0.63, 0.0)]
+    assert "with a stiffer B2 (by 0.7 decades, a factor of 4.5)" in risen(*jobs)
+    assert risen(*jobs[:3], (0.0, 0.4, 0.0)) == ""
+
+
 def test_bolts_that_scatter_or_few_jobs_say_nothing_of_the_reference_job() -> None:
     assert risen((0.9, 0.3, 0.0), (0.2, -2.0, 0.0), (0.3, 0.4, 0.0), (0.1, 0.2, 0.0)) == ""
     assert risen((0.0, 0.9, 0.0), (0.0, 1.0, 0.0), (0.0, 0.9, 0.0)) == ""

@@ -235,14 +235,15 @@ def _looked_at(
     seen = Seen.of(source, name, measurements[name], tight)
     inputs, held = seen.inputs, seen.held
     seen = seen.beside(held)
-    fitted = None if held is None or seen.left <= NEAR else fitted_frf(seen)
+    # Two tight states differ by less than two others.
+    assumed = name in taken_as_tight(inputs)
+    fitted = None if held is None or seen.left <= (USUAL if assumed else NEAR) else fitted_frf(seen)
     seen = seen.beside(fitted)
     if fitted is not None:
         source.away[name] = apart(seen.measured, fitted)
     elif held is not None:
         source.near[name] = apart(seen.measured, held)
     source.left[name] = seen.left
-    assumed = name in taken_as_tight(inputs)
     if whole := _of_all(seen, fitted, assumed, measurements):
         return OfJob(whole)
     # Where all bolts are assumed tight, no bolt explains a difference.

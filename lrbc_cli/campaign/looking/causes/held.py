@@ -78,7 +78,7 @@ def held_text(seen: Seen, before: float, *, most: int = 8) -> str | None:
         return None
     left, best = min((_without(seen, each, before), k) for k, each in enumerate(cases))
     if not np.isfinite(left):
-        return None
+        return _misstated_text(seen, rows, before) if rows.size else None
     at = np.unique(dofs.node[cases[best]])
     named = listing(at.tolist(), 6)
     components = ", ".join(label for label in COMPONENTS if np.any(dofs.component[cases[best]] == label))
@@ -110,16 +110,34 @@ def free_of_supports(seen: Seen) -> FeModel:
     return replace(model, K=sp.csc_array(model.K - sp.diags_array(_forces(model.K, dofs, rows)))) if rows.size else model
 
 
-def _without(seen: Seen, rows: Integers, before: float) -> float:
-    """Level misfit without the forces to the ground at ``rows`` [dB]; infinite if it does not explain the measurement."""
+def _misstated_text(seen: Seen, rows: Integers, before: float, *, times: tuple[float, ...] = (0.1, 10.0, 1e-3, 1e3)) -> str | None:
+    """Warning if the supports at ``rows``, all of them stiffer or softer by one of some factors, explain the tight state; else None."""
+    dofs = seen.inputs.dofs
+    assert dofs is not None
+    left, factor = min((_without(seen, rows, before, left_over=factor), factor) for factor in times)
+    if not np.isfinite(left):
+        return None
+    wrong = f"{1.0 / factor:g} times too stiff" if factor < 1.0 else f"{factor:g} times too soft"
+    return (
+        f"the supports of the model ({listing(np.unique(dofs.node[rows]).tolist(), 6)}) are probably {wrong}: corrected, the level misfit "
+        f"falls from {before:.1f} to {left:.1f} dB (mean level of each response removed). Check the stiffness of feet or mounts, and its "
+        "unit, in the FE model, and export the matrices again"
+    )
+
+
+def _without(seen: Seen, rows: Integers, before: float, *, left_over: float = 0.0) -> float:
+    """Level misfit without the forces to the ground at ``rows`` [dB], but for a share ``left_over``; infinite if it does not explain it."""
     inputs, model = seen.inputs, seen.inputs.model
     assert inputs.dofs is not None
     dofs, left = inputs.dofs, np.inf
     # Stiffness-proportional damping also holds the nodes. Removing mass-proportional damping with it changes next to nothing.
-    free = {name: (A - sp.diags_array(_forces(A, dofs, rows), format="csc")).tocsc() for name, A in (("K", model.K), ("C", model.C))}
+    held = {name: sp.diags_array((1.0 - left_over) * _forces(A, dofs, rows)) for name, A in (("K", model.K), ("C", model.C))}
+    free = {name: sp.csc_array(getattr(model, name) - own) for name, own in held.items()}
     for few, wider in gradually(seen):
         with suppress(LrbcError):
-            ports = solved(few, replace(model, **free, extras={}), inputs.input_of, b"held" + rows.tobytes())
+            ports = solved(
+                few, replace(model, **free, extras={}), inputs.input_of, b"held" + rows.tobytes() + np.float64(left_over).tobytes()
+            )
             left = float(np.median(apart(few.measured, ports.evaluate(few.dynamic))))
         # A model that is not calibrated leaves more than one that is.
         if left > wider * min(UNLIKE, CLEARLY * before):
