@@ -134,10 +134,36 @@ def test_blows_of_repeats_count_together() -> None:
     campaign = SimpleNamespace(
         update=SimpleNamespace(reference="tight"), jobs=dict.fromkeys(("tight", "own"), SimpleNamespace(averages=blows))
     )
-    inputs: Any = SimpleNamespace(campaign=campaign, statistics=STATISTICS)
+    inputs: Any = SimpleNamespace(campaign=campaign, statistics=STATISTICS, excitations=("h1",), input_of=np.zeros(3, dtype=int))
     tight: Any = SimpleNamespace(values=noisy(1), coherence=coherence, files=1)
     own: Any = SimpleNamespace(values=noisy(files), coherence=coherence, files=files)
     assert blows_doubt(inputs, "own", own, tight) is None
     # As if it were a single file: the same lines then are too smooth.
     own.files = 1
     assert blows_doubt(inputs, "own", own, tight) is not None
+
+
+def test_blows_that_differ_at_one_hammer_point_are_told() -> None:
+    """A bolt came loose between the blows at one point; the lines of the other are right, and outweigh it in the median over all."""
+    rng, hz, blows = np.random.default_rng(6), np.linspace(20.0, 400.0, 381), 5
+
+    def state(shift: float) -> np.ndarray:
+        poles = np.array([90.0, 170.0, 260.0, 110.0, 190.0, 310.0]) * np.where(np.arange(6) < 3, shift, 1.0)
+        return np.stack([(hz**2 / (pole**2 - hz**2 + 0.04j * pole * hz)) for pole in poles], axis=1)
+
+    def averaged(shifts: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+        every = np.array([state(shift) for shift in shifts])
+        every = every * (1.0 + 0.01 * (rng.standard_normal(every.shape) + 1j * rng.standard_normal(every.shape)))
+        mean = every.mean(axis=0)
+        return mean, np.abs(mean) ** 2 / np.mean(np.abs(every) ** 2, axis=0)
+
+    jobs = dict.fromkeys(("tight", "own"), SimpleNamespace(averages=blows))
+    campaign = SimpleNamespace(update=SimpleNamespace(reference="tight"), jobs=jobs)
+    inputs: Any = SimpleNamespace(campaign=campaign, statistics=STATISTICS, excitations=("h1", "h2"), input_of=np.repeat([0, 1], 3))
+    right, mixed = averaged((1.0,) * blows), averaged((1.0, 1.0, 0.9, 0.9, 0.9))
+    tight: Any = SimpleNamespace(values=right[0], coherence=right[1], files=1)
+    own: Any = SimpleNamespace(values=mixed[0], coherence=mixed[1], files=1)
+    text = blows_doubt(inputs, "own", own, tight)
+    assert text is not None
+    assert text.startswith("FRFs of h1: by the coherence")
+    assert blows_doubt(inputs, "own", tight, tight) is None

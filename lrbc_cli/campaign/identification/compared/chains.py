@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lrbc_cli.arrays import Bools
 from lrbc_cli.campaign.identification.compared.doubts import FAR_ABOVE_NOISE
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -74,8 +75,19 @@ def blows_doubt(inputs: Inputs, job: str, own: Measurement, tight: Measurement |
     def blows(name: str, measurement: Measurement) -> int:
         return inputs.campaign.jobs[name].averages * measurement.files
 
-    usual = None if tight is None else blow_spread(tight.values, tight.coherence, blows(reference, tight), statistics.errors)
-    return differing_blows(own.values, own.coherence, blows(job, own), statistics.blows, statistics.errors, usual=usual)
+    def differing(at: Bools) -> str | None:
+        usual = None
+        if tight is not None:
+            usual = blow_spread(tight.values[:, at], tight.coherence[:, at], blows(reference, tight), statistics.errors)
+        values, coherence = own.values[:, at], own.coherence[:, at]
+        return differing_blows(values, coherence, blows(job, own), statistics.blows, statistics.errors, usual=usual)
+
+    points = [(name, inputs.input_of == number) for number, name in enumerate(inputs.excitations)]
+    if text := differing(np.ones(inputs.input_of.size, dtype=bool)):
+        return text
+    # A bolt that came loose between the blows at one hammer point shows in its FRFs alone.
+    found = ((name, differing(at)) for name, at in points if len(points) > 1 and at.any())
+    return next((f"FRFs of {name}: {text}" for name, text in found if text), None)
 
 
 def coherence_doubt(
