@@ -1350,6 +1350,14 @@ MISTAKES = [
         "Write a lower bound of -3 or less",
     ),
     Mistake(
+        "bounds within which no joint can lose a decade",
+        "plate",
+        config(("bounds: [-3.0, 1.0]", "bounds: [-0.6, 1.0]")),
+        0,
+        "from the start value 0 a joint cannot fall below -0.6, but a loose one loses one to three decades",
+        "Write a lower bound of -3 or less",
+    ),
+    Mistake(
         "start value of springs in N/mm",
         "plate",
         config(("initial: 0.0", "initial: 3.0"), ("bounds: [-3.0, 1.0]", "bounds: [-3.0, 4.0]")),

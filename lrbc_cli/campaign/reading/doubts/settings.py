@@ -100,8 +100,8 @@ def start_slips(campaign: Campaign, *, far: float = 2.0) -> dict[str, str]:
     return found
 
 
-def _ranges(campaign: Campaign) -> Iterator[str]:
-    """Warnings of ``start_slips``, and about bounds within which no bolt can become loose."""
+def _ranges(campaign: Campaign, *, loss: float = 1.0) -> Iterator[str]:
+    """Warnings of ``start_slips``, and about bounds within which no bolt can become loose, or no joint lose ``loss`` decades."""
     change, slips = rule_of(campaign.update).mixture_change, start_slips(campaign)
     yield from slips.values()
     for name, group in campaign.parameters.items():
@@ -114,6 +114,11 @@ def _ranges(campaign: Campaign) -> Iterator[str]:
                 f"parameters.{name}.bounds: no bolt can become loose: from the start value {level:g} it cannot fall below {low:g}, but it "
                 f"counts as loose from a change of {change:g} decades. Write a lower bound of {level - 3.0:g} or less (a thousandth of the "
                 "stiffness)"
+            )
+        elif low > level - loss and group.select.bushings is not None and name not in slips:
+            yield (
+                f"parameters.{name}.bounds: from the start value {level:g} a joint cannot fall below {low:g}, but a loose one loses one to "
+                f"three decades, and such a job then looks as if its sensors were wrong. Write a lower bound of {level - 3.0:g} or less"
             )
 
 
