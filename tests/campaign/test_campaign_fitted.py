@@ -136,8 +136,7 @@ def calibrated(
     monkeypatch.setattr(first_look, "_looked_at", lambda *_: OfJob())
     for text in ("tighter_text", "looser", "loaded_text"):
         monkeypatch.setattr(first_look, text, lambda *_: "")
-    for text in ("missing_text", "by_parts_text"):
-        monkeypatch.setattr(first_look, text, lambda *_, **__: "")
+    monkeypatch.setattr(first_look, "of_a_part", lambda *_, **__: [])
     source: Any = SimpleNamespace(inputs=SimpleNamespace(campaign=SimpleNamespace(calibration=SimpleNamespace(job="tight"))))
     measurement: Any = None
     return first_look._calibrated(

@@ -308,13 +308,16 @@ def test_a_foot_that_the_model_lacks() -> None:
         plain = loaded()
         return replace(plain, K=sp.csc_array(plain.K + sp.diags_array(np.where(np.isin(np.arange(2 * COUNT), nodes), 5e6, 0.0))))
 
+    def nearest(job: Seen, before: float) -> str:
+        found = added._nearest(job, before, supports=True)
+        return "" if found is None else f"{found.matrix} {found.size:.3g} {found.nodes[0]}"
+
     feet = (2, 37, COUNT + 2, COUNT + 12)
-    text = told(on(*feet), on(*feet, COUNT + 37), added_text)
-    found = re.match(r"with a support of about ([\d.e+]+) N/m to the ground in each direction near node (\d+) at", text)
-    assert found is not None, text
-    assert float(found[1]) == pytest.approx(5e6, rel=0.3)
-    assert abs(int(found[2]) - (COUNT + 37)) <= 1
-    assert told(on(*feet), on(*feet), added_text) == ""
+    matrix, size, node = told(on(*feet), on(*feet, COUNT + 37), nearest).split()
+    assert matrix == "stiffness"
+    assert float(size) == pytest.approx(5e6, rel=0.3)
+    assert abs(int(node) - (COUNT + 37)) <= 1
+    assert told(loaded(), loaded(10), nearest).startswith("mass 8")
 
 
 @pytest.mark.parametrize(("left", "told"), [(0.9, True), (1.3, False)])
@@ -326,7 +329,9 @@ def test_a_mass_that_a_calibration_has_half_made_up_for(monkeypatch: pytest.Monk
     source = SimpleNamespace(stage=StageAlone(None))
     seen: Any = SimpleNamespace(source=source, job="tight", misfit=7.5, inputs=inputs, few=lambda _: None)
     at = np.array([10])
-    monkeypatch.setattr(added, "_nearest", lambda *_: added._Added("mass", 8.0, (10,), at, "(0.2, 0, 0) m", 4.0))
+    monkeypatch.setattr(
+        added, "_nearest", lambda *_, **__: added._Added(matrix="mass", size=8.0, nodes=(10,), at=at, place="(0.2, 0, 0) m", left=4.0)
+    )
     monkeypatch.setattr(added, "recipe_of", lambda *_: None)
     monkeypatch.setattr(added, "coarsely_reduced", lambda inputs: begun.append((inputs.model.M - plain.M).sum()))
     monkeypatch.setattr(added, "Looking", lambda **fields: fields)

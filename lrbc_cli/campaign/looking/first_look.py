@@ -235,9 +235,8 @@ def _looked_at(
     seen = Seen.of(source, name, measurements[name], tight)
     inputs, held = seen.inputs, seen.held
     seen = seen.beside(held)
-    # Two tight states differ by less than two others.
     assumed = name in taken_as_tight(inputs)
-    fitted = None if held is None or seen.left <= (USUAL if assumed else NEAR) else fitted_frf(seen)
+    fitted = None if held is None or seen.left <= (USUAL if assumed else NEAR) else fitted_frf(seen)  # tight states are more alike
     seen = seen.beside(fitted)
     if fitted is not None:
         source.away[name] = apart(seen.measured, fitted)
@@ -317,10 +316,11 @@ def _of_model(seen: Seen, measurements: Mapping[str, Measurement], explained: Ca
     No wrong factor of a matrix or a part, which takes long, where a calibration within its bounds has ``explained`` it.
     """
     told = other_tables(seen) or little_in_common(seen, measurements, explained)
-    if Kind.UNLIKE in kinds_of(told) and not explained():
+    if Kind.UNLIKE in kinds_of(told):
         stretched = said(Kind.STRETCHED, stretched_text(measurements[seen.job], seen))
-        joints = said(Kind.SPRINGS, joints_text(seen))
-        told = joints or stretched or said(Kind.RESCALED, rescaled_text(seen, seen.misfit, further=1.5)) or told
+        joints = [] if explained() else said(Kind.SPRINGS, joints_text(seen))
+        rescaled = "" if joints or stretched or explained() else rescaled_text(seen, seen.misfit, further=1.5)
+        told = joints or stretched or said(Kind.RESCALED, rescaled) or told
     return told
 
 

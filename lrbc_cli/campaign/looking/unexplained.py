@@ -180,7 +180,7 @@ def uncalibrated(seen: Seen, measurements: Mapping[str, Measurement], told: list
     measurement = measurements[seen.job]
     if Kind.UNLIKE in kinds_of(told):
         text = out_of_reach_text(measurement, seen)
-        return said(Kind.MATERIAL, text) or of_a_part(seen, measurement, seen.misfit, lump=False) or of_one_field(seen, measurement, told)
+        return said(Kind.MATERIAL, text) or of_a_part(seen, measurement, seen.misfit) or of_one_field(seen, measurement, told)
     differ = f"measured and computed FRFs differ by {seen.misfit:.1f} dB (median of the responses, mean level of each removed)"
     if not told and seen.misfit > LEAST_DIFFERENCE and (tighter := tighter_text(seen, measurements, least=LEAST_DIFFERENCE)):
         return said(Kind.NOT_TIGHT, f"{differ}. {tighter}")

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from lrbc_cli.arrays import Floats, Integers
-from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, apart
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.fitted import calibrated_by_rounds
 from lrbc_cli.campaign.looking.states import Looking, Seen, coarsely_reduced
@@ -23,7 +23,7 @@ from lrbc_cli.reduction.problem.full import full_frfs
 from lrbc_cli.reduction.reduced.many import ports_of
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Added:
     """A mass [kg], or a support [N/m] in each direction, and the nodes that have equal shares of it.
 
@@ -50,7 +50,7 @@ class _Added:
 
 
 def added_text(seen: Seen, before: float) -> str:
-    """Warning that names the node where with a further mass, or a support, the model explains the tight state; empty if there is none.
+    """Warning that names the node where with a further mass the model explains the tight state; empty if there is none.
 
     Parameters
     ----------
@@ -58,12 +58,12 @@ def added_text(seen: Seen, before: float) -> str:
     before : float
         Level misfit of the model, constants removed, median over the responses [dB].
     """
-    found = None if before <= LEAST_DIFFERENCE else _nearest(seen, before)
+    found = None if before <= UNLIKE else _nearest(seen, before)
     return "" if found is None else _text(found, before)
 
 
 def missing_text(seen: Seen, whole: Measurement, calibrated: float, *, least: float, passes: int = 2, rounds: int = 2) -> str:
-    """As ``added_text``, for a model that a rough calibration brings near; the mass or support is then calibrated beside the factors.
+    """As ``added_text``, also for a support, and for a model that a rough calibration brings near: either is calibrated beside the factors.
 
     Joints and factors make up for a part of it, so it is looked for without a calibration, and counts only if one with it leaves less
     than half of the misfit of one without.
@@ -83,7 +83,7 @@ def missing_text(seen: Seen, whole: Measurement, calibrated: float, *, least: fl
     """
     source, settings, name = seen.source, seen.inputs.campaign.calibration, "added there"
     free = settings is not None and settings.job == seen.job and not seen.inputs.model.extras and source.stage is not None
-    found = _nearest(seen.few(FEWEST), seen.misfit) if free and calibrated > least else None
+    found = _nearest(seen.few(FEWEST), seen.misfit, supports=True) if free and calibrated > least else None
     if found is None or settings is None:
         return ""
     plain, lump, size, left = seen.inputs.model, picking(found.at, seen.inputs.model.size), found.size, np.inf
@@ -121,7 +121,13 @@ def _text(found: _Added, before: float, how: str = "the level misfit falls from"
 
 
 def _nearest(
-    seen: Seen, before: float, *, most: int = 60, shares: tuple[float, ...] = (0.03, 0.06, 0.1, 0.2, 0.4), most_ports: int = 600
+    seen: Seen,
+    before: float,
+    *,
+    supports: bool = False,
+    most: int = 60,
+    shares: tuple[float, ...] = (0.03, 0.06, 0.1, 0.2, 0.4),
+    most_ports: int = 600,
 ) -> _Added | None:
     """The mass or support with which the model is nearest to a measurement; None if it remains far from it.
 
@@ -130,6 +136,8 @@ def _nearest(
     seen : Seen
     before : float
         Level misfit of the model [dB].
+    supports : bool
+        Whether supports are tried, too: on few lines another stiffness of the whole may look like one.
     most : int
         Largest number of nodes that are tried, spread over the structure.
     shares : tuple of float
@@ -155,7 +163,7 @@ def _nearest(
     # A foot stands on one node.
     ways = [("mass", foot, [share * whole for share in shares]) for foot in feet]
     stiff = [power * share * whole * inert for power in (0.1, 1.0, 10.0) for share in shares]
-    ways += [("stiffness", foot, stiff) for foot in feet if len(foot) == 1]
+    ways += [("stiffness", foot, stiff) for foot in feet if supports and len(foot) == 1]
     best, size, left = ways[0], 0.0, np.inf
     for few, wider in gradually(seen):
         with suppress(LrbcError):
@@ -169,7 +177,8 @@ def _nearest(
     matrix, foot, _ = best
     centre = ", ".join(f"{value:.4g}" for value in xyz[list(foot)].mean(axis=0) / inputs.campaign.unit_system.length)
     place = f"({centre}) {inputs.campaign.unit_system.length_name}"
-    return _Added(matrix, size, tuple(int(kept[k]) for k in foot), np.concatenate([places[k] for k in foot]), place, left)
+    own, at = tuple(int(kept[k]) for k in foot), np.concatenate([places[k] for k in foot])
+    return _Added(matrix=matrix, size=size, nodes=own, at=at, place=place, left=left)
 
 
 def _feet(xyz: Floats, *, beside: int = 6) -> list[tuple[int, ...]]:

@@ -230,7 +230,7 @@ def _of_parts(
     alone = [_left_with(found, after, whole, factors, plain | {name: factors[name] for name in own}) for own in keys]
     worst = int(np.argmin(alone))
     logs = np.log([factors[name] for name in keys[worst]])
-    if alone[worst] > min(EXPLAINED, CLEARLY * before, NEARER * min(np.delete(alone, worst))) or np.linalg.norm(logs) < np.log(least):
+    if alone[worst] > min(EXPLAINED, NEARER * before, NEARER * min(np.delete(alone, worst))) or np.linalg.norm(logs) < np.log(least):
         return ""
     # A factor on the whole structure is told elsewhere.
     every = {name: factors[own] for key in keys for name, own in zip(key, keys[worst], strict=True)}
