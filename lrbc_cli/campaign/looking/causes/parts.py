@@ -161,7 +161,10 @@ def by_parts_text(
         return ""
     dofs, limits, bodies = inputs.dofs, (min(seen.misfit, calibrated), most), _bodies(seen)
     meshed = [] if dofs is None else mesh_parts(free_of_supports(seen), dofs)
-    kinds = [grouped for parts in (bodies, meshed if len(meshed) > len(bodies) else []) if len(grouped := _grouped(parts)) > 1]
+    # Of two alike that only springs join, one may be wrong: the parts of a lap joint, for example.
+    kinds = [
+        each for each in ([_Alike.of([one]) for one in bodies], _grouped(meshed if len(meshed) > len(bodies) else [])) if len(each) > 1
+    ]
     return next(filter(None, (_of_parts(seen, whole, parts, limits, passes, rounds, exact=exact) for parts in kinds)), "")
 
 
