@@ -19,8 +19,8 @@ from lrbc_cli.campaign.looking.causes import added, parts, rescaled
 from lrbc_cli.campaign.looking.causes.added import added_text, loaded_text
 from lrbc_cli.campaign.looking.causes.held import held_text, supports_text
 from lrbc_cli.campaign.looking.causes.parts import lump_text
-from lrbc_cli.campaign.looking.first_look import _gains_by_chance
 from lrbc_cli.campaign.looking.states import Seen
+from lrbc_cli.campaign.looking.unexplained import gains_by_chance
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.mesh_parts import MeshPart
@@ -83,8 +83,8 @@ def test_a_gain_of_one_response_beside_a_far_model(own: tuple[int, ...], db: flo
     job = seen(model * 10.0 ** (rng.normal(0.0, error_db, model.shape) / 20.0), model[None], hz=HZ, inputs=inputs)
     offsets = [Offset(response=i, db=db, half=0.5, power=0, known=(), before=11.2, after=5.5, named=i in own) for i in range(6)]
     found = [Finding(text="a factor", kind=Kind.UNITS, responses=own)]
-    assert _gains_by_chance(job, found, offsets) == chance
-    assert not _gains_by_chance(replace(job, job="state"), found, offsets)
+    assert gains_by_chance(job, found, offsets) == chance
+    assert not gains_by_chance(replace(job, job="state"), found, offsets)
 
 
 def test_moduli_differ_by_more_than_densities(monkeypatch: pytest.MonkeyPatch) -> None:

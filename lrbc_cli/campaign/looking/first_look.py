@@ -30,11 +30,9 @@ from lrbc_cli.campaign.identification.compared.likeness import (
 )
 from lrbc_cli.campaign.identification.compared.offsets import (
     LEAST_BAND,
-    causes_of,
     factors_of,
     late_together,
     offset_findings,
-    quantities_of,
     sideways_finding,
     trusted,
 )
@@ -70,10 +68,11 @@ from lrbc_cli.campaign.looking.fitted import (
     strike_text,
 )
 from lrbc_cli.campaign.looking.states import BUILT_WORK, Looking, Seen, coarsely_reduced, nearest_states, on_lines, reach_of_one
-from lrbc_cli.campaign.looking.trials import NEAR
+from lrbc_cli.campaign.looking.trials import NEAR, UNLIKE
 from lrbc_cli.campaign.looking.unexplained import (
     beside_fit,
     beside_tight,
+    gains_by_chance,
     little_in_common,
     of_a_part,
     placed,
@@ -87,7 +86,7 @@ from lrbc_cli.campaign.reduced.memory import reduction_cost
 from lrbc_cli.campaign.reduced.stage import ReductionStage, require_baselines
 from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.reduction.threads import side_by_side
-from lrbc_cli.updating.comparison.scale import Offset, grouped
+from lrbc_cli.updating.comparison.scale import Offset
 
 #: Misfit of the reference job after a rough calibration up to which no other part of the model is looked for [dB].
 USUAL = 1.5
@@ -148,8 +147,8 @@ def first_look(
             return FirstLook([Finding(job=reference, text=text, kind=Kind.DAMPING)], note=note)
         source = _source(inputs, folder, progress)
         if source is None:
-            unbuilt = "measured and computed FRFs (units, signs, exchanged sensors) are compared once `lrbc reduce` has been run"
-            return FirstLook(note=unbuilt, compared=False)
+            first = "measured and computed FRFs (units, signs, exchanged sensors) are compared once `lrbc reduce` has been run"
+            return FirstLook(note=first, compared=False)
         order = sorted(whole, key=lambda name: name != reference)
         # A matrix that does not contain the baseline subtracted from it gives no FRFs to compare with.
         if lacking := _lacking(inputs, source):
@@ -157,7 +156,7 @@ def first_look(
         found: dict[str, OfJob] = {}
         tight = measurements.get(reference or "")
         heard = {name: replace(measurements[name], values=_heard(inputs, name, measurements[name], tight)) for name in order}
-        source = calibrated_from_another(source, heard)
+        source = exported = calibrated_from_another(source, heard)
         if reference in order:
             progress(f"comparing {reference} with the model, job 1 of {len(order)}")
             source, found[reference] = _of_reference(source, heard, reference)
@@ -167,7 +166,7 @@ def first_look(
 
         def look(name: str) -> OfJob:
             progress(f"comparing {name} with the model, job {order.index(name) + 1} of {len(order)}")
-            return _looked_at(source, heard, name, tight, cycles)
+            return _of_job(source, exported, name, lambda of: _looked_at(of, heard, name, tight, cycles))
 
         found |= zip(rest, side_by_side(look, rest), strict=True)
         later = f"the other jobs are compared once the fault of {reference} is corrected" if len(found) < len(order) else ""
@@ -220,6 +219,14 @@ def _lacking(inputs: Inputs, source: Looking) -> list[str]:
     return []
 
 
+def _of_job(source: Looking, exported: Looking, name: str, look: Callable[[Looking], OfJob]) -> OfJob:
+    """Findings of a job beside the ``source`` that the reference job left; an exchange may show beside the model as ``exported`` only."""
+    found = look(source)
+    if source is exported or not kinds_of(found.told) <= {Kind.FOREIGN} or source.left[name] <= UNLIKE:
+        return found
+    return again if Kind.EXCHANGED in kinds_of((again := look(exported)).told) else found
+
+
 def _looked_at(
     source: Looking,
     measurements: Mapping[str, Measurement],
@@ -256,7 +263,7 @@ def _looked_at(
     shared = seen.reference and any(len(each.responses) == len(offsets) for each in told if each.kind is Kind.UNITS)
     if shared and (text := material_text(seen, measurements[name], offsets)):
         return OfJob(said(Kind.MATERIAL, text))
-    by_chance = _of_model(seen, measurements) if _gains_by_chance(seen, told, offsets) else []
+    by_chance = _of_model(seen, measurements) if gains_by_chance(seen, told, offsets) else []
     if far := [one for one in by_chance if one.kind is not Kind.ALONE]:
         told, offsets = far, tuple(replace(offset, named=False) for offset in offsets)  # not shared with the other jobs, either
     # Places are looked for below; without a better finding these remain.
@@ -296,18 +303,6 @@ def _of_all(seen: Seen, fitted: Complexes | None, assumed: bool, measurements: M
         or said(Kind.HAMMERS, hammers_text(seen, None if fitted is None else partial(fitted_exchanged, seen)) or unmoved_text(seen))
         or said(Kind.STRIKE, "" if fitted is None else strike_text(seen, fitted))
     )
-
-
-def _gains_by_chance(seen: Seen, told: Sequence[Finding], offsets: Sequence[Offset]) -> bool:
-    """Whether all findings of the reference job are factors of less than half of the responses, without a known cause, beside a far model.
-
-    Such a model, with a wrong material for example, is at another level at some response by chance.
-    """
-    few, compared = {i for each in told for i in each.responses}, [offset.response for offset in offsets]
-    if not seen.reference or seen.misfit <= LEAST_DIFFERENCE or kinds_of(told) != {Kind.UNITS} or 2 * len(few) >= len(compared):
-        return False
-    shared = [common for common in grouped(offsets, quantities_of(seen.inputs)) if few.intersection(common.responses)]
-    return not any(causes_of(seen.inputs, common, compared) for common in shared)
 
 
 def _of_model(seen: Seen, measurements: Mapping[str, Measurement], explained: Callable[[], bool] = lambda: False) -> list[Finding]:

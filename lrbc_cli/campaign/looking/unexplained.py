@@ -22,6 +22,7 @@ from lrbc_cli.campaign.identification.compared.likeness import (
     outlying,
     same_sensor,
 )
+from lrbc_cli.campaign.identification.compared.offsets import causes_of, quantities_of
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.axes import out_of_reach_text
 from lrbc_cli.campaign.looking.causes.added import added_text, missing_text
@@ -38,6 +39,7 @@ from lrbc_cli.campaign.looking.fitted import calibrated_from, carefully_fitted, 
 from lrbc_cli.campaign.looking.states import Seen, by_excitation
 from lrbc_cli.campaign.looking.trials import NEAR, NEARER, UNLIKE
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.updating.comparison.scale import Offset, grouped
 
 
 def placed(seen: Seen, told: list[Finding]) -> list[Finding]:
@@ -411,3 +413,15 @@ def beside_fit(seen: Seen, tight: Complexes, fitted: Complexes | None) -> list[F
     assert theta is not None
     fitted = expected_frf(seen, theta)
     return beside_fitted(seen.beside(fitted), fitted, partial(sensor_text, seen.at(theta))) or foreign(seen.beside(fitted), tight)
+
+
+def gains_by_chance(seen: Seen, told: Sequence[Finding], offsets: Sequence[Offset]) -> bool:
+    """Whether all findings of the reference job are factors of less than half of the responses, without a known cause, beside a far model.
+
+    Such a model, with a wrong material for example, is at another level at some response by chance.
+    """
+    few, compared = {i for each in told for i in each.responses}, [offset.response for offset in offsets]
+    if not seen.reference or seen.misfit <= LEAST_DIFFERENCE or kinds_of(told) != {Kind.UNITS} or 2 * len(few) >= len(compared):
+        return False
+    shared = [common for common in grouped(offsets, quantities_of(seen.inputs)) if few.intersection(common.responses)]
+    return not any(causes_of(seen.inputs, common, compared) for common in shared)
