@@ -17,6 +17,12 @@ from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.model.fem import FeModel
 
 
+@pytest.fixture(autouse=True)
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cheap enough to be reduced once more."""
+    monkeypatch.setattr(displaced, "reduction_cost", lambda _: (SimpleNamespace(work=0.0), None))
+
+
 def joined(*pairs: tuple[int, int]) -> FeModel:
     """Two rows of masses with joints between these pairs of nodes."""
     ends = np.zeros((2 * COUNT, len(pairs)))
@@ -57,6 +63,17 @@ def test_the_joint_and_its_place_are_named(monkeypatch: pytest.MonkeyPatch) -> N
 def test_a_place_that_another_joint_explains_as_well_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(displaced, "_calibrated_with", lambda *_: 0.5)
     assert told(joined((3, 4), (15, 15), (36, 35)), joined((3, 4), (27, 27), (36, 35)), displaced_by) == ""
+
+
+def test_nothing_is_said_where_full_solves_take_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A large model, or one whose joints have no other node to go to."""
+    given, true = joined((3, 4), (15, 15), (36, 35)), joined((3, 4), (27, 27), (36, 35))
+    monkeypatch.setattr(displaced, "_elsewhere", lambda *_, **__: iter(()))
+    assert told(given, true, displaced_by) == ""
+    monkeypatch.undo()
+    monkeypatch.setattr(displaced, "reduction_cost", lambda _: (SimpleNamespace(work=0.0), None))
+    monkeypatch.setattr(displaced, "affordable", lambda *_: False)
+    assert told(given, true, displaced_by) == ""
 
 
 def test_what_the_matrix_holds_of_a_joint_goes_with_its_springs(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -369,11 +369,9 @@ def odd_records(inputs: Inputs, name: str, away: Mapping[str, Floats], *, times:
     own, others = away[name], [every for other, every in away.items() if other != name]
     found = list[int]()
     for i, far in enumerate(own.tolist()):
-        sensor, struck = (
-            np.array(same_sensor(inputs, i), dtype=int),
-            own[(inputs.input_of == inputs.input_of[i]) & (np.arange(own.size) != i)],
-        )
-        if others and sensor.size and struck.size > 1:
+        sensor = same_sensor(inputs, i)
+        struck = own[(inputs.input_of == inputs.input_of[i]) & (np.arange(own.size) != i)]
+        if others and sensor and struck.size > 1:
             usual = max(float(np.median(each)) for each in (own[sensor], struck, [every[i] for every in others]))
             if far > max(times * usual, usual + beyond):
                 found.append(i)

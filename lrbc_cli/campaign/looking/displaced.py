@@ -14,10 +14,11 @@ from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, apart
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.fitted import calibrated_by_rounds
 from lrbc_cli.campaign.looking.states import Looking, Seen, coarsely_reduced
-from lrbc_cli.campaign.looking.trials import EXPLAINED, FEWEST, LINES, NEARER, affordable, at_values, with_ports
+from lrbc_cli.campaign.looking.trials import EXPLAINED, FEWEST, LINES, MOST_WORK, NEARER, affordable, at_values, with_ports
 from lrbc_cli.campaign.reading.factors import recipe_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.reach import parts_of
+from lrbc_cli.campaign.reduced.memory import reduction_cost
 from lrbc_cli.campaign.structure import thinned
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.dofs import DofTable
@@ -78,7 +79,7 @@ def displaced_text(seen: Seen, whole: Measurement, calibrated: float, *, most: i
     source, settings, dofs = seen.source, seen.inputs.campaign.calibration, seen.inputs.dofs
     joints = [] if dofs is None else list(_joints(seen.inputs))
     free = settings is not None and settings.job == seen.job and not seen.inputs.model.extras and source.stage is not None
-    if not free or settings is None or dofs is None or not joints:
+    if not free or dofs is None or not joints or reduction_cost(seen.inputs)[0].work > MOST_WORK:
         return ""
     few, label = seen.few(FEWEST), parts_of(seen.inputs.model, joined=False)
     with suppress(LrbcError):
@@ -115,6 +116,7 @@ def _elsewhere(dofs: DofTable, label: Integers, joint: _Joint, most: int, *, abo
     at = {key: row for row, key in enumerate(zip(dofs.node.tolist(), dofs.component.tolist(), strict=True))}
     first, component = joint.dof[0], dofs.component[joint.dof[0]]
     rows = np.flatnonzero((label == label[first]) & (dofs.component == component))
+    rows = rows[rows != first]
     if about is None:
         rows = rows[thinned(dofs.xyz[rows], most)[1]] if rows.size > most else rows
     else:
@@ -133,13 +135,15 @@ def _elsewhere(dofs: DofTable, label: Integers, joint: _Joint, most: int, *, abo
 
 
 def _compared(seen: Seen, places: Sequence[_Elsewhere], *, most_ports: int = 800) -> list[_Elsewhere]:
-    """The places with their level misfits, nearest first; one full solve a line for all of them.
+    """The places with their level misfits, nearest first, by one full solve a line; empty if there are none or if that takes too long.
 
     Raises
     ------
     LrbcError
         If the model cannot be solved.
     """
+    if not places:
+        return []
     inputs, settings = seen.inputs, seen.inputs.campaign.reduction
     model, every = inputs.model, np.unique(np.concatenate([place.dof for place in places]))
     if every.size + model.terms.size > most_ports or not affordable(seen, FEWEST / LINES * (1.0 + every.size / (1.0 + model.terms.size))):

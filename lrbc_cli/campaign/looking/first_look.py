@@ -332,6 +332,7 @@ def _seen_and_calibrated(source: Looking, measurements: Mapping[str, Measurement
     """Model for the other jobs, and findings of the reference job ``name``, after a rough calibration where that helps."""
     rough, own = cache_of(lambda: roughly_calibrated(source, measurements[name])), source.inputs.campaign.calibration
 
+    @cache_of
     def explained() -> bool:
         """Whether a calibration with factors within their bounds brings the model near at all hammer points."""
         if own is None or own.job != name or (found := rough()) is None or found.at_bounds:

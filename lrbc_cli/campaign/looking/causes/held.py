@@ -114,6 +114,8 @@ def _misstated_text(seen: Seen, rows: Integers, before: float, *, times: tuple[f
     """Warning if the supports at ``rows``, all of them stiffer or softer by one of some factors, explain the tight state; else None."""
     dofs = seen.inputs.dofs
     assert dofs is not None
+    if not affordable(seen, len(times)):
+        return None
     left, factor = min((_without(seen, rows, before, left_over=factor), factor) for factor in times)
     if not np.isfinite(left):
         return None
