@@ -228,8 +228,8 @@ def calibrate(
     fit = fit.wider(ratio_of(inputs, heard, inputs.campaign.jobs[settings.job], problem.selected, updated))
     misfits = (_misfit(inputs, compared, initial), rounds[-1].misfit_db)
     doubted = calibration_doubts(inputs, measurement, (initial, plain), settings.job, misfits, gains)
-    for warning in doubted:
-        log.warning("calibration from %s: %s", settings.job, warning)
+    for doubt in doubted:
+        log.warning("calibration from %s: %s", settings.job, doubt)
     return CalibrationOutcome(
         fit=fit,
         rounds=tuple(rounds),
@@ -239,7 +239,7 @@ def calibrate(
         initial=initial,
         updated=updated,
         reached=rounds[-1].error <= tolerance,
-        notes=(*measurement.warnings, *doubted, *notes, *fit.notes),
+        notes=(*map(str, measurement.warnings), *doubted, *notes, *fit.notes),
         seconds=watch.seconds | {"total": sum(watch.seconds.values())},
         warnings=tuple(doubted),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,6 @@ import numpy as np
 from lrbc_cli.campaign.beside import passed_over, taken_twice, unnamed
 from lrbc_cli.campaign.findings import Effect, Finding, Kind, kinds_of, once
 from lrbc_cli.campaign.identification.compared.copies import Earlier, pasted
-from lrbc_cli.campaign.identification.matching import called
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
@@ -26,7 +25,7 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import loss_factor, undamped_text
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import GB, limit_of, reduction_cost
-from lrbc_cli.config.settings import EveryLine, JobConfig
+from lrbc_cli.config.settings import EveryLine
 from lrbc_cli.errors import LrbcError, NumericalError, listing
 from lrbc_cli.model.coupling import asymmetry, coupling_of
 from lrbc_cli.model.dofs import COMPONENTS
@@ -260,7 +259,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         lines[name] = [f"{name}: {measurement.lines}, {selected.size} selected, {matched}"]
         for note in dict.fromkeys(notes):
             noted.setdefault(note, []).append(name)
-        out.found += [*_of_files(job, measurement), *of_file(inputs, name, measurement)]
+        out.found += [*measurement.warnings, *of_file(inputs, name, measurement)]
         own += pasted(measurement, names, inputs.statistics.validation)
         empty, count = missed(measurement.frequency_hz, measurement.values[:, inputs.used], selected, inputs.statistics.resonances)
         # Listed lines were chosen individually, so they are not checked.
@@ -326,14 +325,6 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
         # Beside it, other jobs seem to be unlike any state of the bolts.
         out.found = [*(each for each in out.found if each.kind is not Kind.FOREIGN), Finding(job=reference, text=damped)]
     return look.note
-
-
-def _of_files(job: JobConfig, measurement: Measurement) -> Iterator[Finding]:
-    """Warnings of a measurement, which begin with the names of their files, with these as places."""
-    names = [called(job), *(file.name for file in job.all_files)]
-    for text in measurement.warnings:
-        place = next((name for name in names if text.startswith(f"{name}: ")), "")
-        yield Finding(place=place, text=text.removeprefix(f"{place}: "))
 
 
 def _looks(inputs: Inputs, folder: Path, readable: dict[str, Measurement], progress: Callable[[str], None]) -> FirstLook:

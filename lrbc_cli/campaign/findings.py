@@ -97,7 +97,9 @@ class Finding:
     Attributes
     ----------
     text : str
-        What was found and expected, and the fix, without the place.
+        What was found and expected, and the fix unless ``fix`` tells it, without the place.
+    fix : str
+        What to do where no cause is known: clauses on what else was seen come before it.
     job : str
         Job in which it was found; empty if it is in none alone, or if the text says it.
     place : str
@@ -113,6 +115,7 @@ class Finding:
     """
 
     text: str
+    fix: str = ""
     job: str = ""
     place: str = ""
     kind: Kind | None = None
@@ -131,7 +134,8 @@ class Finding:
 
     def __str__(self) -> str:
         where = f"job {self.job}" if self.job else self.place
-        return f"{where}: {self.text}" if where else self.text
+        text = f"{self.text}. {self.fix}" if self.fix else self.text
+        return f"{where}: {text}" if where else text
 
 
 def said(kind: Kind, text: str | None) -> list[Finding]:

@@ -23,6 +23,10 @@ def measured(folder: Folder, *overrides: str, job: str = "loose") -> Measurement
     return read_measurement(inputs, inputs.campaign.jobs[job], job)
 
 
+def told(found: Measurement) -> tuple[str, ...]:
+    return tuple(map(str, found.warnings))
+
+
 def rewrite(folder: Folder, change: Any, name: str = "loose.uff") -> list[FrfRecord]:
     """Write the FRFs anew after a change of each record; the records before."""
     path = folder.data / name
@@ -268,7 +272,7 @@ def test_a_layout_for_one_of_several_files(box: Folder) -> None:
     quality = "jobs.loose.coherence={file: data/c.txt, format: {frequency: axis, coherence: gamma2}}"
     found = measured(box, files, quality, "jobs.loose.records={acc1: {file: data/acc1.txt}}")
     np.testing.assert_allclose(found.values, expected, rtol=1e-9)
-    assert any("no coherence of the job belongs to a response (c)" in text for text in found.warnings)
+    assert any("no coherence of the job belongs to a response (c)" in finding.text for finding in found.warnings)
     (box.data / "c.txt").rename(box.data / "acc1.coh")
     quality = quality.replace("c.txt", "acc1.coh")
     found = measured(box, files, quality, "jobs.loose.records={acc1: {file: data/acc1.txt}}")
@@ -382,15 +386,15 @@ def test_a_coherence_of_few_lines(box: Folder) -> None:
     table = np.column_stack([np.arange(20.0, 202.0, 2.0), np.full(91, 0.9)])
     np.savetxt(box.data / "coherence.csv", table, delimiter=",", header="frequency_hz,mic1_coherence", comments="")
     found = measured(box, "jobs.loose.coherence=data/coherence.csv")
-    assert found.warnings == ("loose.uff: the coherence of mic1 has values on 91 of 191 lines of the band only",)
-    assert measured(box, "jobs.loose.coherence=data/coherence.csv", "reduction.band=[20.0, 220.0]").warnings == ()
+    assert told(found) == ("loose.uff: the coherence of mic1 has values on 91 of 191 lines of the band only",)
+    assert told(measured(box, "jobs.loose.coherence=data/coherence.csv", "reduction.band=[20.0, 220.0]")) == ()
 
 
 def test_a_measurement_that_was_cut_off(box: Folder) -> None:
     rewrite(box, lambda r: replace(r, frequency_hz=r.frequency_hz[:93], values=r.values[:93]))
     warning = "loose.uff: the lines from 20 to 204 Hz cover 48% of the band from 20 to 400 Hz. Check whether the file is complete. "
     warning += "Otherwise measure again over the whole band, or end the band of all jobs there: reduction.band: [20, 204]"
-    assert measured(box).warnings == (warning,)
+    assert told(measured(box)) == (warning,)
     assert measured(box, "reduction.band=[20.0, 210.0]").warnings == ()
     assert warning in box.run("check").stdout
     result = box.run("update", "--job", "loose", "--override", "update.regularisation=auto")
@@ -411,9 +415,9 @@ def test_a_response_that_was_cut_off(box: Folder) -> None:
     rewrite(box, lambda r: replace(r, frequency_hz=r.frequency_hz[:150], values=r.values[:150]) if r.name == "mic2" else r)
     warning = "loose.uff: response mic2 has values on 150 of 191 lines only, from 20 to 318 Hz. Check whether the file is complete. "
     warning += "Otherwise measure it again, or remove the response"
-    assert measured(box).warnings == (warning,)
+    assert told(measured(box)) == (warning,)
     # A validation channel, too, tests only what it holds.
-    assert measured(box, "update.responses=[mic1, acc1]").warnings == (warning,)
+    assert told(measured(box, "update.responses=[mic1, acc1]")) == (warning,)
     assert measured(box, "reduction.band=[20.0, 380.0]").warnings == ()
 
 

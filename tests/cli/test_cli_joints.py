@@ -218,7 +218,7 @@ def test_each_group_is_asked_for_and_of_mixed_ones_both_kinds(tmp_path: Path) ->
     folder.write({**folder.tree(), "parameters": {name: {"select": {"bushings": f"data/{name}.csv"}} for name in ("mixed", "rest")}})
     study = load(folder.config, cache=folder.cache)
     found = springs_apart(study.inputs, study.parameters())
-    asked = {bolt: {one.name: one.terms.tolist() for one in found if one.joint == bolt} for bolt in range(len(BOLTS))}
+    asked = {bolt: {str(one.of or ""): one.terms.tolist() for one in found if one.joint == bolt} for bolt in range(len(BOLTS))}
     for parts in asked.values():
         assert list(parts) == ["", "mixed", "mixed (translation)", "mixed (rotation)", "rest"]
         assert parts[""] == [*parts["mixed"], *parts["rest"]]

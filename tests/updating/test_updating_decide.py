@@ -28,6 +28,7 @@ from lrbc_cli.updating.judging.rule import NO_SCATTER, DecisionRule, TightScatte
 from lrbc_cli.updating.normal import normal_cdf
 from lrbc_cli.updating.posterior.samples import ChangeSamples
 from lrbc_cli.updating.statistics.priors import BoltPrior
+from lrbc_cli.updating.unknowns.springs import SpringsOf
 
 RULE = DecisionRule()
 AS_IF = (Doubt(kind="chain", text="as if hit twice", explained=True),)
@@ -183,7 +184,12 @@ class TestSampled:
     @pytest.mark.parametrize(("ratio", "told"), [(-1000.0, False), (-3.0, False), (-2.9, True), (0.0, True), (2.9, True)])
     def test_groups_that_may_be_loose_alone_are_named_beside_a_tight_verdict(self, ratio: float, told: bool) -> None:
         """Excluded where the loss is less probable than 1 - confidence at even prior odds: log(0.05 / 0.95) = -2.94."""
-        own = Change(mean=0.0, std=0.1, unfelt=("rocking",), alone=(("axial", -50.0), ("rocking", 0.0), ("torsion", ratio)))
+        own = Change(
+            mean=0.0,
+            std=0.1,
+            unfelt=("rocking",),
+            alone=((SpringsOf("axial"), -50.0), (SpringsOf("rocking"), 0.0), (SpringsOf("torsion"), ratio)),
+        )
         found = one(replace(PLACE, change=own))
         which = "rocking or torsion" if told else "rocking"
         assert found.verdict == "tight"
@@ -199,7 +205,9 @@ class TestSampled:
 
     @pytest.mark.parametrize(("torsion", "verdict"), [(-3.0, "tight"), (-2.9, "undecided")])
     def test_a_joint_is_not_tight_if_each_of_its_groups_may_be_loose(self, torsion: float, verdict: str) -> None:
-        own = Change(mean=0.0, std=0.1, whole=-50.0, alone=(("axial", 0.0), ("rocking", -1.0), ("torsion", torsion)))
+        own = Change(
+            mean=0.0, std=0.1, whole=-50.0, alone=((SpringsOf("axial"), 0.0), (SpringsOf("rocking"), -1.0), (SpringsOf("torsion"), torsion))
+        )
         found = one(replace(PLACE, change=own))
         assert found.verdict == verdict
         if verdict == "undecided":
@@ -207,17 +215,22 @@ class TestSampled:
             assert found.open_groups == ()
 
     def test_a_joint_that_errors_of_the_model_may_hide_names_the_groups_in_question(self) -> None:
-        own = Change(mean=0.0, std=0.1, whole=-1.0, alone=(("axial", -50.0), ("lat", 0.0), ("lat (rotation)", -0.5)))
+        own = Change(
+            mean=0.0,
+            std=0.1,
+            whole=-1.0,
+            alone=((SpringsOf("axial"), -50.0), (SpringsOf("lat"), 0.0), (SpringsOf("lat", "rotation"), -0.5)),
+        )
         found = one(replace(PLACE, change=own))
         assert found.verdict == "undecided"
         assert str(found.note).endswith(
             "may hide that it is loose, or that its springs of lat alone are; the loss of others alone is excluded"
         )
-        every = one(replace(PLACE, change=replace(own, alone=(("axial", 0.0), ("lat", 0.0)))))
+        every = one(replace(PLACE, change=replace(own, alone=((SpringsOf("axial"), 0.0), (SpringsOf("lat"), 0.0)))))
         assert str(every.note).endswith("may hide that it is loose")
 
     def test_a_group_that_is_named_includes_its_translations_and_rotations(self) -> None:
-        kinds = ("vert", "vert (translation)", "vert (rotation)", "lat", "lat (translation)", "lat (rotation)")
+        kinds = [SpringsOf(group, kind) for group in ("vert", "lat") for kind in ("", "translation", "rotation")]
         open_ones = (0.0, 0.0, 0.0, -9.0, -9.0, 0.0)
         found = one(replace(PLACE, change=Change(mean=0.0, std=0.1, alone=tuple(zip(kinds, open_ones, strict=True)))))
         assert (found.verdict, found.open_groups) == ("tight", ("vert", "lat (rotation)"))
@@ -227,12 +240,12 @@ class TestSampled:
 
     @pytest.mark.parametrize("ratio", [3.0, 1000.0])
     def test_a_joint_is_not_tight_whose_springs_of_one_group_the_data_call_loose(self, ratio: float) -> None:
-        found = one(replace(PLACE, change=Change(mean=0.0, std=0.1, alone=(("axial", -50.0), ("rocking", ratio)))))
+        found = one(replace(PLACE, change=Change(mean=0.0, std=0.1, alone=((SpringsOf("axial"), -50.0), (SpringsOf("rocking"), ratio)))))
         assert found.verdict == "undecided"
         assert found.note == f"the data say that springs of it alone are loose: rocking (log likelihood ratio {ratio:.1f})"
         assert (found.open_groups, found.lost_groups) == ((), ("rocking",))
         # A loose joint has lost more than that.
-        loose = one(replace(PLACE, change=Change(mean=-2.0, std=0.1, alone=(("axial", -50.0), ("rocking", ratio)))))
+        loose = one(replace(PLACE, change=Change(mean=-2.0, std=0.1, alone=((SpringsOf("axial"), -50.0), (SpringsOf("rocking"), ratio)))))
         assert (loose.verdict, loose.lost_groups) == ("loose", ())
 
     @pytest.mark.parametrize(("loose", "verdict"), [(0.004, "tight"), (0.007, "undecided"), (0.04, "undecided")])

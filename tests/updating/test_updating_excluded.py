@@ -16,6 +16,7 @@ from lrbc_cli.updating.normal import NORMAL_95
 from lrbc_cli.updating.posterior.excluded import limited, loss_ratios, significant
 from lrbc_cli.updating.posterior.mixture import MixtureProblem, SpringLoss, Springs, State
 from lrbc_cli.updating.statistics.priors import BOLT_PRIOR as PRIOR
+from lrbc_cli.updating.unknowns.springs import SpringsOf
 
 ROWS = 400
 
@@ -111,12 +112,13 @@ def test_some_springs_alone_may_have_lost_a_decade_only(monkeypatch: pytest.Monk
     two = np.zeros(2)
     problem = MixtureProblem(
         data=lambda z: (z, np.eye(2)), variance=1.0, bounds=np.tile([-4.0, 2.0], (2, 1)), bolts=np.arange(2), neighbours=(),
-        joint=np.array([True, True]), mean=two, std=two + 1.0, springs=[Springs(0, "", np.array([7])), Springs(0, "axial", np.array([8]))],
+        joint=np.array([True, True]), mean=two, std=two + 1.0,
+        springs=[Springs(0, None, np.array([7])), Springs(0, SpringsOf("axial"), np.array([8]))],
         losses=lambda _: compare, level_error=0.0, cells=np.arange(2),
     )  # fmt: skip
     state = State(kinds=np.array([False, True]), z=two, evidence=0.0, A=np.eye(2), b=two)
     found = {name: ratio for _, name, ratio in loss_ratios(problem, PRIOR, state)}
-    assert found == {"": pytest.approx(-100.0), "axial": pytest.approx(-0.5)}
+    assert found == {None: pytest.approx(-100.0), SpringsOf("axial"): pytest.approx(-0.5)}
     slight = PRIOR.joint_loose_mean + 0.6745 * PRIOR.joint_loose_std
     assert slight == pytest.approx(-0.96, abs=0.01)
     assert set(asked) == {(7, PRIOR.joint_loose_mean), (8, PRIOR.joint_loose_mean), (8, slight)}
@@ -153,12 +155,13 @@ def test_a_loss_also_counts_from_a_lower_level(
     two = np.zeros(2)
     problem = MixtureProblem(
         data=lambda z: (z, np.eye(2)), variance=1.0, bounds=np.tile([-4.0, 2.0], (2, 1)), bolts=np.arange(2), neighbours=(),
-        joint=np.array([True, True]), mean=two, std=two + 1.0, springs=[Springs(0, "", np.array([7])), Springs(1, "axial", np.array([8]))],
+        joint=np.array([True, True]), mean=two, std=two + 1.0,
+        springs=[Springs(0, None, np.array([7])), Springs(1, SpringsOf("axial"), np.array([8]))],
         losses=lambda _: compare, level_error=error, cells=np.arange(2),
     )  # fmt: skip
     state = State(kinds=np.array([False, True]), z=two, evidence=0.0, A=np.eye(2), b=two)
     ((joint, name, ratio),) = loss_ratios(problem, PRIOR, state)
-    assert (joint, name) == (0, "")
+    assert (joint, name) == (0, None)
     assert ratio == pytest.approx(told if error else ratios[0])
     assert {(terms, decades) for terms, decades, _ in asked} == {(7, PRIOR.joint_loose_mean)}
     assert [level for *_, level in asked] == [0.0, *([-NORMAL_95 * error] if error else [])]

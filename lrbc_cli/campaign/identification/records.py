@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
+from lrbc_cli.campaign.findings import Finding
 from lrbc_cli.campaign.identification.compared.addressed import misplaced, pair_notes
 from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, apart
 from lrbc_cli.campaign.identification.matching import (
@@ -54,7 +55,9 @@ class Measurement:
         NaN where a response has no record or no value.
     coherence : (F, R) float array
         NaN where unknown.
-    notes, warnings : tuples of str
+    notes : tuple of str
+    warnings : tuple of Finding
+        With the file, or the files of the job, as the place.
     records : tuple of str
         The record of each response that has one.
     hashes : dict
@@ -74,7 +77,7 @@ class Measurement:
     values: Complexes = field(repr=False)
     coherence: Floats = field(repr=False)
     notes: tuple[str, ...]
-    warnings: tuple[str, ...]
+    warnings: tuple[Finding, ...]
     records: tuple[str, ...]
     hashes: dict[str, str]
     sigma_db: Floats | None = field(default=None, repr=False)
@@ -141,12 +144,12 @@ def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
             )
     found = _mean_of([first, *further])
     strange = [
-        f"{called(job)}: its repeat {files[0].name} differs from it by {away:.1f} dB (mean level of each response removed), probably "
+        f"its repeat {files[0].name} differs from it by {away:.1f} dB (mean level of each response removed), probably "
         f"another state. Remove it from jobs.{name}.repeats, or give the file that was measured"
         for files, other in zip(job.measurements[1:], further, strict=True)
         if (away := float(np.median(apart(other.values, first.values)[inputs.used]))) > LEAST_DIFFERENCE
     ]
-    return replace(found, warnings=(*found.warnings, *strange))
+    return replace(found, warnings=(*found.warnings, *_of_job(job, strange)))
 
 
 def _same_lines(a: Floats, b: Floats) -> bool:
@@ -195,10 +198,10 @@ def _mean_of(parts: list[Measurement]) -> Measurement:
 
 
 def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
-    frf, hashes = _records_of(job, name)
+    frf, hashes, doubts = _records_of(job, name)
     coherences = coherences_of(job, hashes)
     records, full = matched(inputs, job, name, frf), with_files(frf)
-    warnings = [*frf.warnings, *_missing(inputs, job, records, frf), *misplaced(inputs, job, records)]
+    warnings = [*_missing(inputs, records, frf), *misplaced(inputs, job, records)]
     pairs = [(r, record) for r, record in zip(inputs.responses, records, strict=True) if record is not None]
     notes = [*frf.notes, *pair_notes(inputs, job, pairs)]
     if unused := len(frf.records) - len({id(record) for _, record in pairs}):
@@ -221,21 +224,19 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
         known = int((np.isfinite(coherence[:, i]) & found).sum())
         if own and known < MIN_COHERENCE * found.sum():
             thin.setdefault(f"{known} of {found.sum()}", []).append(inputs.responses[i].name)
-    warnings += [
-        f"{called(job)}: the coherence of {', '.join(names)} has values on {lines} lines of the band only" for lines, names in thin.items()
-    ]
+    warnings += [f"the coherence of {', '.join(names)} has values on {lines} lines of the band only" for lines, names in thin.items()]
     require_signals(inputs, records, values)
     if "averages" in job.model_fields_set and not np.isfinite(coherence).any():
-        warnings.append(f"{called(job)}: averages: {job.averages} is not used, as the job has no coherence")
+        warnings.append(f"averages: {job.averages} is not used, as the job has no coherence")
     if evenly(axis) and (many := too_many_blows(values, coherence, job.averages, inputs.statistics.blows, inputs.statistics.errors)):
-        warnings.append(f"{called(job)}: {many}")
-    warnings += [*_gaps(axis, records, values, job, inputs), *_strange(coherences, inputs, job, records, full)]
+        warnings.append(many)
+    warnings += [*_gaps(axis, records, values, inputs), *_strange(coherences, inputs, records, full)]
     return Measurement(
         frequency_hz=axis,
         values=values,
         coherence=coherence,
         notes=tuple(notes),
-        warnings=tuple(warnings),
+        warnings=(*doubts, *_of_job(job, warnings)),
         records=tuple(f"{r.name}: {describe(record, len(job.measurements[0]) > 1)}" for r, record in pairs),
         hashes=hashes,
         left_out=(low, high),
@@ -247,7 +248,6 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
 def _strange(
     coherences: Collection[CoherenceKey],
     inputs: Inputs,
-    job: JobConfig,
     records: list[FrfRecord | None],
     full: Mapping[int, tuple[str, ...]],
 ) -> list[str]:
@@ -256,13 +256,13 @@ def _strange(
     if not coherences or taken & set(coherences):
         return []
     return [
-        f"{called(job)}: no coherence of the job belongs to a response ({listing(list(coherences), 4)}), so all "
+        f"no coherence of the job belongs to a response ({listing(list(coherences), 4)}), so all "
         "lines have equal weight. Name its columns like the responses or their records, or give the file of this measurement"
     ]
 
 
-def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
-    """All records of a job's files, and content hashes by path.
+def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str], list[Finding]]:
+    """All records of a job's files, content hashes by path, and warnings of the files.
 
     Raises
     ------
@@ -271,7 +271,7 @@ def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
     """
     files = job.measurements[0]
     records, told, hashes = list[FrfRecord](), dict[str, list[str]](), dict[str, str]()
-    named, warnings, titles = list[str](), list[str](), list[str]()
+    named, warnings, titles = list[str](), list[Finding](), list[str]()
     for file in files:
         digest = file_hash(file)
         twin = next((other for other, known in hashes.items() if known == digest), None)
@@ -295,25 +295,30 @@ def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
         titles += found.titles
         for note in found.notes:
             told.setdefault(note, []).append(file.name)
-        warnings += [f"{file.name}: {warning}" for warning in found.warnings]
+        warnings += [Finding(place=file.name, text=warning) for warning in found.warnings]
     # A note that holds for every file is given once.
     notes = [note if len(of) == len(files) else f"{', '.join(of)}: {note}" for note, of in told.items()]
     if named:
         notes.append(f"no name in the file, named after the file: {', '.join(named)}")
-    return FrfSet(source=str(job.first), records=tuple(records), notes=tuple(notes), warnings=tuple(warnings), titles=tuple(titles)), hashes
+    every = FrfSet(
+        source=str(job.first), records=tuple(records), notes=tuple(notes), warnings=tuple(map(str, warnings)), titles=tuple(titles)
+    )
+    return every, hashes, warnings
 
 
-def _missing(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None], frf: FrfSet) -> list[str]:
+def _of_job(job: JobConfig, texts: Iterable[str]) -> list[Finding]:
+    return [Finding(place=called(job), text=text) for text in texts]
+
+
+def _missing(inputs: Inputs, records: list[FrfRecord | None], frf: FrfSet) -> list[str]:
     """Warnings about responses without a record, with unassigned records that may be theirs."""
     spare = unmatched(records, frf)
     lacking = [i for i, record in enumerate(records) if record is None]
     used = [inputs.responses[i].name for i in lacking if i in inputs.used]
-    found = [
-        f"{called(job)}: no record of response {inputs.responses[i].name}, which is only reported" for i in lacking if i not in inputs.used
-    ]
+    found = [f"no record of response {inputs.responses[i].name}, which is only reported" for i in lacking if i not in inputs.used]
     if used:
         found.append(
-            f"{called(job)}: no record of {', '.join(used)}: identified from the other {inputs.used.size - len(used)} responses, "
+            f"no record of {', '.join(used)}: identified from the other {inputs.used.size - len(used)} responses, "
             "so this job gives no all-clear; "
             + (
                 f"if it is {' or '.join(spare[:4])}, write responses.{used[0]}.record: {spare[0]}, or, for one job alone, "
@@ -375,14 +380,14 @@ def _covers(lines: Floats, band: tuple[float, float]) -> bool:
     return inside.size > 1 and float(np.ptp(inside)) > MIN_BAND * (band[1] - band[0]) and float(lines.max()) < 5.0 * band[1]
 
 
-def _gaps(axis: Floats, records: list[FrfRecord | None], values: Complexes, job: JobConfig, inputs: Inputs) -> list[str]:
+def _gaps(axis: Floats, records: list[FrfRecord | None], values: Complexes, inputs: Inputs) -> list[str]:
     """Warnings if lines, or values of a response, cover only part of the band: the file may be incomplete."""
     found = []
     low, high = inputs.campaign.reduction.band
     every = np.concatenate([record.frequency_hz for record in records if record is not None])
     if not covers(axis, (low, high)):
         found.append(
-            f"{called(job)}: the lines from {axis[0]:g} to {axis[-1]:g} Hz cover {(axis[-1] - axis[0]) / (high - low):.0%} of the band "
+            f"the lines from {axis[0]:g} to {axis[-1]:g} Hz cover {(axis[-1] - axis[0]) / (high - low):.0%} of the band "
             f"from {low:g} to {high:g} Hz. {_why_short(axis, every, (low, high))}"
         )
     # Validation channels, too: without values they cannot validate.
@@ -391,7 +396,7 @@ def _gaps(axis: Floats, records: list[FrfRecord | None], values: Complexes, job:
         if finite.any() and finite.mean() < inputs.statistics.validation.least_lines:
             own = axis[finite]
             found.append(
-                f"{called(job)}: response {inputs.responses[i].name} has values on {own.size} of {axis.size} lines only, "
+                f"response {inputs.responses[i].name} has values on {own.size} of {axis.size} lines only, "
                 f"from {own[0]:g} to {own[-1]:g} Hz. Check whether the file is complete. Otherwise measure it again, or remove the response"
             )
     return found

@@ -25,6 +25,7 @@ from lrbc_cli.updating.posterior.sampling import sample_changes
 from lrbc_cli.updating.search.descent import Level
 from lrbc_cli.updating.unknowns.places import pitch_of
 from lrbc_cli.updating.unknowns.shapes import neighbours
+from lrbc_cli.updating.unknowns.springs import SpringsOf
 
 
 def changes_of(
@@ -188,14 +189,14 @@ def springs_apart(inputs: Inputs, parameters: Parameterisation) -> list[Springs]
             owned.setdefault(bolt, []).append((group.name, group.terms[owner == bolt]))
     found = []
     for bolt, groups in owned.items():
-        found.append(Springs(bolt, "", np.concatenate([terms for _, terms in groups])))
+        found.append(Springs(bolt, None, np.concatenate([terms for _, terms in groups])))
         for name, terms in groups:
             # The only group of a joint is the joint.
             if len(groups) > 1:
-                found.append(Springs(bolt, name, terms))
+                found.append(Springs(bolt, SpringsOf(name), terms))
             kinds = {"translation": terms[~turning[terms]], "rotation": terms[turning[terms]]}
             if all(part.size for part in kinds.values()):
-                found += [Springs(bolt, f"{name} ({kind})", part) for kind, part in kinds.items()]
+                found += [Springs(bolt, SpringsOf(name, kind), part) for kind, part in kinds.items()]
     return found
 
 

@@ -117,7 +117,7 @@ def evidence_of(inputs: Inputs, result: Identification) -> Evidence:
         against_reference=result.against_reference,
         setting=setting,
         doubts=found,
-        data_warnings=result.measurement.warnings,
+        data_warnings=tuple(map(str, result.measurement.warnings)),
         warnings=(*result.warnings, *warnings),
         notes=(*result.notes, *remarks(inputs, result)),
         alternatives=_alternatives(inputs, result),
@@ -255,8 +255,8 @@ def _bolts(inputs: Inputs, result: Identification) -> tuple[bool, tuple[BoltEvid
             return None
         own = _partial_changes(inputs, result, parts) if result.posterior.shapes.by_bolt else ()
         at, told = _sampled(result, bolt), () if result.changes is None else result.changes.groups
-        alone = {group: ratio for i, group, ratio in told if i == at}
-        known: dict[str, Any] = {"whole": alone.pop("", None), "alone": tuple(alone.items())}
+        lost = {springs: ratio for i, springs, ratio in told if i == at}
+        known: dict[str, Any] = {"whole": lost.pop(None, None), "alone": tuple(lost.items())}
         # Joints only: the hats of an edge share one change.
         joint = parts[0][0].bolt is not None
         ratio = float(result.changes.ratios[at]) if joint and at is not None and result.changes is not None else None

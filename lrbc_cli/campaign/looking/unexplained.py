@@ -72,7 +72,7 @@ def placed(seen: Seen, told: list[Finding]) -> list[Finding]:
             return cause
         # Where springs are at wrong nodes, supports are no cause of their own.
         if seen.reference and Kind.UNLIKE in kinds and not seen.inputs.springs_doubt:
-            told = [replace(each, text=_before_usual(seen, each.text)) if each.kind is Kind.UNLIKE else each for each in told]
+            told = [replace(each, text=each.text + supports_text(seen)) if each.kind is Kind.UNLIKE else each for each in told]
     return _stated(seen, told) if seen.reference else told
 
 
@@ -171,8 +171,8 @@ def little_in_common(seen: Seen, measurements: Mapping[str, Measurement], explai
         causes += _usual(seen)
         if free := looser(seen, typical):
             causes = f"this is the reference job{free}. Set update.reference to a tight job, or measure it again; otherwise {causes}"
-        text = f"measured and computed FRFs have little in common: {far}{softness_text(seen)}. {causes[:1].upper()}{causes[1:]}"
-        told = said(Kind.UNLIKE, text)
+        text = f"measured and computed FRFs have little in common: {far}{softness_text(seen)}"
+        told = [Finding(text=text, fix=causes[:1].upper() + causes[1:], kind=Kind.UNLIKE)]
     # Each on its own: ``placed`` looks for the place of each.
     return told + single_responses(inputs, every, outlying(every), "the model", few=every.size)
 
@@ -233,10 +233,8 @@ def of_one_field(seen: Seen, measurement: Measurement, told: list[Finding]) -> l
             f"({far:.1f} dB): check first what the latter have in common (sensors, conditioner, weighting, places"
             f"{', coupling and walls of the air in the model' if air[~own].any() else ''})"
         )
-        usual = ". Check" + _usual(seen).removeprefix("check")
-        otherwise = f"{clause}. Otherwise check{usual.removeprefix('. Check')}"
         return [
-            replace(each, text=each.text.replace(usual, otherwise) if usual in each.text else each.text + clause)
+            replace(each, text=each.text + clause, fix=f"Otherwise {each.fix[:1].lower()}{each.fix[1:]}" if each.fix else "")
             if each.kind is Kind.UNLIKE
             else each
             for each in told
@@ -252,12 +250,6 @@ def _usual(seen: Seen) -> str:
         f"{air}supports, damping, places and directions of hammer and sensors (lrbc check --picture), quantities, units and sensitivities "
         "of the FRFs; `lrbc calibrate` corrects errors of some per cent. Until the model fits, faults of other jobs may stay hidden"
     )
-
-
-def _before_usual(seen: Seen, text: str) -> str:
-    """A text with the clause on supports before what to check if nothing more is known."""
-    usual = ". C" + _usual(seen).removeprefix("c")
-    return text.removesuffix(usual) + supports_text(seen) + (usual if text.endswith(usual) else "")
 
 
 def _uneven_text(seen: Seen, *, uneven: float = 1.5) -> str:

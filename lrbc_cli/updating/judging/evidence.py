@@ -10,6 +10,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.updating.normal import NORMAL_95, normal_cdf
+from lrbc_cli.updating.unknowns.springs import SpringsOf
 
 if TYPE_CHECKING:
     # Only for types: judging stored evidence should not load the sampling.
@@ -119,8 +120,9 @@ class Change:
         Groups whose springs the data allow to be free, if other groups of the bolt affect the FRFs: these alone determine the change.
     parts : tuple of PartialChange
         Groups of a joint with springs in several groups whose change is known to within ``deviation``.
-    alone : tuple of (str, float)
-        Groups of a joint with several, each with the log likelihood ratio of a typical loss of it alone against none.
+    alone : tuple of (SpringsOf, float)
+        Groups of a joint with several, and their translations and rotations, each with the log likelihood ratio of a typical loss of it
+        alone against none.
     whole : float or None
         The same of all its springs; None if its change was not sampled, or if it is loose.
     ratio : float or None
@@ -138,7 +140,7 @@ class Change:
     may_be_free: bool = False
     unfelt: tuple[str, ...] = ()
     parts: tuple[PartialChange, ...] = ()
-    alone: tuple[tuple[str, float], ...] = ()
+    alone: tuple[tuple[SpringsOf, float], ...] = ()
     whole: float | None = None
     ratio: float | None = None
 

@@ -9,6 +9,7 @@ import numpy as np
 from lrbc_cli.updating.judging.evidence import Change, PartialChange
 from lrbc_cli.updating.judging.rule import LOOSE, TIGHT, DecisionRule
 from lrbc_cli.updating.normal import normal_cdf
+from lrbc_cli.updating.unknowns.springs import SpringsOf
 
 
 def of_its_groups(posterior: Change, whole: float, own: float, scatter: float, rule: DecisionRule) -> tuple[float, str | None]:
@@ -46,19 +47,19 @@ def _even(ratio: float) -> float:
 
 def hidden_groups(posterior: Change, rule: DecisionRule) -> tuple[str, ...]:
     """Groups of a joint's springs of which the data do not exclude, at even prior odds, that they alone are free or loose."""
-    lost = (group for group, ratio in posterior.alone if rule.word(_even(ratio)) != TIGHT)
-    return _whole_groups([*posterior.unfelt, *lost])
+    lost = (springs for springs, ratio in posterior.alone if rule.word(_even(ratio)) != TIGHT)
+    return tuple(map(str, _whole_groups([*map(SpringsOf, posterior.unfelt), *lost])))
 
 
-def _whole_groups(names: Sequence[str]) -> tuple[str, ...]:
-    """The names without the translations and rotations, ``GROUP (rotation)``, of a group that is among them."""
-    return tuple(name for name in dict.fromkeys(names) if not any(name.startswith(f"{group} (") for group in names))
+def _whole_groups(springs: Sequence[SpringsOf]) -> tuple[SpringsOf, ...]:
+    """The springs without the translations and rotations of a group that is among them."""
+    return tuple(one for one in dict.fromkeys(springs) if not one.kind or SpringsOf(one.group) not in springs)
 
 
 def lost_alone(posterior: Change, rule: DecisionRule) -> dict[str, float]:
     """Groups of springs that the data call loose alone at even prior odds, and log likelihood ratios, largest first."""
-    told = {name: ratio for name, ratio in sorted(posterior.alone, key=lambda one: -one[1]) if rule.word(_even(ratio)) == LOOSE}
-    return {name: told[name] for name in _whole_groups(list(told))}
+    told = {springs: ratio for springs, ratio in sorted(posterior.alone, key=lambda one: -one[1]) if rule.word(_even(ratio)) == LOOSE}
+    return {str(springs): told[springs] for springs in _whole_groups(list(told))}
 
 
 def lost_note(lost: Mapping[str, float]) -> str | None:
@@ -83,8 +84,8 @@ def by_prior(posterior: Change, limit: float, between: float, rule: DecisionRule
 
 def not_excluded(posterior: Change, rule: DecisionRule) -> str | None:
     """Message on a joint that is tight only if the model is right to within what its residuals show."""
-    there = [name for name, ratio in posterior.alone if rule.word(_even(ratio)) != TIGHT]
-    every, named = len(there) == len(posterior.alone), ", ".join(_whole_groups(there))
+    there = [springs for springs, ratio in posterior.alone if rule.word(_even(ratio)) != TIGHT]
+    every, named = len(there) == len(posterior.alone), ", ".join(map(str, _whole_groups(there)))
     if posterior.whole is not None and rule.word(_even(posterior.whole)) != TIGHT:
         found = "errors of the model, of its stiffness in the reference state too, may hide that it is loose"
         return found if every or not there else f"{found}, or that its springs of {named} alone are; the loss of others alone is excluded"

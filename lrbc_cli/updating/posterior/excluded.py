@@ -14,10 +14,11 @@ from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.normal import NORMAL_95
 from lrbc_cli.updating.posterior.mixture import MixtureProblem, SpringLoss, Springs, State, priors_of
 from lrbc_cli.updating.statistics.priors import BoltPrior
+from lrbc_cli.updating.unknowns.springs import SpringsOf
 
 
-def loss_ratios(problem: MixtureProblem, prior: BoltPrior, state: State) -> list[tuple[int, str, float]]:
-    """For springs of each tight joint the log likelihood ratio of a typical loss of them against none, as joint, name and ratio.
+def loss_ratios(problem: MixtureProblem, prior: BoltPrior, state: State) -> list[tuple[int, SpringsOf | None, float]]:
+    """For springs of each tight joint the log likelihood ratio of a typical loss of them against none, as joint, springs and ratio.
 
     The springs change by the mean of loose joints, with one linear step of everything else, and the prior of the rest is as without. Some
     springs alone may also have lost no more than the upper quartile, a decade, which changes far less: the larger ratio counts, so that a
@@ -36,7 +37,7 @@ def loss_ratios(problem: MixtureProblem, prior: BoltPrior, state: State) -> list
 
     def ratio(one: Springs) -> float:
         change, found = problem.loosened(one.joint, prior), []
-        changes = dict.fromkeys((change, max(change, prior.joint_slight_loss)) if one.name else (change,))
+        changes = dict.fromkeys((change, max(change, prior.joint_slight_loss)) if one.of else (change,))
         for level in levels:
             of_changes = []
             for each in changes:
@@ -45,7 +46,7 @@ def loss_ratios(problem: MixtureProblem, prior: BoltPrior, state: State) -> list
             found.append(max(of_changes))
         return min(max(found), 0.0) + max(min(found), 0.0)
 
-    return [(one.joint, one.name, found) for one, found in zip(asked, side_by_side(ratio, asked), strict=True)]
+    return [(one.joint, one.of, found) for one, found in zip(asked, side_by_side(ratio, asked), strict=True)]
 
 
 def limited(loss: SpringLoss, variance: float, prior: tuple[Floats, Floats], cells: Integers) -> float:

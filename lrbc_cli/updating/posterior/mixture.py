@@ -21,6 +21,7 @@ from lrbc_cli.updating.misfit.cost import Evaluation
 from lrbc_cli.updating.posterior.kinds import KindScore, adjacency, improve
 from lrbc_cli.updating.search.optimise import Solution, gauss_newton
 from lrbc_cli.updating.statistics.priors import BoltPrior
+from lrbc_cli.updating.unknowns.springs import SpringsOf
 
 #: Precision that fixes a change, far above what data give [1/decade²].
 HELD = 1e10
@@ -34,10 +35,10 @@ Stop = tuple[float, int]
 
 @dataclass(frozen=True)
 class Springs:
-    """Springs of a joint that it can lose: the joint as a position among the bolts, their name (empty: all of it) and terms."""
+    """Springs of a joint that it can lose: the joint as a position among the bolts, which of its springs (None: all), their terms."""
 
     joint: int
-    name: str
+    of: SpringsOf | None
     terms: Integers = field(repr=False)
 
 

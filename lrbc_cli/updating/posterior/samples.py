@@ -11,6 +11,7 @@ from scipy.special import logit, ndtr
 
 from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.updating.statistics.priors import BOLT_PRIOR, BoltPrior
+from lrbc_cli.updating.unknowns.springs import SpringsOf
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,9 +37,9 @@ class ChangeSamples:
     prior : BoltPrior
     alternatives : sequence of ((b,) float array, float)
         Changes in each state about which was linearised [decades], and its posterior probability among these, the share of its sweeps.
-    groups : sequence of (int, str, float)
-        For each group of springs of a tight joint with several (position in ``bolts``, name) the log likelihood ratio of a typical loss of
-        this group alone against none, see ``excluded.loss_ratios``; an empty name stands for all of its springs.
+    groups : sequence of (int, SpringsOf or None, float)
+        For each group of springs of a tight joint with several (position in ``bolts``, springs) the log likelihood ratio of a typical loss
+        of this group alone against none, see ``excluded.loss_ratios``; None stands for all of its springs.
     """
 
     bolts: NDArray[np.int64]
@@ -50,7 +51,7 @@ class ChangeSamples:
     neighbours: Sequence[tuple[int, int]] = ()
     prior: BoltPrior = BOLT_PRIOR
     alternatives: Sequence[tuple[Floats, float]] = ()
-    groups: Sequence[tuple[int, str, float]] = ()
+    groups: Sequence[tuple[int, SpringsOf | None, float]] = ()
 
     @property
     def inclusion(self) -> Floats:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.campaign.identification.matching import MOST_NAMED, called, describe, named, reciprocal
+from lrbc_cli.campaign.identification.matching import MOST_NAMED, describe, named, reciprocal
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.campaign.reading.places import MILLIMETRES
 from lrbc_cli.config.settings import JobConfig
@@ -16,6 +16,12 @@ from lrbc_cli.errors import listing
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
 from lrbc_cli.model.frf import FrfRecord
 from lrbc_cli.model.selection import nearest, spacing
+
+_MIRRORED = (
+    "all records were measured at other nodes of the model than the campaign file says; these are its places mirrored or turned. Give "
+    "hammer, sensors and bolts in the axes of the model (lrbc check -v lists the nodes of the records); otherwise the wrong bolt is found "
+    "loose"
+)
 
 
 def pair_notes(inputs: Inputs, job: JobConfig, pairs: Sequence[tuple[Response, FrfRecord]]) -> list[str]:
@@ -56,7 +62,7 @@ def _miscounted(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None])
     named = ", ".join(f"{r.name} selects record {record.number} ({record.name})" for r, record in own[:MOST_NAMED])
     by, way = abs(min(away)), "high" if min(away) > 0 else "low"
     return (
-        f"{called(job)}: the record numbers are probably {by} too {way}: {named}{' ...' if len(own) > MOST_NAMED else ''}. Correct "
+        f"the record numbers are probably {by} too {way}: {named}{' ...' if len(own) > MOST_NAMED else ''}. Correct "
         "responses.NAME.record (records are counted from 1), or remove it, as the names in the file are those of the responses"
     )
 
@@ -69,10 +75,10 @@ def misplaced(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -
     own = [(r, record) for r, record in pairs if record.response_node is not None and not reciprocal(record, r, inputs)]
     alike = sum(record.response_node == r.node for r, record in own)
     if 2 * alike <= len(pairs):
-        return [_mirrored(job)] if _congruent(inputs, own) else []
+        return [_MIRRORED] if _congruent(inputs, own) else []
     found = []
     for r, record in own:
-        key, where = f"responses.{r.name}", f"{called(job)}: {describe(record)} was measured"
+        key, where = f"responses.{r.name}", f"{describe(record)} was measured"
         if record.response_node != r.node:
             metres = _in_metres(inputs, inputs.campaign.responses[r.name], record.response_node)
             found.append(
@@ -90,7 +96,7 @@ def misplaced(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -
         if len(ways) == 1 and {along, *ways} <= {1, 2, 3} and along not in ways:
             axes = dict(enumerate(COMPONENTS[:3], start=1))
             found.append(
-                f"{called(job)}: the hammer hit along {axes[ways.pop()]}, but excitation.{name} is {axes[along or 0]}: correct "
+                f"the hammer hit along {axes[ways.pop()]}, but excitation.{name} is {axes[along or 0]}: correct "
                 f"excitation.{name}.component, or use the measurement that was hit along {axes[along or 0]}"
             )
         over = {record.reference_node for r, record in own if r.input == at}
@@ -99,7 +105,7 @@ def misplaced(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -
             metres = _in_metres(inputs, inputs.campaign.excitation[name], hit)
             fix = f"Correct excitation.{name}, or, if only this measurement is affected, measure it again at node {node}"
             found.append(
-                f"{called(job)}: the hammer hit node {hit}, but excitation.{name} is node {node} of the model: "
+                f"the hammer hit node {hit}, but excitation.{name} is node {node} of the model: "
                 f"{metres or f'check whether hammer and sensor are exchanged. {fix}'}"
             )
     return found
@@ -127,14 +133,6 @@ def _places(dofs: DofTable, nodes: Sequence[int | None]) -> Floats | None:
     """(k, 3) coordinates of nodes [m]; None if one of them is not in the model."""
     at = [np.flatnonzero(dofs.node == node) for node in nodes]
     return None if any(node is None or not found.size for node, found in zip(nodes, at, strict=True)) else dofs.xyz[[int(f[0]) for f in at]]
-
-
-def _mirrored(job: JobConfig) -> str:
-    return (
-        f"{called(job)}: all records were measured at other nodes of the model than the campaign file says; these are its places "
-        "mirrored or turned. Give hammer, sensors and bolts in the axes of the model (lrbc check -v lists the nodes of the records); "
-        "otherwise the wrong bolt is found loose"
-    )
 
 
 def _in_metres(inputs: Inputs, point: PointConfig, node: int | None) -> str | None:

@@ -100,21 +100,23 @@ def missing_text(seen: Seen, whole: Measurement, calibrated: float, *, least: fl
             left = Seen.of(after, seen.job, whole).misfit
     if left > min(EXPLAINED, CLEARLY * calibrated):
         return ""
-    return _text(replace(found, size=size, left=left), calibrated, "a rough calibration leaves")
+    return _text(replace(found, size=size, left=left), calibrated, with_calibration=True)
 
 
-def _text(found: _Added, before: float, how: str = "the level misfit falls from") -> str:
-    sizes = f"{found.left:.1f} dB, without it {before:.1f} dB" if how.endswith("leaves") else f"{before:.1f} to {found.left:.1f} dB"
+def _text(found: _Added, before: float, *, with_calibration: bool = False) -> str:
+    sizes = f"the level misfit falls from {before:.1f} to {found.left:.1f} dB"
+    if with_calibration:
+        sizes = f"a rough calibration leaves {found.left:.1f} dB, without it {before:.1f} dB"
     where = f"node{'s' if len(found.nodes) > 1 else ''} {', '.join(map(str, found.nodes))} at {found.place}"
     removed = "(mean level of each response removed)"
     if found.matrix == "mass":
         return (
-            f"with about {found.size:.2g} kg more near {where} {how} {sizes} {removed}: probably a part that was on the test bench is "
+            f"with about {found.size:.2g} kg more near {where} {sizes} {removed}: probably a part that was on the test bench is "
             "missing in the model, such as a motor or a fixture. Compare the mass sum with the weight of the structure; add the part in "
             "the FE model and export it again, or measure without it"
         )
     return (
-        f"with a support of about {found.size:.2g} N/m to the ground in each direction near {where} {how} {sizes} {removed}: probably a "
+        f"with a support of about {found.size:.2g} N/m to the ground in each direction near {where} {sizes} {removed}: probably a "
         "foot or a support that was on the test bench is missing in the model. Add it in the FE model and export it again, or measure "
         "without it"
     )
