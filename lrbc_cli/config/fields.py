@@ -134,7 +134,11 @@ def _to_path(value: object, info: ValidationInfo) -> object:
     if not value or "\n" in value:
         raise problem("this is not a path", expected="a path relative to the campaign file", found=f"{value!r}")
     folder = (info.context or {}).get("folder", Path())
-    path = Path(os.path.realpath(Path(folder) / value))
+    given = Path(folder) / value
+    path = Path(os.path.realpath(given))
+    if os.path.islink(given) and os.path.isfile(given):  # noqa: PTH113, PTH114
+        # A link to a file stays in its folder: messages name what the user wrote, and other measurements lie beside it.
+        path = Path(os.path.realpath(given.parent)) / given.name
     try:
         path.lstat()
     except OSError as error:

@@ -170,10 +170,10 @@ def with_folder(campaign: Campaign) -> Campaign:
             given["format"] = own.model_dump(exclude_unset=True)
         return JobConfig.model_validate(_texts(given | {"frf": path}), context={"folder": campaign.path.parent})
 
-    named = {path for config in jobs.values() for path in config.all_files}
+    named = {os.path.realpath(path) for config in jobs.values() for path in config.all_files}
     taken = {name.lower(): name for name in jobs}
     for path in watch.files():
-        if path in named or Path(os.path.realpath(path)) in named:
+        if os.path.realpath(path) in named:
             continue
         known = taken.get(path.stem.lower())
         if known is not None and any(file.exists() for file in jobs[known].all_files):

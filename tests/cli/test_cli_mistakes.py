@@ -2071,6 +2071,21 @@ def test_a_file_with_the_name_of_a_job_is_the_only_fix(tmp_path: Path) -> None:
     assert "add a job for it" in lrbc("check", folder.config, "--cache", reduced_cache("frame")).stdout
 
 
+def test_links_to_measurements_leave_the_folder_of_their_targets_alone(tmp_path: Path) -> None:
+    """An archive of FRFs, from which a campaign takes some by links: the others there are not forgotten measurements."""
+    folder = make_frame(tmp_path)
+    (folder.data / "frf").rename(tmp_path / "archive")
+    (folder.data / "frf").mkdir()
+    shutil.copy(tmp_path / "archive" / "tight.csv", tmp_path / "archive" / "other.csv")
+    for path in (tmp_path / "archive").glob("*.csv"):
+        if path.name != "other.csv":
+            (folder.data / "frf" / path.name).symlink_to(path)
+    line = ("check", folder.config, "--cache", reduced_cache("frame"))
+    assert "no job uses" not in lrbc(*line).stdout
+    (folder.data / "frf" / "monday.csv").symlink_to(tmp_path / "archive" / "other.csv")
+    assert "no job uses monday.csv" in lrbc(*line).stdout
+
+
 def test_results_beside_the_measurements_are_no_measurements(tmp_path: Path) -> None:
     folder = make_frame(tmp_path)
     (folder.data / "frf" / "campaign.csv").write_text("job\n")

@@ -9,6 +9,7 @@ import pytest
 import scipy.sparse as sp
 from systems import beam, chain, csc, dense_ports, direct_frf, duct, fe_model, random_vectors, relative, unit
 
+from lrbc_cli.errors import NumericalError
 from lrbc_cli.reduction.build import Reducer, Reduction, ReductionOptions, full_ports, reduce_model
 from lrbc_cli.reduction.problem.basis import check_orthonormal
 from lrbc_cli.reduction.problem.vectors import band_omega, certificate_vectors, local_scale
@@ -459,6 +460,21 @@ class TestFullPorts:
         scale = local_scale(model.K, model.M, model.terms, 2 * np.pi * BAND[1])
         for Ds in certificate_vectors(model.terms, scale, s).values():
             assert relative(ports.evaluate(Ds[0]), direct_frf(model, s, Ds[0], input_of)) < 1e-8
+
+    @pytest.mark.parametrize("name", ["damped", "unsymmetric", "vibro_acoustic"])
+    def test_unrefined_solutions_differ_by_far_less_than_a_thousandth_of_a_decibel(self, name):
+        model, s = MODELS[name](), 2j * np.pi * np.array([20.0, 133.0, 380.0])
+        refined, plain = (full_ports(model, inputs_of(name, model), s, BAND, refine=steps) for steps in (1, 0))
+        D = refined.D_ref * 0.1
+        assert relative(plain.evaluate(D), refined.evaluate(D)) < 1e-6
+
+    @pytest.mark.parametrize("refine", [0, 1])
+    def test_a_singular_line_is_refused_with_and_without_refinement(self, refine):
+        """Two masses of 1 kg with a spring of 0.5 N/m between them: the pivot at 1 rad/s is exactly zero."""
+        pieces = {"loads": unit(2, 0), "outputs": unit(2, 1), "left": csc(np.zeros((2, 0))), "damping": (0.0, 0.0)}
+        free = fe_model(csc(np.array([[0.5, -0.5], [-0.5, 0.5]])), csc(np.eye(2)), **pieces)
+        with pytest.raises(NumericalError):
+            full_ports(free, one_input(free), np.array([1j]), BAND, refine=refine)
 
 
 @pytest.mark.slow

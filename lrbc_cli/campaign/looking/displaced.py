@@ -148,7 +148,7 @@ def _compared(seen: Seen, places: Sequence[_Elsewhere], *, most_ports: int = 800
     model, every = inputs.model, np.unique(np.concatenate([place.dof for place in places]))
     if every.size + model.terms.size > most_ports or not affordable(seen, FEWEST / LINES * (1.0 + every.size / (1.0 + model.terms.size))):
         return []
-    H, D_ref = full_frfs(with_ports(model, every), seen.s, settings.band, backend=settings.backend)
+    H, D_ref = full_frfs(with_ports(model, every), seen.s, settings.band, backend=settings.backend, refine=0)
     loads, outputs, terms = model.B.shape[1], model.L.shape[0], model.terms
     quantity, each, without = seen.s[:, None] ** model.output_power, np.arange(outputs), dict[int, Complexes]()
 

@@ -61,7 +61,7 @@ def solved(seen: Seen, model: FeModel, input_of: Integers, key: bytes) -> PortFr
     known: dict[complex, PortFrf] = seen.source.known.setdefault(key, {})
     if new := [value for value in seen.s.tolist() if value not in known]:
         settings = seen.inputs.campaign.reduction
-        ports = full_ports(model, input_of, np.array(new), settings.band, backend=settings.backend)
+        ports = full_ports(model, input_of, np.array(new), settings.band, backend=settings.backend, refine=0)
         every = np.arange(input_of.size)
         known.update({value: ports.select(np.array([k]), every) for k, value in enumerate(new)})
     own = [known[value] for value in seen.s.tolist()]
@@ -102,7 +102,7 @@ def at_values(H: Complexes, further: Complexes) -> Complexes:
 def ported(seen: Seen, model: FeModel) -> PortFrf:
     """Port FRFs of another model by full solves on the lines of ``seen``."""
     settings = seen.inputs.campaign.reduction
-    return full_ports(model, seen.inputs.input_of, seen.s, settings.band, backend=settings.backend)
+    return full_ports(model, seen.inputs.input_of, seen.s, settings.band, backend=settings.backend, refine=0)
 
 
 def left_of(seen: Seen, values: Complexes) -> tuple[float, float]:

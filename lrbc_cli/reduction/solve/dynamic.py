@@ -268,6 +268,13 @@ class DynamicStiffness:
         self._state = None
         self._solver.release()
 
+    def regular(self, s: complex, x: Complexes, b: Complexes, *, transposed: bool = False) -> bool:
+        """Whether columns solve the latest factorised system: a pivot of the size of round-off raises no error, but leaves a residual."""
+        assert self._state is not None
+        weight = np.abs(self._state[2 if transposed else 1])[:, None]
+        rest = np.linalg.norm(weight * (b - self.apply(s, x, transposed=transposed))[self._perm], axis=0)
+        return bool(np.all(rest <= RESIDUAL_LIMIT * np.linalg.norm(weight * b[self._perm], axis=0)))
+
     def _solve(self, s: complex, rhs: Columns, *, transposed: bool, refine: int) -> Complexes:
         if self._state is None or self._state[0] != s:
             raise NumericalError("the factorisation was released, or replaced by a later one")
@@ -287,10 +294,7 @@ class DynamicStiffness:
             if refine and regular:
                 for _ in range(refine):
                     x += once(b - self.apply(s, x, transposed=transposed))
-                # A pivot of the size of round-off raises no error; the finite solution has a large residual.
-                weight = np.abs(before)[:, None]
-                rest = np.linalg.norm(weight * (b - self.apply(s, x, transposed=transposed))[self._perm], axis=0)
-                regular = bool(np.all(rest <= RESIDUAL_LIMIT * np.linalg.norm(weight * b[self._perm], axis=0)))
+                regular = self.regular(s, x, b, transposed=transposed)
             if not regular:
                 raise NumericalError(
                     f"the dynamic stiffness is singular at {abs(s) / (2 * np.pi):.6g} Hz", hint="add damping, or choose another band"

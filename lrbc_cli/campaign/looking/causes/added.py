@@ -261,7 +261,7 @@ def _misfits(seen: Seen, places: Sequence[Integers]) -> Callable[[str, Sequence[
     """
     inputs, settings = seen.inputs, seen.inputs.campaign.reduction
     model = inputs.model
-    H, D_ref = full_frfs(with_ports(model, np.concatenate(places)), seen.s, settings.band, backend=settings.backend)
+    H, D_ref = full_frfs(with_ports(model, np.concatenate(places)), seen.s, settings.band, backend=settings.backend, refine=0)
     # The terms at their start values.
     G, loads, outputs = at_values(H, seen.dynamic - D_ref), model.B.shape[1], model.L.shape[0]
     quantity, each = seen.s[:, None] ** model.output_power, np.arange(outputs)
