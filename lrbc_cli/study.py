@@ -15,13 +15,15 @@ from numpy.typing import ArrayLike
 
 from lrbc_cli import given
 from lrbc_cli.campaign.calibration import with_stored_calibration
+from lrbc_cli.campaign.identification.compared.copies import Originals
 from lrbc_cli.campaign.identification.found import Fit
 from lrbc_cli.campaign.identification.handed import measurement_of, with_choices
 from lrbc_cli.campaign.identification.identify import fit, identify
 from lrbc_cli.campaign.identification.nuisances import not_in_model
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
-from lrbc_cli.campaign.jobs.evidence import copied_baseline, evidence_of
+from lrbc_cli.campaign.jobs.evidence import evidence_of
 from lrbc_cli.campaign.jobs.finished import result_record
+from lrbc_cli.campaign.jobs.identity import compared_jobs
 from lrbc_cli.campaign.jobs.judging import ComparedWith, final_judgement
 from lrbc_cli.campaign.jobs.plans import needs
 from lrbc_cli.campaign.jobs.standing import Outcome
@@ -126,7 +128,9 @@ class Study(ModelStudy):
         names = needs(inputs.campaign, job)[1]
         others = self._tight.usable(names, reference, self._progress) if baselines is None else tuple(baselines)
         found = identify(inputs, self.source, job, before, known)
-        evidence = evidence_of(inputs, found).beside(copied_baseline(inputs, job, found.measurement))
+        # Arrays that are handed over may be those of a job.
+        alike = compared_jobs(inputs.campaign, job) if measurement is None else [each for each in names if each != job]
+        evidence = evidence_of(inputs, found).beside(Originals(inputs).copied(job, alike, found.measurement))
         record = result_record(inputs, self.source.stage, found, evidence, {other.name: other.record for other in others})
         return Identified(name=job, identification=found, evidence=evidence, record=record, baselines=others)
 

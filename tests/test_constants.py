@@ -71,7 +71,7 @@ ALLOWED = {
     "campaign files that are drafted from what is there, lists in messages, the picture": {
         *("ASSUMED_RATIO", "MOST_FILES", "_MOST", "MOST", "_CHUNK", "DIGITS", "_DIVISIONS", "_BESIDE"),
     },
-    "how much a process remembers": {"_modes", "_files", "MOST_KEPT"},
+    "how much a process remembers": {"_modes", "_files", "_known", "MOST_KEPT"},
     "where a search begins; what it finds is judged by its cost": {"LEVELS"},
     "figures of `lrbc plan`, before anything is judged": {
         *("LOSSES", "LOSS", "SIGMA_DB", "FACTOR", "RANGE_DB", "DETECTABLE", "HIDDEN", "LINES", "NOISE_SHARE"),

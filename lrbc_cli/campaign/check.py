@@ -12,7 +12,7 @@ import numpy as np
 
 from lrbc_cli.campaign.beside import passed_over, taken_twice, unnamed
 from lrbc_cli.campaign.findings import Effect, Finding, Kind, kinds_of, once
-from lrbc_cli.campaign.identification.compared.copies import Earlier, pasted
+from lrbc_cli.campaign.identification.compared.copies import Earlier, Levels, pasted
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
@@ -235,7 +235,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
     readable: dict[str, Measurement] = {}
     held: dict[tuple[str, ...], str] = {}
     chosen_lines, sparse = inputs.method.lines, list[str]()
-    earlier, names = Earlier(inputs.statistics.validation), [response.name for response in inputs.responses]
+    earlier, names = Earlier(inputs.statistics.validation, readable.__getitem__), [response.name for response in inputs.responses]
     for name, job in inputs.campaign.jobs.items():
         progress(f"reading the measurement of {name}")
         try:
@@ -251,7 +251,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
             out.warn(*taken_twice(inputs.campaign, first, name))
         elif copied := earlier.copied(measurement, names):
             own.append(f"{copied}. Give each of the two jobs its own file under jobs.JOB.frf")
-        earlier.add(name, measurement)
+        earlier.add(name, Levels.of(measurement))
         readable[name] = measurement
         records = sum(bool(np.isfinite(measurement.values[:, i]).any()) for i in range(len(inputs.responses)))
         notes = (*_packed(measurement.notes), *(measurement.records if detailed else ()))

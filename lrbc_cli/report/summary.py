@@ -85,10 +85,11 @@ def _verdicts(job: JobRecord) -> str:
     # The lowest of the probabilities holds as a lower limit for all loose bolts.
     notes = [f"p >= {math.floor(1000 * min(known)) / 1000:.3g}"] if known else []
     likely = [bolt.name for bolt in job.bolts if bolt.verdict == "undecided" and probably(bolt.probability_loose)]
-    notes += [f"probably {_short(likely, 4)}"] if likely else []
+    also = f"probably {_short(likely, 4)}" if likely else ""
+    notes += [also] if also and job.names("loose") else []
     rest = len(undecided) - len(likely)
     notes += [f"{rest} {('others ' if rest > 1 else 'other ') if likely else ''}inconclusive"] if rest else []
-    return (_short(job.names("loose")) or "none found") + (f" ({'; '.join(notes)})" if notes else "")
+    return (_short(job.names("loose")) or also or "none found") + (f" ({'; '.join(notes)})" if notes else "")
 
 
 def _short(names: Sequence[str], limit: int = 6) -> str:

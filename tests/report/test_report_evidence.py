@@ -173,7 +173,7 @@ def test_the_first_sentence_is_true_of_the_jobs_that_it_names(tmp_path: Path) ->
     write_campaign(tmp_path, (0, 4, 6, 10, 8), **options)
     write_report(tmp_path, draw=False)
     head = head_of(page_text(tmp_path))
-    assert "Loose bolts in 4 of 5 tested jobs. Most in bolts-10: B05 to B14; 3 other jobs below." in head
+    assert "Loose bolts in 4 of 5 tested jobs. Most in bolts-10: B05 to B14; the other 3 jobs below." in head
 
 
 def test_the_mean_misfit_is_that_of_jobs_with_a_verdict(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -11,18 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.campaign.identification.compared.chains import blows_doubt, chain_doubt
+from lrbc_cli.campaign.identification.compared.axis import axis_fault
+from lrbc_cli.campaign.identification.compared.chains import blows_doubt, chain_doubt, coherence_doubt, noise_doubt
 from lrbc_cli.campaign.identification.compared.complete import shares
-from lrbc_cli.campaign.identification.compared.copies import copied_text
+from lrbc_cli.campaign.identification.compared.copies import copied_text, pasted
 from lrbc_cli.campaign.identification.compared.doubts import doubts
 from lrbc_cli.campaign.identification.correlate import mean_of
 from lrbc_cli.campaign.identification.found import Identification
-from lrbc_cli.campaign.identification.records import Measurement, read_measurement
+from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.weights import validation_channels, without_noise
-from lrbc_cli.campaign.jobs.identity import compared_baselines
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misplaced_bolts
-from lrbc_cli.errors import LrbcError, listing
+from lrbc_cli.errors import listing
 from lrbc_cli.model.terms import LN10, ParameterGroup
 from lrbc_cli.updating.calibration.apart import damping_at_bounds
 from lrbc_cli.updating.judging.evidence import (
@@ -145,10 +144,13 @@ def _doubts(inputs: Inputs, result: Identification) -> Iterator[Doubt]:
         yield Doubt(kind="copy", text=f"{files} the measurement of {reference.job} again; check whether another file was meant")
     if tight is None:
         return
+    if fault := axis_fault(own, tight, reference.job, result.name):
+        yield Doubt(kind="chain", text=fault)
     limits, axis = inputs.statistics.validation, own.frequency_hz
     copied = copied_text(own, tight, reference.job, [response.name for response in inputs.responses], limits)
     if copied and not again:
         yield Doubt(kind="copy", text=copied)
+    yield from (Doubt(kind="copy", text=text) for text in pasted(own, [response.name for response in inputs.responses], limits))
     same = limits.same_line
     within = (tight.frequency_hz >= axis[0] * (1 - same)) & (tight.frequency_hz <= axis[-1] * (1 + same))
     if within.mean() < limits.least_span:
@@ -163,6 +165,9 @@ def _doubts(inputs: Inputs, result: Identification) -> Iterator[Doubt]:
         yield Doubt(kind="interpolated", text=strange)
     if differing := blows_doubt(inputs, result.name, own, tight):
         yield Doubt(kind="blows", text=differing)
+    for noisy in (noise_doubt(own, tight, reference.job), coherence_doubt(inputs, own, tight, reference.job)):
+        if noisy:
+            yield Doubt(kind="noise", text=noisy, explained=True)
     # What is mostly noise is not compared, so its peaks do not count.
     quiet = [without_noise(inputs, *each) for each in ((result.name, own, tight), (reference.job, tight))]
     axes = (own.frequency_hz, tight.frequency_hz)
@@ -181,27 +186,6 @@ def _explained(inputs: Inputs, own: Measurement, tight: Measurement, result: Ide
     if result.expected is None:
         return False
     return chain_doubt(inputs, own, replace(tight, values=result.expected), reference, job=result.name) is None
-
-
-def copied_baseline(inputs: Inputs, name: str, own: Measurement | None = None) -> str | None:
-    """Warning if the measurement of a job is a copy of that of a baseline; else None. Part of the judgement: no identification needs it.
-
-    Parameters
-    ----------
-    inputs : Inputs
-    name : str
-    own : Measurement or None
-        Measurement of the job; None: read from its files.
-    """
-    jobs, names = inputs.campaign.jobs, [response.name for response in inputs.responses]
-    for other in compared_baselines(inputs.campaign.update, name):
-        own = own or read_measurement(inputs, jobs[name], name)
-        with suppress(LrbcError):  # one that cannot be read is the failure of its own job
-            measured = read_measurement(inputs, jobs[other], other)
-            copied = copied_text(own, measured, other, names, inputs.statistics.validation)
-            if copied:
-                return copied
-    return None
 
 
 def _stored(reference: ReferenceState | None, group: ParameterGroup, key: str) -> Floats | None:

@@ -14,7 +14,7 @@ from lrbc_cli.campaign.identification.correlate import FDAC_COLUMNS, correlation
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.nuisances import nuisance_tree
 from lrbc_cli.campaign.identification.records import Measurement
-from lrbc_cli.campaign.jobs.evidence import bands, copied_baseline, effective, evidence_of
+from lrbc_cli.campaign.jobs.evidence import bands, effective, evidence_of
 from lrbc_cli.campaign.jobs.identity import Identity
 from lrbc_cli.campaign.jobs.judging import ComparedWith, judged
 from lrbc_cli.campaign.jobs.standing import rests_on
@@ -58,7 +58,12 @@ class Finished:
 
 
 def finish(
-    inputs: Inputs, stage: ReductionStage | None, result: Identification, tight: ComparedWith, identities: tuple[Identity, Identity]
+    inputs: Inputs,
+    stage: ReductionStage | None,
+    result: Identification,
+    tight: ComparedWith,
+    identities: tuple[Identity, Identity],
+    copied: str | None = None,
 ) -> Finished:
     """Judge an identification, and make the content of its result files.
 
@@ -72,9 +77,10 @@ def finish(
         Reference state of the identification, and results of the baselines.
     identities : pair of Identity
         Digests of what identification and judgement depend on.
+    copied : str or None
+        Why its measurement counts as a copy of that of another job.
     """
     evidence, correlation = evidence_of(inputs, result), correlation_of(inputs, result)
-    copied = copied_baseline(inputs, result.name, result.measurement)
     own, judgement = identities
     provenance = provenance_of(
         inputs,

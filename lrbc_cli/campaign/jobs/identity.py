@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from lrbc_cli.campaign.digests import about_measurement, code, content_of, digest, key_of
 from lrbc_cli.campaign.jobs.judging import role_of, states_removed
-from lrbc_cli.config import Campaign, UpdateConfig
+from lrbc_cli.config import Campaign
 from lrbc_cli.config.settings import files_of
 from lrbc_cli.results.job import IdentityRecord
 from lrbc_cli.updating.judging.rule import DecisionRule
@@ -48,7 +48,7 @@ class Identity:
     parts: dict[str, str]
 
     def record(self, copied: str | None) -> IdentityRecord:
-        """Identity of a judgement as in ``result.json``; ``copied``: why the measurement counts as a copy of that of a baseline."""
+        """Identity of a judgement as in ``result.json``; ``copied``: why the measurement counts as a copy of that of another job."""
         return IdentityRecord(identity=self.digest, parts=self.parts, copied=copied)
 
     @classmethod
@@ -112,20 +112,31 @@ def measured(campaign: Campaign, name: str, content: Callable[[Path], str | None
     )
 
 
-def compared_baselines(update: UpdateConfig, name: str) -> list[str]:
-    """Baselines of which the measurement of a job must not be a copy."""
-    return [] if update.reference in (None, name) else [other for other in update.baselines if other != name]
+def compared_jobs(campaign: Campaign, name: str) -> list[str]:
+    """Jobs of which the measurement of a job must not be a copy: the baselines, and those before it in the campaign.
+
+    Of two copies the later one is usually an old file that was given again; so a further job changes nothing of those before it. The
+    reference job is compared when a job is identified.
+    """
+    update, jobs = campaign.update, list(campaign.jobs)
+    if update.reference in (None, name):
+        return []
+    before = [] if name in update.baselines or name not in jobs else jobs[: jobs.index(name)]
+    return [other for other in dict.fromkeys((*update.baselines, *before)) if other not in (name, update.reference)]
 
 
-def judgement(campaign: Campaign, rule: DecisionRule, name: str) -> Identity:
-    """Digest of what the judgement of a job depends on, without the tight states (for these see ``standing``)."""
+def judgement(campaign: Campaign, rule: DecisionRule, name: str, content: Callable[[str], str]) -> Identity:
+    """Digest of what the judgement of a job depends on, without the tight states (for these see ``standing``).
+
+    ``content`` gives the digest of the measurement of a job, see ``measured``.
+    """
     update = campaign.update
     return Identity.of(
         {
             "version": code("judgement"),
             "rule": digest(sorted(asdict(rule).items())),
             "role": digest(role_of(update, name)),
-            "baselines": digest([(other, measured(campaign, other)) for other in compared_baselines(update, name)]),
+            "others": digest([(other, content(other)) for other in compared_jobs(campaign, name)]),
             # Results state the removed bolts with the verdicts.
             "removed": digest(list(campaign.jobs[name].removed) if states_removed(campaign) else None),
         }
@@ -137,7 +148,7 @@ JUDGED = {
     "version": "the code that judges",
     "rule": "the decision rule",
     "role": "its role in the campaign",
-    "baselines": "the measurements of the baselines",
+    "others": "the measurements of other jobs",
     "removed": "the bolts stated as removed",
 }
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lrbc_cli.campaign.digests import content_of
-from lrbc_cli.campaign.jobs.identity import JUDGED, PARTS, Identity, changed, identification, judgement
+from lrbc_cli.campaign.jobs.identity import JUDGED, PARTS, Identity, changed, identification, judgement, measured
 from lrbc_cli.campaign.jobs.judging import ComparedWith
 from lrbc_cli.campaign.jobs.standing import altered, of_other_libraries, other_baselines, other_reference, rests_on
 from lrbc_cli.config import Campaign
@@ -59,13 +59,13 @@ class JobPlan:
 
     @property
     def knows_copies(self) -> bool:
-        """Whether the finished result states if its measurement is a copy of one of the present baselines."""
+        """Whether the finished result states if its measurement is a copy of that of one of the present other jobs."""
         stored = None if self.record is None else self.record.provenance.judgement
-        return stored is not None and stored.parts.get("baselines") == self.judgement.parts["baselines"]
+        return stored is not None and stored.parts.get("others") == self.judgement.parts["others"]
 
     @property
     def copied(self) -> str | None:
-        """The stored warning about a copied baseline; None if there is none."""
+        """The stored warning about a copied measurement; None if there is none."""
         stored = None if self.record is None else self.record.provenance.judgement
         return None if stored is None else stored.copied
 
@@ -107,8 +107,9 @@ def decided(
     """
     output = campaign.output
     plans: dict[str, JobPlan] = {}
+    content = cache(partial(measured, campaign))
     for name in names:
-        own, judged = identity_of(name), judgement(campaign, rule, name)
+        own, judged = identity_of(name), judgement(campaign, rule, name, content)
         plans[name] = _alone(output / name, JobPlan(name=name, run=True, reason="no result yet", identity=own, judgement=judged))
         if force and not plans[name].run:
             plans[name] = replace(plans[name], run=True, judge=False, reason="--force", record=None)

@@ -10,11 +10,11 @@ from functools import partial
 from pathlib import Path
 
 from lrbc_cli.campaign.beside import unnamed, unseen
+from lrbc_cli.campaign.identification.compared.copies import Originals
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.unknowns import layout, theta_of
-from lrbc_cli.campaign.jobs.evidence import copied_baseline
 from lrbc_cli.campaign.jobs.finished import finish, origin_of
-from lrbc_cli.campaign.jobs.identity import measured
+from lrbc_cli.campaign.jobs.identity import compared_jobs, measured
 from lrbc_cli.campaign.jobs.judging import ComparedWith
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, needs, other_findings, plan, settled
 from lrbc_cli.campaign.jobs.rejudge import judge_one, keep
@@ -99,6 +99,7 @@ class _Run:
         self.output = inputs.campaign.output
         self.names = [p.name for p in plans]
         self.plans = {p.name: p for p in plans}
+        self.originals = Originals(inputs)
         self.outcome = Outcome()
         self.stage: ReductionStage | None = None
         self.workers = 1
@@ -171,7 +172,7 @@ class _Run:
         if p.run:
             return True
         if p.judge:
-            copied = p.copied if p.knows_copies else copied_baseline(self.inputs, name)
+            copied = p.copied if p.knows_copies else self.originals.copied(name, compared_jobs(campaign, name))
             rule, come_from = self.inputs.method.rule, origin_of(self.inputs)
             judge_one(campaign, rule, p, tight, self.outcome, come_from=come_from, copied=copied, progress=self.progress)
         else:
@@ -186,7 +187,8 @@ class _Run:
         result = (identify if self.remote is None else self.remote.identify)(self.inputs, source, name, tight.reference)
         for other, own in ((name, result.measurement), (self.inputs.campaign.update.reference, result.tight)):
             self._require_as_planned(other, own)
-        return write_result(self.output, finish(self.inputs, self.stage, result, tight, (p.identity, p.judgement)))
+        copied = self.originals.copied(name, compared_jobs(self.inputs.campaign, name), result.measurement)
+        return write_result(self.output, finish(self.inputs, self.stage, result, tight, (p.identity, p.judgement), copied))
 
     def _require_as_planned(self, name: str | None, own: Measurement | None) -> None:
         """Refuse a measurement whose content is no longer that on which the identity rests.

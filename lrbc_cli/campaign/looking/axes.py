@@ -7,15 +7,12 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from lrbc_cli.arrays import Bools, Floats
+from lrbc_cli.campaign.identification.compared.axis import RATES, axis_fault
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, MOST_LEFT, levels, spread
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.looking.causes.rescaled import both_text, far_text, scaled_text
 from lrbc_cli.campaign.looking.states import Seen
-from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.statistics.lines import MIN_BAND
-
-#: Largest ratio of sampling rates that are confused (44.1 to 51.2 kHz), rounded up.
-RATES = 1.25
 
 
 def without_coherence(measurements: Mapping[str, Measurement]) -> list[str]:
@@ -46,27 +43,16 @@ def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) 
     for name, own in measurements.items() if tight is not None else ():
         if tight is None or _cut(own, tight):
             continue
-        aside, recount = shifted(own, tight), "Check whether they were counted from another first line, and correct its frequencies"
+        fault = axis_fault(own, tight, reference or "", name)
         # After a shift by whole lines, those in the band are the same.
         if not (difference := unlike(own.frequency_hz, tight.frequency_hz)):
-            if aside:
-                found.setdefault(f"its file begins {aside} than that of {reference}, with as many lines. {recount}", []).append(name)
+            if fault:
+                found.setdefault(fault, []).append(name)
             continue
-        counted, other = numbered(own, tight), clocked(own, tight)
         text = (
             f"its frequency lines differ from those of {reference} ({difference}). The model discrepancy of "
             f"{reference} is not known at its lines, so errors of the model may pass for loose bolts. "
-            + (
-                f"Its frequencies are probably the numbers of its lines, counted from {counted}: give the column of the frequencies under "
-                f"jobs.{name}.format.frequency"
-                if counted
-                else f"Its file begins {aside}, with as many lines. {recount}"
-                if aside
-                else f"Its frequencies are {other:.5g} times those of {reference}, line by line. Check whether another sampling rate was "
-                f"entered. Divide them by {other:.5g}, or measure again with the settings of {reference}"
-                if other
-                else f"{_lacking(own, tight)}Measure or export it on the lines of {reference}"
-            )
+            + (f"I{fault[1:]}" if fault else f"{_lacking(own, tight)}Measure or export it on the lines of {reference}")
         )
         found.setdefault(text, []).append(name)
     return [f"job {name}: {text}" + (f"; also found in {', '.join(others)}" if others else "") for text, (name, *others) in found.items()]
@@ -88,56 +74,6 @@ def _lacking(own: Measurement, other: Measurement) -> str:
     if not gone.size or gone[-1] - gone[0] + 1 != gone.size or there.sum() != axis.size:
         return ""
     return f"Its lines from {lines[gone[0]]:g} to {lines[gone[-1]]:g} Hz ({gone.size}) are missing. "
-
-
-def numbered(own: Measurement, other: Measurement) -> str:
-    """First line number (0 or 1, in words) if the frequencies of a measurement are line numbers; else empty."""
-    axes = [each.frequency_hz for each in (own, other)]
-    if axes[0].size + sum(own.left_out) != axes[1].size + sum(other.left_out) or not np.all(np.diff(axes[0]) == 1.0):
-        return ""
-    first = float(axes[0][0]) - own.left_out[0]
-    return f"{first:g}" if first in (0.0, 1.0) else ""
-
-
-def clocked(own: Measurement, other: Measurement, *, least: float = 1e-3) -> float | None:
-    """Constant ratio of the frequencies to those of another measurement with as many evenly spaced lines; None if there is none.
-
-    Parameters
-    ----------
-    own, other : Measurement
-    least : float
-        The ratio must lie between ``1 / RATES`` and ``RATES``, and differ by more than this from 1.
-    """
-    axes = [each.frequency_hz for each in (own, other)]
-    counts = [axis.size + sum(each.left_out) for axis, each in zip(axes, (own, other), strict=True)]
-    steps = [np.diff(axis) for axis in axes]
-    if counts[0] != counts[1] or any(not evenly(axis) for axis in axes):
-        return None
-    ratio = float(steps[0].mean() / steps[1].mean())
-    first = [float(axis[0] - step.mean() * each.left_out[0]) for axis, step, each in zip(axes, steps, (own, other), strict=True)]
-    alike = abs(first[0] - ratio * first[1]) < least * float(steps[1].mean()) * counts[1]
-    return ratio if alike and 1.0 / RATES < ratio < RATES and abs(ratio - 1.0) > least else None
-
-
-def shifted(own: Measurement, other: Measurement, *, most: float = 2.0) -> str:
-    """Shift of the frequencies relative to another measurement with as many evenly spaced lines, in words; empty if none or too large.
-
-    Parameters
-    ----------
-    own, other : Measurement
-    most : float
-        Largest shift in line spacings. Counting bins from 1, or leaving out 0 Hz, shifts by one line or by half of one.
-    """
-    axes = [each.frequency_hz for each in (own, other)]
-    counts = [axis.size + sum(each.left_out) for axis, each in zip(axes, (own, other), strict=True)]
-    steps = [np.diff(axis) for axis in axes]
-    if counts[0] != counts[1] or any(not step.size or not np.allclose(step, steps[1].mean(), rtol=1e-3) for step in steps):
-        return ""
-    step = float(steps[1].mean())
-    aside = float(axes[0][0] - axes[1][0]) - step * (own.left_out[0] - other.left_out[0])
-    if not 1e-3 * step < abs(aside) <= (most + 1e-3) * step:
-        return ""
-    return f"{abs(aside):.3g} Hz {'higher' if aside > 0.0 else 'lower'}"
 
 
 def _aside(measurement: Measurement, left: Callable[[Floats], float], frequency_hz: Floats, *, share: float = 0.15) -> tuple[float, float]:

@@ -99,12 +99,15 @@ def campaign_sentence(content: Content) -> str:
     if not compared and not missing:
         return "No job was compared with a tight state."
     loose = [job for job in judged if job.names("loose")]
+    likely = sum(bool(loose_bolts(job.finding)) for job in judged) - len(loose)
     count = len(compared) + len(missing)
     of = f"{count} tested job{'' if count == 1 else 's'}"
     if not judged:
         return f"No verdict in {of}."
-    text = f"Loose bolts in {len(loose)} of {of}." if loose else f"No loose bolt found in {len(judged)} of {of}."
-    text += _in_words(judged)
+    text = f"Loose bolts in {len(loose)} of {of}" if loose else f"No loose bolt found in {len(judged)} of {of}"
+    if likely:
+        text = f"{text}, probably in {likely} more" if loose else f"Probably loose bolts in {likely} of {of}"
+    text += f".{_in_words(judged)}"
     counts = {
         "without verdict": len(compared) - len(judged),
         "without result": len(missing),
@@ -127,7 +130,7 @@ def _in_words(judged: Sequence[JobRecord]) -> str:
     if len(found) <= _IN_WORDS:
         return f" {'; '.join(f'{name}: {words}' for name, words in found.items())}." if found else ""
     most = max((job for job in judged if job.job in found), key=lambda job: len(job.names("loose")))
-    return f" Most in {most.job}: {found[most.job]}; {len(found) - 1} other jobs below."
+    return f" Most in {most.job}: {found[most.job]}; the other {len(found) - 1} jobs below."
 
 
 def _compared(content: Content) -> tuple[list[Job], list[JobRecord], list[str]]:

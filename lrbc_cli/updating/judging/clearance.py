@@ -167,11 +167,11 @@ def sentence(job: JobFinding) -> str:
     if job.status not in FINISHED or not job.seen:
         return _no_verdict(job)
     loose, tight, inconclusive = job.named("loose"), job.named("tight"), job.inconclusive
-    alarm = f"{_names([bolt.name for bolt in loose])} loose"
-    likely = _likely(inconclusive) if loose and job.assumed is None else []
+    likely = _likely(inconclusive) if job.assumed is None else []
+    alarm = f"{_names([bolt.name for bolt in loose])} loose" if loose else ""
     if likely:
-        # They are named after the loose bolts and not counted again.
-        alarm += f", {_names(likely)} probably"
+        # They come first, too, and are not counted again.
+        alarm = f"{alarm}, {_names(likely)} probably" if loose else f"{_names(likely)} probably loose"
         inconclusive = [bolt for bolt in inconclusive if bolt.name not in likely]
     outside = len(job.bolts) - len(job.seen)
     counts = [f"{len(tight)} tight{_as_a_whole(tight) if job.assumed is None else ''}"] if tight else []
@@ -181,7 +181,7 @@ def sentence(job: JobFinding) -> str:
         role = "the reference job" if job.assumed == "reference" else "a baseline"
         counts += [alarm] if loose else []
         text = f"{role}, taken as tight" + (f": {', '.join(counts)}" if counts != [f"{len(tight)} tight"] else "")
-    elif loose:
+    elif alarm:
         text = "; ".join([alarm, *([", ".join(counts)] if counts else [])])
     elif tight:
         text = f"no loose bolt found: {', '.join(counts)}" + (f"; {job.together}" if job.together else "")

@@ -198,15 +198,16 @@ class BoltEvidence:
     groups: tuple[int, ...] = ()
 
 
-#: What is in doubt: a copy of another job, a file that is not whole, lines between measured ones or too far apart, the measuring chain,
-#: exchanged sensors, a gain or another factor, a sensor or hammer point that alone does not fit, the places of the bolts, or that no
-#: validation channel can be compared.
+#: What is in doubt: a copy of another job, a file that is not whole, lines between measured ones or too far apart, unlike blows, noise, the
+#: measuring chain, exchanged sensors, a gain or another factor, a sensor or hammer point that alone does not fit, the places of the bolts,
+#: or that no validation channel can be compared.
 DoubtKind = Literal[
     "copy",
     "incomplete",
     "interpolated",
     "resolution",
     "blows",
+    "noise",
     "chain",
     "exchanged",
     "gain",

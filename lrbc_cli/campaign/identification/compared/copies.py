@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Complexes, Floats
-from lrbc_cli.campaign.identification.records import Measurement
-from lrbc_cli.errors import listing
+from lrbc_cli.campaign.identification.records import Measurement, read_measurement
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.errors import LrbcError, listing
+from lrbc_cli.io.atomic import file_hash
+from lrbc_cli.remembered import Remembered
 from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.statistics.decibels import decibel
 from lrbc_cli.updating.statistics.model import ValidationChannels
@@ -90,6 +96,20 @@ def _constant(values: Complexes, limits: ValidationChannels, *, rounding: float 
     return known.size >= limits.least_common and bool(np.ptp(np.abs(known)) + np.ptp(np.angle(known)) <= rounding * np.abs(known).max())
 
 
+@dataclass(frozen=True)
+class Levels:
+    """Levels (R, F) of a measurement [dB], NaN where there is no value, at its lines (F,) [Hz]."""
+
+    frequency_hz: Floats
+    db: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, measurement: Measurement) -> Levels:
+        """Those of all responses."""
+        size = np.abs(measurement.values.T)
+        return cls(measurement.frequency_hz, np.asarray(decibel(np.where(size > 0, size, np.nan)), dtype=np.float32))
+
+
 class Earlier:
     """Earlier measurements, for a fast search for one of which a further measurement is a copy (see ``copied_responses``).
 
@@ -99,29 +119,31 @@ class Earlier:
     Parameters
     ----------
     limits : ValidationChannels
+    read : callable
+        The measurement of a job that was added, by its name; called only for those that are not excluded.
     """
 
-    def __init__(self, limits: ValidationChannels) -> None:
-        self.limits = limits
-        self._known: dict[str, Measurement] = {}
+    def __init__(self, limits: ValidationChannels, read: Callable[[str], Measurement]) -> None:
+        self.limits, self._read = limits, read
         #: By the bytes of the lines: lines [Hz], names, and levels of all responses (R, F) [dB].
         self._grids: dict[bytes, tuple[Floats, list[str], list[NDArray[np.float32]]]] = {}
+        self._order: list[str] = []
 
-    def add(self, name: str, measurement: Measurement) -> None:
+    def add(self, name: str, levels: Levels) -> None:
         """Add a measurement."""
-        self._known[name] = measurement
-        _, names, levels = self._grids.setdefault(measurement.frequency_hz.tobytes(), (measurement.frequency_hz, [], []))
+        _, names, known = self._grids.setdefault(levels.frequency_hz.tobytes(), (levels.frequency_hz, [], []))
         names.append(name)
-        levels.append(_levels(measurement))
+        known.append(levels.db)
+        self._order.append(name)
 
-    def copied(self, own: Measurement, responses: list[str]) -> str:
-        """Warning that names the first earlier measurement of which ``own`` is a copy; empty if there is none."""
-        likely = set(self._likely(own))
-        texts = (copied_text(own, other, name, responses, self.limits) for name, other in self._known.items() if name in likely)
+    def copied(self, own: Measurement, responses: list[str], among: Collection[str] | None = None) -> str:
+        """Warning that names the first earlier measurement (``among`` some) of which ``own`` is a copy; empty if there is none."""
+        likely = {name for name in self._likely(own) if among is None or name in among}
+        texts = (copied_text(own, self._read(name), name, responses, self.limits) for name in self._order if name in likely)
         return next((text for text in texts if text), "")
 
     def _likely(self, own: Measurement) -> Iterator[str]:
-        level = _levels(own)
+        level = Levels.of(own).db
         for lines, names, levels in self._grids.values():
             mine, theirs = _common_lines(own.frequency_hz, lines, self.limits)
             if mine.size < self.limits.least_common:
@@ -136,10 +158,52 @@ class Earlier:
             yield from (name for name, candidate in zip(names, alike | partly, strict=True) if candidate)
 
 
-def _levels(measurement: Measurement) -> NDArray[np.float32]:
-    """(R, F) levels [dB]; NaN where there is no value."""
-    size = np.abs(measurement.values.T)
-    return np.asarray(decibel(np.where(size > 0, size, np.nan)), dtype=np.float32)
+class Originals:
+    """Measurements of other jobs, of which that of a job must be no copy: read when first asked for. Safe for threads.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    """
+
+    def __init__(self, inputs: Inputs) -> None:
+        self._inputs, self._lock, self._tried = inputs, Lock(), set[str]()
+        self._earlier = Earlier(inputs.statistics.validation, self._read)
+
+    def _read(self, name: str) -> Measurement:
+        return read_measurement(self._inputs, self._inputs.campaign.jobs[name], name)
+
+    def _levels(self, name: str) -> Levels:
+        job = self._inputs.campaign.jobs[name]
+        content = "".join(map(file_hash, job.all_files)).encode()
+        kind = (job.model_dump_json(), self._inputs.campaign.reduction.band, tuple(self._inputs.responses))
+        return _known.of(content, lambda: Levels.of(self._read(name)), kind)
+
+    def copied(self, name: str, others: Sequence[str], own: Measurement | None = None) -> str | None:
+        """Warning if the measurement of a job is a copy of that of one of ``others``; else None.
+
+        Parameters
+        ----------
+        name : str
+        others : sequence of str
+            The first of which it is a copy is named. One that cannot be read is the failure of its own job.
+        own : Measurement or None
+            Measurement of the job; None: read from its files.
+        """
+        responses = [response.name for response in self._inputs.responses]
+        with self._lock:
+            for other in others:
+                if other not in self._tried:
+                    self._tried.add(other)
+                    with suppress(LrbcError):
+                        self._earlier.add(other, self._levels(other))
+            with suppress(LrbcError):
+                return self._earlier.copied(own or self._read(name), responses, set(others)) or None
+        return None
+
+
+#: Levels of files that were read: `lrbc watch` compares each new measurement with all earlier ones.
+_known = Remembered[Levels](512)
 
 
 def copied_text(own: Measurement, other: Measurement, name: str, responses: list[str], limits: ValidationChannels) -> str:
