@@ -113,7 +113,8 @@ class Bolt(Record):
 
     ``change``, its ``change_std``, its 95 % limits ``change_interval95`` (null if open to that side) and the ``threshold`` below
     which a bolt counts as loose are in decades. A bolt ``outside``, which no term reaches, has none of these numbers. ``open_groups``:
-    groups of springs of a tight bolt whose loss alone the data do not exclude. ``lost_groups``: those that the data call loose alone.
+    groups of springs of a tight bolt whose loss alone the data do not exclude; ``unclear_groups``: those of them whose loss would show.
+    ``lost_groups``: those that the data call loose alone.
     """
 
     name: str
@@ -126,6 +127,7 @@ class Bolt(Record):
     probability_loose: Share | None = None
     probability_changed: Share | None = None
     open_groups: Many[str] = ()
+    unclear_groups: Many[str] = ()
     lost_groups: Many[str] = ()
     verdict: Verdict
     removed: bool | None = None
@@ -390,6 +392,7 @@ class JobRecord(_JobBase):
                     verdict=bolt.verdict,
                     probability=bolt.probability_loose,
                     open_groups=bolt.open_groups,
+                    unclear_groups=bolt.unclear_groups,
                     lost_groups=bolt.lost_groups,
                 )
                 for bolt in self.bolts

@@ -135,6 +135,15 @@ def test_bolts_that_are_tight_as_a_whole_only_are_said() -> None:
     assert sentence(replace(every, assumed="baseline")) == "a baseline, taken as tight"
 
 
+def test_a_group_whose_loss_would_show_but_is_not_excluded_is_no_all_clear() -> None:
+    """A joint that had lost both rocking springs was tight as a whole, and the exit code was that of an all-clear."""
+    first = BoltFinding(name="B1", verdict="tight", open_groups=("rot",), unclear_groups=("rot",))
+    some = JobFinding(status="converged", bolts=[first, BoltFinding(name="B2", verdict="tight")])
+    why = "B1 tight as a whole, but springs of rot alone may be loose, which would show"
+    assert not_clear({"tight": REFERENCE, "a": some}) == {"a": [why]}
+    assert not_clear({"tight": REFERENCE, "a": some, "b": replace(some, assumed="baseline")}) == {"a": [why]}
+
+
 def test_springs_of_a_bolt_that_the_data_call_loose_are_said() -> None:
     some = [BoltFinding(name="B1", verdict="tight"), BoltFinding(name="B2", verdict="undecided", probability=1e-6, lost_groups=("rot",))]
     found = JobFinding(status="converged", bolts=some)

@@ -28,7 +28,7 @@ from lrbc_cli.updating.judging.rule import NO_SCATTER, DecisionRule, TightScatte
 from lrbc_cli.updating.normal import normal_cdf
 from lrbc_cli.updating.posterior.samples import ChangeSamples
 from lrbc_cli.updating.statistics.priors import BoltPrior
-from lrbc_cli.updating.unknowns.springs import SpringsOf
+from lrbc_cli.updating.unknowns.springs import LossAlone, SpringsOf
 
 RULE = DecisionRule()
 AS_IF = (Doubt(kind="chain", text="as if hit twice", explained=True),)
@@ -188,7 +188,7 @@ class TestSampled:
             mean=0.0,
             std=0.1,
             unfelt=("rocking",),
-            alone=((SpringsOf("axial"), -50.0), (SpringsOf("rocking"), 0.0), (SpringsOf("torsion"), ratio)),
+            alone=(LossAlone(SpringsOf("axial"), -50.0), LossAlone(SpringsOf("rocking"), 0.0), LossAlone(SpringsOf("torsion"), ratio)),
         )
         found = one(replace(PLACE, change=own))
         which = "rocking or torsion" if told else "rocking"
@@ -206,7 +206,10 @@ class TestSampled:
     @pytest.mark.parametrize(("torsion", "verdict"), [(-3.0, "tight"), (-2.9, "undecided")])
     def test_a_joint_is_not_tight_if_each_of_its_groups_may_be_loose(self, torsion: float, verdict: str) -> None:
         own = Change(
-            mean=0.0, std=0.1, whole=-50.0, alone=((SpringsOf("axial"), 0.0), (SpringsOf("rocking"), -1.0), (SpringsOf("torsion"), torsion))
+            mean=0.0,
+            std=0.1,
+            whole=-50.0,
+            alone=(LossAlone(SpringsOf("axial"), 0.0), LossAlone(SpringsOf("rocking"), -1.0), LossAlone(SpringsOf("torsion"), torsion)),
         )
         found = one(replace(PLACE, change=own))
         assert found.verdict == verdict
@@ -219,33 +222,50 @@ class TestSampled:
             mean=0.0,
             std=0.1,
             whole=-1.0,
-            alone=((SpringsOf("axial"), -50.0), (SpringsOf("lat"), 0.0), (SpringsOf("lat", "rotation"), -0.5)),
+            alone=(LossAlone(SpringsOf("axial"), -50.0), LossAlone(SpringsOf("lat"), 0.0), LossAlone(SpringsOf("lat", "rotation"), -0.5)),
         )
         found = one(replace(PLACE, change=own))
         assert found.verdict == "undecided"
         assert str(found.note).endswith(
             "may hide that it is loose, or that its springs of lat alone are; the loss of others alone is excluded"
         )
-        every = one(replace(PLACE, change=replace(own, alone=((SpringsOf("axial"), 0.0), (SpringsOf("lat"), 0.0)))))
+        every = one(replace(PLACE, change=replace(own, alone=(LossAlone(SpringsOf("axial"), 0.0), LossAlone(SpringsOf("lat"), 0.0)))))
         assert str(every.note).endswith("may hide that it is loose")
 
     def test_a_group_that_is_named_includes_its_translations_and_rotations(self) -> None:
         kinds = [SpringsOf(group, kind) for group in ("vert", "lat") for kind in ("", "translation", "rotation")]
         open_ones = (0.0, 0.0, 0.0, -9.0, -9.0, 0.0)
-        found = one(replace(PLACE, change=Change(mean=0.0, std=0.1, alone=tuple(zip(kinds, open_ones, strict=True)))))
+        found = one(replace(PLACE, change=Change(mean=0.0, std=0.1, alone=tuple(map(LossAlone, kinds, open_ones)))))
         assert (found.verdict, found.open_groups) == ("tight", ("vert", "lat (rotation)"))
         lost = (4.0, 5.0, 0.0, -9.0, -9.0, 6.0)
-        found = one(replace(PLACE, change=Change(mean=0.0, std=0.1, alone=tuple(zip(kinds, lost, strict=True)))))
+        found = one(replace(PLACE, change=Change(mean=0.0, std=0.1, alone=tuple(map(LossAlone, kinds, lost)))))
         assert found.lost_groups == ("lat (rotation)", "vert")
+
+    @pytest.mark.parametrize(("shown", "unclear"), [(-3.0, ("rocking",)), (-2.9, ()), (0.0, ())])
+    def test_a_loss_that_would_show_but_is_not_excluded_is_told_apart(self, shown: float, unclear: tuple[str, ...]) -> None:
+        """What hardly affects the FRFs can be excluded in no job; what would show, but is not excluded here, may be lost here."""
+        alone = (LossAlone(SpringsOf("axial"), -50.0, -50.0), LossAlone(SpringsOf("rocking"), 0.0, shown))
+        found = one(replace(PLACE, change=Change(mean=0.0, std=0.1, unfelt=("torsion",), alone=alone)))
+        assert (found.verdict, found.open_groups, found.unclear_groups) == ("tight", ("torsion", "rocking"), unclear)
 
     @pytest.mark.parametrize("ratio", [3.0, 1000.0])
     def test_a_joint_is_not_tight_whose_springs_of_one_group_the_data_call_loose(self, ratio: float) -> None:
-        found = one(replace(PLACE, change=Change(mean=0.0, std=0.1, alone=((SpringsOf("axial"), -50.0), (SpringsOf("rocking"), ratio)))))
+        found = one(
+            replace(
+                PLACE,
+                change=Change(mean=0.0, std=0.1, alone=(LossAlone(SpringsOf("axial"), -50.0), LossAlone(SpringsOf("rocking"), ratio))),
+            )
+        )
         assert found.verdict == "undecided"
         assert found.note == f"the data say that springs of it alone are loose: rocking (log likelihood ratio {ratio:.1f})"
         assert (found.open_groups, found.lost_groups) == ((), ("rocking",))
         # A loose joint has lost more than that.
-        loose = one(replace(PLACE, change=Change(mean=-2.0, std=0.1, alone=((SpringsOf("axial"), -50.0), (SpringsOf("rocking"), ratio)))))
+        loose = one(
+            replace(
+                PLACE,
+                change=Change(mean=-2.0, std=0.1, alone=(LossAlone(SpringsOf("axial"), -50.0), LossAlone(SpringsOf("rocking"), ratio))),
+            )
+        )
         assert (loose.verdict, loose.lost_groups) == ("loose", ())
 
     @pytest.mark.parametrize(("loose", "verdict"), [(0.004, "tight"), (0.007, "undecided"), (0.04, "undecided")])

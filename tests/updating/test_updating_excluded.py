@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from lrbc_cli.updating.normal import NORMAL_95
-from lrbc_cli.updating.posterior.excluded import limited, loss_ratios, significant
+from lrbc_cli.updating.posterior.excluded import as_shown, limited, loss_ratios, significant
 from lrbc_cli.updating.posterior.mixture import MixtureProblem, SpringLoss, Springs, State
 from lrbc_cli.updating.statistics.priors import BOLT_PRIOR as PRIOR
 from lrbc_cli.updating.unknowns.springs import SpringsOf
@@ -109,6 +109,7 @@ def test_some_springs_alone_may_have_lost_a_decade_only(monkeypatch: pytest.Monk
         return [-100.0 if decades == PRIOR.joint_loose_mean else -0.5]
 
     monkeypatch.setattr("lrbc_cli.updating.posterior.excluded.limited", lambda loss, *_: loss)
+    monkeypatch.setattr("lrbc_cli.updating.posterior.excluded.as_shown", lambda loss: 2.0 * loss)
     two = np.zeros(2)
     problem = MixtureProblem(
         data=lambda z: (z, np.eye(2)), variance=1.0, bounds=np.tile([-4.0, 2.0], (2, 1)), bolts=np.arange(2), neighbours=(),
@@ -117,8 +118,8 @@ def test_some_springs_alone_may_have_lost_a_decade_only(monkeypatch: pytest.Monk
         losses=lambda _: compare, level_error=0.0, cells=np.arange(2),
     )  # fmt: skip
     state = State(kinds=np.array([False, True]), z=two, evidence=0.0, A=np.eye(2), b=two)
-    found = {name: ratio for _, name, ratio in loss_ratios(problem, PRIOR, state)}
-    assert found == {None: pytest.approx(-100.0), SpringsOf("axial"): pytest.approx(-0.5)}
+    found = {one.of: (one.ratio, one.shown) for one in loss_ratios(problem, PRIOR, state)}
+    assert found == {None: pytest.approx((-100.0, -200.0)), SpringsOf("axial"): pytest.approx((-0.5, -1.0))}
     slight = PRIOR.joint_loose_mean + 0.6745 * PRIOR.joint_loose_std
     assert slight == pytest.approx(-0.96, abs=0.01)
     assert set(asked) == {(7, PRIOR.joint_loose_mean), (8, PRIOR.joint_loose_mean), (8, slight)}
@@ -152,6 +153,7 @@ def test_a_loss_also_counts_from_a_lower_level(
         return [value - 0.5, value + float(np.log(2.0 - np.exp(-0.5)))]
 
     monkeypatch.setattr("lrbc_cli.updating.posterior.excluded.limited", lambda loss, *_: loss)
+    monkeypatch.setattr("lrbc_cli.updating.posterior.excluded.as_shown", lambda loss: 2.0 * loss)
     two = np.zeros(2)
     problem = MixtureProblem(
         data=lambda z: (z, np.eye(2)), variance=1.0, bounds=np.tile([-4.0, 2.0], (2, 1)), bolts=np.arange(2), neighbours=(),
@@ -160,8 +162,22 @@ def test_a_loss_also_counts_from_a_lower_level(
         losses=lambda _: compare, level_error=error, cells=np.arange(2),
     )  # fmt: skip
     state = State(kinds=np.array([False, True]), z=two, evidence=0.0, A=np.eye(2), b=two)
-    ((joint, name, ratio),) = loss_ratios(problem, PRIOR, state)
+    ((joint, name, ratio, _),) = loss_ratios(problem, PRIOR, state)
     assert (joint, name) == (0, None)
     assert ratio == pytest.approx(told if error else ratios[0])
     assert {(terms, decades) for terms, decades, _ in asked} == {(7, PRIOR.joint_loose_mean)}
     assert [level for *_, level in asked] == [0.0, *([-NORMAL_95 * error] if error else [])]
+
+
+def test_what_a_loss_would_show_is_its_ratio_if_the_frfs_are_those_of_the_state() -> None:
+    rng = np.random.default_rng(3)
+    without, change, J = 0.3 * rng.standard_normal(ROWS), rng.standard_normal(ROWS), rng.standard_normal((ROWS, 2))
+    loss, precision, cells = SpringLoss(without=without, lost=without + change, jacobian=J), np.ones(2), np.arange(ROWS)
+    shown = limited(as_shown(loss), 2.0, (precision, np.zeros(2)), cells)
+    exact = limited(SpringLoss(without=np.zeros(ROWS), lost=change, jacobian=J), 2.0, (precision, np.zeros(2)), cells)
+    assert shown == pytest.approx(exact)
+    # Half the square of the change that the other unknowns cannot make, unless its significance is less.
+    left = change @ change / 2.0 - (J.T @ change / 2.0) @ np.linalg.solve(J.T @ J / 2.0 + np.eye(2), J.T @ change / 2.0)
+    assert -0.5 * left <= shown < 0.0
+    nothing = as_shown(SpringLoss(without=without, lost=without, jacobian=J))
+    assert limited(nothing, 2.0, (precision, np.zeros(2)), cells) == pytest.approx(0.0)

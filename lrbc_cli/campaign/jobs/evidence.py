@@ -43,6 +43,7 @@ from lrbc_cli.updating.search.ends import near_tie
 from lrbc_cli.updating.statistics.lines import interpolated, too_wide
 from lrbc_cli.updating.statistics.saturation import Saturation
 from lrbc_cli.updating.unknowns.places import Edge, Joints, Spot
+from lrbc_cli.updating.unknowns.springs import LossAlone
 
 #: Why there is no validation channel, if all of their values are noise.
 SILENT = "no value of the validation channels stands out of the noise"
@@ -239,8 +240,9 @@ def _bolts(inputs: Inputs, result: Identification) -> tuple[bool, tuple[BoltEvid
             return None
         own = _partial_changes(inputs, result, parts) if result.posterior.shapes.by_bolt else ()
         at, told = _sampled(result, bolt), () if result.changes is None else result.changes.groups
-        lost = {springs: ratio for i, springs, ratio in told if i == at}
-        known: dict[str, Any] = {"whole": lost.pop(None, None), "alone": tuple(lost.items())}
+        whole = next((one.ratio for one in told if one.joint == at and one.of is None), None)
+        lost = [LossAlone(one.of, one.ratio, one.shown) for one in told if one.joint == at and one.of is not None]
+        known: dict[str, Any] = {"whole": whole, "alone": tuple(lost)}
         # Joints only: the hats of an edge share one change.
         joint = parts[0][0].bolt is not None
         ratio = float(result.changes.ratios[at]) if joint and at is not None and result.changes is not None else None

@@ -25,6 +25,7 @@ class BoltFinding:
     verdict: str
     probability: float | None = None
     open_groups: Sequence[str] = ()
+    unclear_groups: Sequence[str] = ()
     lost_groups: Sequence[str] = ()
 
 
@@ -114,6 +115,10 @@ def open_points(job: JobFinding) -> list[str]:
         points.append(_no_verdict(job))
     if job.together:
         points.append(f"{len(job.seen)} tight, but {job.together}")
+    if job.assumed is None and (unclear := [bolt for bolt in job.named("tight") if bolt.unclear_groups]):
+        groups = dict.fromkeys(group for bolt in unclear for group in bolt.unclear_groups)
+        named = _names([bolt.name for bolt in unclear])
+        points.append(f"{named} tight as a whole, but springs of {_names(list(groups), ' or ')} alone may be loose, which would show")
     if job.missing:
         points.append(f"no record of {_names(job.missing)}")
     if not job.validated:

@@ -17,6 +17,7 @@ from lrbc_cli.updating.judging.groups import (
     lost_note,
     not_excluded,
     of_its_groups,
+    shown_groups,
 )
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, OUTSIDE, TIGHT, UNDECIDED, DecisionRule, TightScatter, probably
@@ -100,6 +101,8 @@ class BoltVerdict:
         Of the change [decades].
     open_groups : tuple of str
         Groups of springs of a tight bolt whose loss alone the data do not exclude.
+    unclear_groups : tuple of str
+        Those of them whose loss the data would exclude if the joint were tight: with them nothing is an all-clear.
     lost_groups : tuple of str
         Groups of springs that the data call loose alone, the most probable first, of a bolt that would be tight otherwise.
     suspect : bool
@@ -116,6 +119,7 @@ class BoltVerdict:
     probability_loose: float | None = None
     threshold: float | None = None
     open_groups: tuple[str, ...] = ()
+    unclear_groups: tuple[str, ...] = ()
     lost_groups: tuple[str, ...] = ()
     suspect: bool = False
 
@@ -303,7 +307,7 @@ def _verdict(
         found = replace(found, verdict=TIGHT, probability_loose=None, note=note, suspect=suspect and explained)
     if not explained:
         why = "the model does not explain the measurement"
-        found = replace(found, verdict=UNDECIDED, probability_loose=None, note=why, open_groups=(), lost_groups=())
+        found = replace(found, verdict=UNDECIDED, probability_loose=None, note=why, open_groups=(), unclear_groups=(), lost_groups=())
     return found
 
 
@@ -395,6 +399,7 @@ def _by_change(found: BoltVerdict, bolt: BoltEvidence, posterior: Change, at: Th
         probability_loose=probability,
         threshold=at.limit,
         open_groups=hidden,
+        unclear_groups=shown_groups(posterior, rule) if hidden else (),
         lost_groups=tuple(lost),
     )
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.updating.normal import NORMAL_95, normal_cdf
-from lrbc_cli.updating.unknowns.springs import SpringsOf
+from lrbc_cli.updating.unknowns.springs import LossAlone
 
 if TYPE_CHECKING:
     # Only for types: judging stored evidence should not load the sampling.
@@ -120,9 +120,8 @@ class Change:
         Groups whose springs the data allow to be free, if other groups of the bolt affect the FRFs: these alone determine the change.
     parts : tuple of PartialChange
         Groups of a joint with springs in several groups whose change is known to within ``deviation``.
-    alone : tuple of (SpringsOf, float)
-        Groups of a joint with several, and their translations and rotations, each with the log likelihood ratio of a typical loss of it
-        alone against none.
+    alone : tuple of LossAlone
+        Groups of a joint with several, and their translations and rotations.
     whole : float or None
         The same of all its springs; None if its change was not sampled, or if it is loose.
     ratio : float or None
@@ -140,7 +139,7 @@ class Change:
     may_be_free: bool = False
     unfelt: tuple[str, ...] = ()
     parts: tuple[PartialChange, ...] = ()
-    alone: tuple[tuple[SpringsOf, float], ...] = ()
+    alone: tuple[LossAlone, ...] = ()
     whole: float | None = None
     ratio: float | None = None
 

@@ -47,8 +47,14 @@ def _even(ratio: float) -> float:
 
 def hidden_groups(posterior: Change, rule: DecisionRule) -> tuple[str, ...]:
     """Groups of a joint's springs of which the data do not exclude, at even prior odds, that they alone are free or loose."""
-    lost = (springs for springs, ratio in posterior.alone if rule.word(_even(ratio)) != TIGHT)
+    lost = (one.of for one in posterior.alone if rule.word(_even(one.ratio)) != TIGHT)
     return tuple(map(str, _whole_groups([*map(SpringsOf, posterior.unfelt), *lost])))
+
+
+def shown_groups(posterior: Change, rule: DecisionRule) -> tuple[str, ...]:
+    """Those of the ``hidden_groups`` whose loss alone the data would exclude if the joint were tight."""
+    lost = [one.of for one in posterior.alone if rule.word(_even(one.ratio)) != TIGHT and rule.word(_even(one.shown)) == TIGHT]
+    return tuple(map(str, _whole_groups(lost)))
 
 
 def _whole_groups(springs: Sequence[SpringsOf]) -> tuple[SpringsOf, ...]:
@@ -58,7 +64,7 @@ def _whole_groups(springs: Sequence[SpringsOf]) -> tuple[SpringsOf, ...]:
 
 def lost_alone(posterior: Change, rule: DecisionRule) -> dict[str, float]:
     """Groups of springs that the data call loose alone at even prior odds, and log likelihood ratios, largest first."""
-    told = {springs: ratio for springs, ratio in sorted(posterior.alone, key=lambda one: -one[1]) if rule.word(_even(ratio)) == LOOSE}
+    told = {one.of: one.ratio for one in sorted(posterior.alone, key=lambda one: -one.ratio) if rule.word(_even(one.ratio)) == LOOSE}
     return {str(springs): told[springs] for springs in _whole_groups(list(told))}
 
 
@@ -84,7 +90,7 @@ def by_prior(posterior: Change, limit: float, between: float, rule: DecisionRule
 
 def not_excluded(posterior: Change, rule: DecisionRule) -> str | None:
     """Message on a joint that is tight only if the model is right to within what its residuals show."""
-    there = [springs for springs, ratio in posterior.alone if rule.word(_even(ratio)) != TIGHT]
+    there = [one.of for one in posterior.alone if rule.word(_even(one.ratio)) != TIGHT]
     every, named = len(there) == len(posterior.alone), ", ".join(map(str, _whole_groups(there)))
     if posterior.whole is not None and rule.word(_even(posterior.whole)) != TIGHT:
         found = "errors of the model, of its stiffness in the reference state too, may hide that it is loose"

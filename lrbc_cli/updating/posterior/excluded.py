@@ -6,6 +6,8 @@ a likelihood ratio counts no more than its significance, and the level of the jo
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.special import logsumexp
 
@@ -13,12 +15,12 @@ from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.normal import NORMAL_95
 from lrbc_cli.updating.posterior.mixture import MixtureProblem, SpringLoss, Springs, State, priors_of
+from lrbc_cli.updating.posterior.samples import LossRatio
 from lrbc_cli.updating.statistics.priors import BoltPrior
-from lrbc_cli.updating.unknowns.springs import SpringsOf
 
 
-def loss_ratios(problem: MixtureProblem, prior: BoltPrior, state: State) -> list[tuple[int, SpringsOf | None, float]]:
-    """For springs of each tight joint the log likelihood ratio of a typical loss of them against none, as joint, springs and ratio.
+def loss_ratios(problem: MixtureProblem, prior: BoltPrior, state: State) -> list[LossRatio]:
+    """For springs of each tight joint the log likelihood ratio of a typical loss of them against none.
 
     The springs change by the mean of loose joints, with one linear step of everything else, and the prior of the rest is as without. Some
     springs alone may also have lost no more than the upper quartile, a decade, which changes far less: the larger ratio counts, so that a
@@ -35,18 +37,26 @@ def loss_ratios(problem: MixtureProblem, prior: BoltPrior, state: State) -> list
     slope = precision * (state.z - mean)
     levels = dict.fromkeys((0.0, -NORMAL_95 * problem.level_error))
 
-    def ratio(one: Springs) -> float:
+    def ratios(one: Springs) -> LossRatio:
         change, found = problem.loosened(one.joint, prior), []
         changes = dict.fromkeys((change, max(change, prior.joint_slight_loss)) if one.of else (change,))
         for level in levels:
             of_changes = []
             for each in changes:
-                ratios = [limited(loss, problem.variance, (precision, slope), cells) for loss in compare(one.terms, each, level)]
-                of_changes.append(float(logsumexp(ratios) - np.log(len(ratios))))
-            found.append(max(of_changes))
-        return min(max(found), 0.0) + max(min(found), 0.0)
+                losses = compare(one.terms, each, level)
+                seen = [limited(loss, problem.variance, (precision, slope), cells) for loss in losses]
+                shown = [limited(as_shown(loss), problem.variance, (precision, 0.0 * slope), cells) for loss in losses]
+                of_changes.append(logsumexp([seen, shown], axis=1) - np.log(len(losses)))
+            found.append(np.max(of_changes, axis=0))
+        seen, shown = np.minimum(np.max(found, axis=0), 0.0) + np.maximum(np.min(found, axis=0), 0.0)
+        return LossRatio(one.joint, one.of, float(seen), float(shown))
 
-    return [(one.joint, one.of, found) for one, found in zip(asked, side_by_side(ratio, asked), strict=True)]
+    return side_by_side(ratios, asked)
+
+
+def as_shown(loss: SpringLoss) -> SpringLoss:
+    """The same if the FRFs were those of the state without the loss."""
+    return replace(loss, without=np.zeros_like(loss.without), lost=loss.lost - loss.without)
 
 
 def limited(loss: SpringLoss, variance: float, prior: tuple[Floats, Floats], cells: Integers) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,18 @@ from scipy.special import logit, ndtr
 from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.updating.statistics.priors import BOLT_PRIOR, BoltPrior
 from lrbc_cli.updating.unknowns.springs import SpringsOf
+
+
+class LossRatio(NamedTuple):
+    """Log likelihood ratio of a loss of springs of a joint (position, springs; None: all) against none.
+
+    ``shown``: what it would be if the FRFs were those of the state: near zero where the loss does not show.
+    """
+
+    joint: int
+    of: SpringsOf | None
+    ratio: float
+    shown: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,9 +50,8 @@ class ChangeSamples:
     prior : BoltPrior
     alternatives : sequence of ((b,) float array, float)
         Changes in each state about which was linearised [decades], and its posterior probability among these, the share of its sweeps.
-    groups : sequence of (int, SpringsOf or None, float)
-        For each group of springs of a tight joint with several (position in ``bolts``, springs) the log likelihood ratio of a typical loss
-        of this group alone against none, see ``excluded.loss_ratios``; None stands for all of its springs.
+    groups : sequence of LossRatio
+        For the springs of each tight joint with several groups, see ``excluded.loss_ratios``.
     """
 
     bolts: NDArray[np.int64]
@@ -51,7 +63,7 @@ class ChangeSamples:
     neighbours: Sequence[tuple[int, int]] = ()
     prior: BoltPrior = BOLT_PRIOR
     alternatives: Sequence[tuple[Floats, float]] = ()
-    groups: Sequence[tuple[int, SpringsOf | None, float]] = ()
+    groups: Sequence[LossRatio] = ()
 
     @property
     def inclusion(self) -> Floats:

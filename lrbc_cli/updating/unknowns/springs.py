@@ -13,3 +13,14 @@ class SpringsOf(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.group} ({self.kind})" if self.kind else self.group
+
+
+class LossAlone(NamedTuple):
+    """Log likelihood ratio of a typical loss of some springs of a joint alone against none.
+
+    ``shown``: what it would be if the FRFs were those of the tight joint: near zero where the loss does not show.
+    """
+
+    of: SpringsOf
+    ratio: float
+    shown: float = 0.0
