@@ -420,8 +420,8 @@ def test_a_misfit_that_is_no_factor(frame: Folder) -> None:
     held = ("parameters.left_edge.bounds=[7.9, 8.0]", "parameters.left_edge.initial=8.0")
     tree = update(frame, "loose-all", *held).json["results"]["loose-all"]
     assert tree["status"] == "unexplained"
-    assert " has the largest, " in tree["reason"]
-    assert "dB of this response remain" in tree["reason"]
+    assert "the misfit is not a constant factor: the largest, " in tree["reason"]
+    assert " would reduce the misfit of this response from " in tree["reason"]
     assert not any("units" in text for text in tree["warnings"])
 
 

@@ -278,11 +278,13 @@ def gain_text(inputs: Inputs, job: str, gains: Gains) -> str:
     every = " of all responses" if shared.kind == "all" else ", and the others are not"
     chain = "sensor, in the same place," if shared.kind == "sensor" else "hammer"
     more = "" if shared.kind == "all" else " and the sensor's mounting and cable" if shared.kind == "sensor" else " at this hammer point"
+    fault = "the sensor was moved or turned, or its" if shared.kind == "sensor" else "the hammer hit elsewhere, or its"
+    again = f"; if they are right, {fault} channel overloaded: measure again, as a scale would only hide it" if more else ""
     return (
         f"{own.first.name}: {_sharing(inputs, shared)} {gain_size(*gains.mean)} than expected from those of {reference}, at all lines"
         f"{every}; no bolt does that. Expected: one {chain} with one sensitivity in both jobs. Verdicts, if any, allow for it, but there "
         f"is no all-clear. Fix: compare the sensitivities entered for {job} and for {reference}{more} (if all jobs say this, those of "
-        f"{reference} are wrong), and export again, or write jobs.{job}.scale: {{{_scales(inputs, job, gains)}}}"
+        f"{reference} are wrong), and export again, or write jobs.{job}.scale: {{{_scales(inputs, job, gains)}}}{again}"
     )
 
 

@@ -440,8 +440,8 @@ def largest_text(inputs: Inputs, offsets: Sequence[Offset], misfits: Floats) -> 
     text = "the misfit is not a constant factor"
     if constant:
         worst = max(constant, key=lambda offset: abs(offset.db))
-        text += f": {inputs.responses[worst.response].name} has the largest, {worst.db:+.2f} dB, and without it {worst.after:.1f} of the "
-        text += f"{worst.before:.1f} dB of this response remain"
+        text += f": the largest, {worst.db:+.2f} dB of {inputs.responses[worst.response].name}, would reduce the misfit of this response "
+        text += f"from {worst.before:.1f} to {worst.after:.1f} dB only"
     if alone := outlying(misfits):
         names = ", ".join(inputs.responses[i].name for i in alone)
         text += f"; {names} {'stands' if len(alone) == 1 else 'stand'} out ({misfits[alone].min():.1f} dB and more, "
