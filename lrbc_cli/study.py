@@ -130,7 +130,7 @@ class Study(ModelStudy):
         found = identify(inputs, self.source, job, before, known)
         # Arrays that are handed over may be those of a job.
         alike = compared_jobs(inputs.campaign, job) if measurement is None else [each for each in names if each != job]
-        evidence = evidence_of(inputs, found).beside(Originals(inputs).copied(job, alike, found.measurement))
+        evidence = evidence_of(inputs, found).beside(Originals(inputs).copied(job, alike, found.measurement)[1] or None)
         record = result_record(inputs, self.source.stage, found, evidence, {other.name: other.record for other in others})
         return Identified(name=job, identification=found, evidence=evidence, record=record, baselines=others)
 

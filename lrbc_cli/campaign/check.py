@@ -249,7 +249,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         own = list[str]()
         if first != name:
             out.warn(*taken_twice(inputs.campaign, first, name))
-        elif copied := earlier.copied(measurement, names):
+        elif copied := earlier.copied(measurement, names)[1]:
             own.append(f"{copied}. Give each of the two jobs its own file under jobs.JOB.frf")
         earlier.add(name, Levels.of(measurement))
         readable[name] = measurement

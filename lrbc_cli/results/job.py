@@ -271,12 +271,17 @@ class RestsOn(Record):
 
 
 class IdentityRecord(Record):
-    """Digest of everything that a result or judgement rests on, and the digests of its parts by name."""
+    """Digest of everything that a result or judgement rests on, and the digests of its parts by name.
+
+    For a judgement also why the measurement counts as a copy of that of another job (``copied``), this job (``original``) and the digest
+    of its measurement (``content``).
+    """
 
     identity: str
     parts: dict[str, str]
-    #: For a judgement: why the measurement counts as a copy of that of a baseline.
     copied: str | None = None
+    original: str | None = None
+    content: str | None = None
 
 
 class Provenance(Record):

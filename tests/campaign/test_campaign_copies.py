@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lrbc_cli.campaign.identification.compared import copies
-from lrbc_cli.campaign.identification.compared.copies import Earlier, copied_responses, copied_text, pasted
+from lrbc_cli.campaign.identification.compared.copies import Earlier, Levels, copied_responses, copied_text, pasted
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.updating.statistics.model import ValidationChannels
 
@@ -111,14 +111,15 @@ def test_among_many_the_same_ones_are_found_with_few_comparisons(monkeypatch: py
         texts = (copied_text(own, other, of, names, LIMITS) for of, other in list(jobs.items())[:k])
         expected[name] = next((text for text in texts if text), "")
     assert [name for name, text in expected.items() if text] == ["scaled", "thinned", "one lost", "gaps"]
-    compared, earlier, found = list[str](), Earlier(LIMITS), dict[str, str]()
+    compared, earlier, found = list[str](), Earlier(LIMITS, jobs.__getitem__), dict[str, str]()
     monkeypatch.setattr(copies, "copied_text", lambda *args: compared.append(args[2]) or copied_text(*args))
     for name, own in jobs.items():
         before = len(compared)
-        found[name] = earlier.copied(own, names)
+        original, found[name] = earlier.copied(own, names)
+        assert bool(original) is bool(found[name])
         if name.startswith("j"):
             assert len(compared) == before
-        earlier.add(name, own)
+        earlier.add(name, Levels.of(own))
     assert found == expected
 
 

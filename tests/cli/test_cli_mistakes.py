@@ -1307,7 +1307,7 @@ MISTAKES = [
         numbers(FRFS[1], lambda r: r - np.eye(1, 9)),
         0,
         "its frequency lines differ from those of tight (470 lines from 30 to 499 Hz instead of 471 lines from 30 to 500 Hz)",
-        "Its file begins 1 Hz lower, with as many lines. Check whether they were counted from another first line, and correct",
+        "Its file begins 1 Hz lower than that of tight, with as many lines. Check whether they were counted from another first line",
     ),
     Mistake(
         "every other line left out in one job",

@@ -14,7 +14,7 @@ from systems import beam, direct_frf, fe_model, unit
 
 from lrbc_cli.model.factors import make_recipe, with_factors
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.calibration.apart import apart_notes, damping_at_bounds, indistinguishable
+from lrbc_cli.updating.calibration.apart import apart_notes, damping_at_bounds, indistinguishable, overdamped
 from lrbc_cli.updating.calibration.calibrate import fit_factors, moves_resonances
 from lrbc_cli.updating.search.smooth import smoothed
 from lrbc_cli.updating.search.starts import single_joints
@@ -360,3 +360,15 @@ def test_a_damping_exponent_that_creeps_up_to_its_bound_is_told(value: float, to
     assert bool(notes) is told
     assert not told or notes[0].startswith("springs: the damping exponent is at its bound")
     assert damping_at_bounds(springs(), springs().initial) == []
+
+
+def test_damping_that_no_joint_has_is_told() -> None:
+    P, hz = springs(damped=True), np.linspace(20.0, 400.0, 50)
+    theta = P.initial.copy()
+    (group, _, at), *_ = P.placed
+    theta[at] = -np.log10(abs(group.damping.loss(np.array([2j * np.pi * 400.0]))[0]))
+    for by, told in ((-0.01, False), (0.01, True)):
+        notes = overdamped(P, theta + by * (np.arange(theta.size) == at), hz)
+        assert bool(notes) is told
+        assert not told or notes[0].startswith("springs: a loss factor of 1 at 400 Hz, more than any joint has")
+    assert overdamped(springs(), springs().initial, hz) == []

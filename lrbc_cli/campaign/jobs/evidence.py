@@ -239,14 +239,11 @@ def _bolts(inputs: Inputs, result: Identification) -> tuple[bool, tuple[BoltEvid
         if found is None:
             return None
         own = _partial_changes(inputs, result, parts) if result.posterior.shapes.by_bolt else ()
-        at, told = _sampled(result, bolt), () if result.changes is None else result.changes.groups
-        whole = next((one.ratio for one in told if one.joint == at and one.of is None), None)
-        lost = [LossAlone(one.of, one.ratio, one.shown) for one in told if one.joint == at and one.of is not None]
-        known: dict[str, Any] = {"whole": whole, "alone": tuple(lost)}
+        at = _sampled(result, bolt)
         # Joints only: the hats of an edge share one change.
         joint = parts[0][0].bolt is not None
         ratio = float(result.changes.ratios[at]) if joint and at is not None and result.changes is not None else None
-        return replace(found, may_be_free=not felt, unfelt=free if felt else (), parts=own, **known, ratio=ratio)
+        return replace(found, may_be_free=not felt, unfelt=free if felt else (), parts=own, ratio=ratio, **_lost(result, at))
 
     found = at_bolts(groups, names, xyz, change_of)
     if result.changes is not None:
@@ -257,6 +254,13 @@ def _bolts(inputs: Inputs, result: Identification) -> tuple[bool, tuple[BoltEvid
             for bolt, k in zip(found, at, strict=True)
         )
     return True, found
+
+
+def _lost(result: Identification, at: int | None) -> dict[str, Any]:
+    """``whole`` and ``alone`` of ``Change``, of the sampled bolt ``at``."""
+    told = () if result.changes is None else [one for one in result.changes.groups if one.joint == at]
+    alone = tuple(LossAlone(one.of, one.ratio, one.shown) for one in told if one.of is not None)
+    return {"whole": next((one.ratio for one in told if one.of is None), None), "alone": alone}
 
 
 def _sampled(result: Identification, bolt: int) -> int | None:

@@ -15,7 +15,7 @@ from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.nuisances import nuisance_tree
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.jobs.evidence import bands, effective, evidence_of
-from lrbc_cli.campaign.jobs.identity import Identity
+from lrbc_cli.campaign.jobs.identity import Copied, Identity
 from lrbc_cli.campaign.jobs.judging import ComparedWith, judged
 from lrbc_cli.campaign.jobs.standing import rests_on
 from lrbc_cli.campaign.reading.inputs import Inputs, TermGroup
@@ -63,7 +63,7 @@ def finish(
     result: Identification,
     tight: ComparedWith,
     identities: tuple[Identity, Identity],
-    copied: str | None = None,
+    copied: Copied | None = None,
 ) -> Finished:
     """Judge an identification, and make the content of its result files.
 
@@ -77,8 +77,8 @@ def finish(
         Reference state of the identification, and results of the baselines.
     identities : pair of Identity
         Digests of what identification and judgement depend on.
-    copied : str or None
-        Why its measurement counts as a copy of that of another job.
+    copied : Copied or None
+        If its measurement is a copy of that of another job.
     """
     evidence, correlation = evidence_of(inputs, result), correlation_of(inputs, result)
     own, judgement = identities
@@ -92,7 +92,15 @@ def finish(
         judgement=judgement.record(copied),
         rests_on=rests_on(tight),
     )
-    record = _judged(inputs, stage, result, evidence.beside(copied), tight, provenance, correlation_record(inputs, correlation))
+    record = _judged(
+        inputs,
+        stage,
+        result,
+        evidence.beside(None if copied is None else copied.copied),
+        tight,
+        provenance,
+        correlation_record(inputs, correlation),
+    )
     tables = {
         "profile.csv": profile_rows(record.parameters),
         "frf.csv": frf_rows(inputs, result.measurement, result.selected, result.initial, result.updated),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from lrbc_cli.campaign.digests import about_measurement, code, content_of, digest, key_of
 from lrbc_cli.campaign.jobs.judging import role_of, states_removed
@@ -47,9 +47,9 @@ class Identity:
     digest: str
     parts: dict[str, str]
 
-    def record(self, copied: str | None) -> IdentityRecord:
-        """Identity of a judgement as in ``result.json``; ``copied``: why the measurement counts as a copy of that of another job."""
-        return IdentityRecord(identity=self.digest, parts=self.parts, copied=copied)
+    def record(self, copied: Copied | None) -> IdentityRecord:
+        """Identity of a judgement as in ``result.json``."""
+        return IdentityRecord(identity=self.digest, parts=self.parts, **({} if copied is None else copied._asdict()))
 
     @classmethod
     def of(cls, parts: dict[str, str]) -> Identity:
@@ -113,30 +113,36 @@ def measured(campaign: Campaign, name: str, content: Callable[[Path], str | None
 
 
 def compared_jobs(campaign: Campaign, name: str) -> list[str]:
-    """Jobs of which the measurement of a job must not be a copy: the baselines, and those before it in the campaign.
+    """Jobs of which the measurement of a job must not be a copy, the baselines first; of a baseline the other ones only.
 
-    Of two copies the later one is usually an old file that was given again; so a further job changes nothing of those before it. The
-    reference job is compared when a job is identified.
-    """
-    update, jobs = campaign.update, list(campaign.jobs)
-    if update.reference in (None, name):
-        return []
-    before = [] if name in update.baselines or name not in jobs else jobs[: jobs.index(name)]
-    return [other for other in dict.fromkeys((*update.baselines, *before)) if other not in (name, update.reference)]
-
-
-def judgement(campaign: Campaign, rule: DecisionRule, name: str, content: Callable[[str], str]) -> Identity:
-    """Digest of what the judgement of a job depends on, without the tight states (for these see ``standing``).
-
-    ``content`` gives the digest of the measurement of a job, see ``measured``.
+    The reference job is compared when a job is identified. Jobs that are measured later are compared with those that are there, so that
+    a new one changes nothing of these.
     """
     update = campaign.update
+    if update.reference in (None, name):
+        return []
+    others = () if name in update.baselines else campaign.jobs
+    return [other for other in dict.fromkeys((*update.baselines, *others)) if other not in (name, update.reference)]
+
+
+class Copied(NamedTuple):
+    """Why a measurement counts as a copy, the job with the original, and the digest of its measurement, see ``measured``."""
+
+    copied: str
+    original: str
+    content: str
+
+
+def judgement(campaign: Campaign, rule: DecisionRule, name: str) -> Identity:
+    """Digest of what the judgement of a job depends on, without the tight states (for these see ``standing``)."""
+    update = campaign.update
+    baselines = [] if update.reference in (None, name) else [other for other in update.baselines if other != name]
     return Identity.of(
         {
             "version": code("judgement"),
             "rule": digest(sorted(asdict(rule).items())),
             "role": digest(role_of(update, name)),
-            "others": digest([(other, content(other)) for other in compared_jobs(campaign, name)]),
+            "baselines": digest([(other, measured(campaign, other)) for other in baselines]),
             # Results state the removed bolts with the verdicts.
             "removed": digest(list(campaign.jobs[name].removed) if states_removed(campaign) else None),
         }
@@ -148,7 +154,7 @@ JUDGED = {
     "version": "the code that judges",
     "rule": "the decision rule",
     "role": "its role in the campaign",
-    "others": "the measurements of other jobs",
+    "baselines": "the measurements of the baselines",
     "removed": "the bolts stated as removed",
 }
 

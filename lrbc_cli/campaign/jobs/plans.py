@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lrbc_cli.campaign.digests import content_of
-from lrbc_cli.campaign.jobs.identity import JUDGED, PARTS, Identity, changed, identification, judgement, measured
+from lrbc_cli.campaign.jobs.identity import JUDGED, PARTS, Copied, Identity, changed, identification, judgement, measured
 from lrbc_cli.campaign.jobs.judging import ComparedWith
 from lrbc_cli.campaign.jobs.standing import altered, of_other_libraries, other_baselines, other_reference, rests_on
 from lrbc_cli.config import Campaign
@@ -45,6 +45,8 @@ class JobPlan:
         Finished result, if it can be kept.
     evidence : Evidence or None
         Stored evidence from which it is judged anew.
+    original : str
+        Job of which its measurement was a copy, if that job has another measurement now.
     """
 
     name: str
@@ -56,18 +58,21 @@ class JobPlan:
     waits: bool = False
     record: JobRecord | None = field(default=None, repr=False, compare=False)
     evidence: Evidence | None = field(default=None, repr=False, compare=False)
+    original: str = ""
 
     @property
     def knows_copies(self) -> bool:
-        """Whether the finished result states if its measurement is a copy of that of one of the present other jobs."""
+        """Whether the finished result states if its measurement is a copy, of one of the present baselines among others."""
         stored = None if self.record is None else self.record.provenance.judgement
-        return stored is not None and stored.parts.get("others") == self.judgement.parts["others"]
+        return stored is not None and not self.original and stored.parts.get("baselines") == self.judgement.parts["baselines"]
 
     @property
-    def copied(self) -> str | None:
-        """The stored warning about a copied measurement; None if there is none."""
+    def copied(self) -> Copied | None:
+        """What is stored about a copied measurement; None if it is none."""
         stored = None if self.record is None else self.record.provenance.judgement
-        return None if stored is None else stored.copied
+        if stored is None or stored.copied is None:
+            return None
+        return Copied(stored.copied, stored.original or "", stored.content or "")
 
     @property
     def kept(self) -> bool:
@@ -107,10 +112,9 @@ def decided(
     """
     output = campaign.output
     plans: dict[str, JobPlan] = {}
-    content = cache(partial(measured, campaign))
     for name in names:
-        own, judged = identity_of(name), judgement(campaign, rule, name, content)
-        plans[name] = _alone(output / name, JobPlan(name=name, run=True, reason="no result yet", identity=own, judgement=judged))
+        own, judged = identity_of(name), judgement(campaign, rule, name)
+        plans[name] = _alone(campaign, JobPlan(name=name, run=True, reason="no result yet", identity=own, judgement=judged))
         if force and not plans[name].run:
             plans[name] = replace(plans[name], run=True, judge=False, reason="--force", record=None)
         reference, baselines = needs(campaign, name)
@@ -136,8 +140,9 @@ def plan(inputs: Inputs, parts: Mapping[str, str], names: Sequence[str], force: 
     return decided(inputs.campaign, inputs.method.rule, partial(identification, inputs, parts), names, force)
 
 
-def _alone(folder: Path, job: JobPlan) -> JobPlan:
+def _alone(campaign: Campaign, job: JobPlan) -> JobPlan:
     """Plan of a job by its own files and settings, without those on which it depends."""
+    folder = campaign.output / job.name
     try:
         stored = read_job(folder.parent, job.name)
     except DataError as error:
@@ -152,6 +157,10 @@ def _alone(folder: Path, job: JobPlan) -> JobPlan:
     found = replace(job, run=False, reason=unchanged(stored), record=stored)
     rested = stored.provenance.judgement
     other = changed(None if rested is None else rested.parts, job.judgement.parts, JUDGED)
+    if (copy := found.copied) is not None and copy.original not in campaign.update.baselines:
+        there = copy.original in campaign.jobs
+        if not there or measured(campaign, copy.original) != copy.content:
+            found, other = replace(found, original=copy.original), other or f"changed: the measurement of {copy.original}"
     return found if other is None else _judged(found, folder.parent, other)
 
 

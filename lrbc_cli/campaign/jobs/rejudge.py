@@ -12,7 +12,7 @@ from pathlib import Path
 
 from lrbc_cli.campaign.beside import unnamed, unseen
 from lrbc_cli.campaign.digests import content_of, origin, surroundings
-from lrbc_cli.campaign.jobs.identity import Identity
+from lrbc_cli.campaign.jobs.identity import Copied, Identity
 from lrbc_cli.campaign.jobs.judging import ComparedWith, judged_anew
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, decided, needs, other_findings, settled
 from lrbc_cli.campaign.jobs.standing import Outcome, rests_on
@@ -141,7 +141,7 @@ def judge_one(
     outcome: Outcome,
     *,
     come_from: str | None,
-    copied: str | None,
+    copied: Copied | None,
     progress: Progress,
 ) -> None:
     """Judge a finished job anew, and write its result.
@@ -157,14 +157,14 @@ def judge_one(
         Receives the result.
     come_from : str or None
         See ``digests.origin``.
-    copied : str or None
+    copied : Copied or None
         Warning if the measurement is a copy of a baseline's.
     progress : callable
     """
     assert p.record is not None
     assert p.evidence is not None
     provenance = {"origin": come_from, "judgement": p.judgement.record(copied), "rests_on": rests_on(tight)}
-    record = judged_anew(campaign, rule, p.record, p.evidence.beside(copied), tight, provenance)
+    record = judged_anew(campaign, rule, p.record, p.evidence.beside(copied and copied.copied), tight, provenance)
     outcome.results[p.name] = write_sealed(campaign.output / p.name / "result.json", record)
     outcome.judged.append(p.name)
     progress(f"{p.name}: judged anew, {p.reason}")

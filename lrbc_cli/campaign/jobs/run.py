@@ -14,7 +14,7 @@ from lrbc_cli.campaign.identification.compared.copies import Originals
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.unknowns import layout, theta_of
 from lrbc_cli.campaign.jobs.finished import finish, origin_of
-from lrbc_cli.campaign.jobs.identity import compared_jobs, measured
+from lrbc_cli.campaign.jobs.identity import Copied, compared_jobs, measured
 from lrbc_cli.campaign.jobs.judging import ComparedWith
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, needs, other_findings, plan, settled
 from lrbc_cli.campaign.jobs.rejudge import judge_one, keep
@@ -172,7 +172,7 @@ class _Run:
         if p.run:
             return True
         if p.judge:
-            copied = p.copied if p.knows_copies else self.originals.copied(name, compared_jobs(campaign, name))
+            copied = p.copied if p.knows_copies else self._copied(name)
             rule, come_from = self.inputs.method.rule, origin_of(self.inputs)
             judge_one(campaign, rule, p, tight, self.outcome, come_from=come_from, copied=copied, progress=self.progress)
         else:
@@ -187,8 +187,13 @@ class _Run:
         result = (identify if self.remote is None else self.remote.identify)(self.inputs, source, name, tight.reference)
         for other, own in ((name, result.measurement), (self.inputs.campaign.update.reference, result.tight)):
             self._require_as_planned(other, own)
-        copied = self.originals.copied(name, compared_jobs(self.inputs.campaign, name), result.measurement)
+        copied = self._copied(name, result.measurement)
         return write_result(self.output, finish(self.inputs, self.stage, result, tight, (p.identity, p.judgement), copied))
+
+    def _copied(self, name: str, own: Measurement | None = None) -> Copied | None:
+        """Whether the measurement of a job is a copy of that of another one, as far as they are there."""
+        original, text = self.originals.copied(name, compared_jobs(self.inputs.campaign, name), own)
+        return Copied(text, original, measured(self.inputs.campaign, original)) if text else None
 
     def _require_as_planned(self, name: str | None, own: Measurement | None) -> None:
         """Refuse a measurement whose content is no longer that on which the identity rests.

@@ -135,8 +135,8 @@ def apart_notes(groups: Sequence[tuple[tuple[str, ...], bool]], damping: Sequenc
     return notes
 
 
-def at_bounds(P: Parameterisation, scalars: Sequence[Nuisance], theta: Floats, *, hold: bool) -> list[str]:
-    """Notes on factors and damping exponents that end at their bounds; ``hold``: the boundary was not identified."""
+def at_bounds(P: Parameterisation, scalars: Sequence[Nuisance], theta: Floats, hz: Floats, *, hold: bool) -> list[str]:
+    """Notes on factors and damping exponents that end at their bounds, or beyond any joint; ``hold``: the boundary was not identified."""
     found = []
     for scalar, value in zip(scalars, theta[P.size :], strict=True):
         if not scalar.bounds[0] < value < scalar.bounds[1]:
@@ -144,7 +144,22 @@ def at_bounds(P: Parameterisation, scalars: Sequence[Nuisance], theta: Floats, *
                 f"{scalar.name}: at its bound {scalar.effect(value - scalar.mean):.4g}: the measurement does not determine it, or its "
                 "start value is too far away (then give one nearer to it)"
             )
-    found += [] if hold else damping_at_bounds(P, theta)
+    found += [] if hold else [*damping_at_bounds(P, theta), *overdamped(P, theta, hz)]
+    return found
+
+
+def overdamped(P: Parameterisation, theta: Floats, hz: Floats, *, most: float = 1.0) -> list[str]:
+    """Notes on groups with a loss factor above ``most`` at lines (F,) [Hz], more than any joint has."""
+    found = []
+    for group, _, at in P.placed:
+        if at is not None and group.damping is not None:
+            loss = np.abs(group.damping.loss(2j * np.pi * hz).imag) * 10.0 ** theta[at]
+            worst = int(np.argmax(loss))
+            if loss[worst] > most:
+                found.append(
+                    f"{group.name}: a loss factor of {loss[worst]:.2g} at {hz[worst]:.4g} Hz, more than any joint has: it takes up "
+                    "errors of the model, or they hardly affect the FRFs. Check their stiffness and the damping of the structure"
+                )
     return found
 
 

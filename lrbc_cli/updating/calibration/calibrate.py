@@ -336,7 +336,8 @@ def fit_factors(
     J = solution.evaluation.jacobian
     covariance = _covariance(problem, J, noise)
     damping = problem.losses(solution.theta, covariance)
-    notes += [*_apart(problem, J, noise, damping), *at_bounds(problem.parameters, problem.scalars, solution.theta, hold=problem.hold)]
+    limits = at_bounds(problem.parameters, problem.scalars, solution.theta, problem.frequency_hz, hold=problem.hold)
+    notes += [*_apart(problem, J, noise, damping), *limits]
     return FactorFit(problem=problem, solution=solution, noise=noise, covariance=covariance, stages=tuple(stages), notes=tuple(notes))
 
 

@@ -136,11 +136,12 @@ class Earlier:
         known.append(levels.db)
         self._order.append(name)
 
-    def copied(self, own: Measurement, responses: list[str], among: Collection[str] | None = None) -> str:
-        """Warning that names the first earlier measurement (``among`` some) of which ``own`` is a copy; empty if there is none."""
+    def copied(self, own: Measurement, responses: list[str], among: Collection[str] | None = None) -> tuple[str, str]:
+        """The first measurement (``among`` some) of which ``own`` is a copy, and a warning; empty texts if there is none."""
         likely = {name for name in self._likely(own) if among is None or name in among}
-        texts = (copied_text(own, self._read(name), name, responses, self.limits) for name in self._order if name in likely)
-        return next((text for text in texts if text), "")
+        named = [name for name in self._order if name in likely]
+        texts = ((name, copied_text(own, self._read(name), name, responses, self.limits)) for name in named)
+        return next((found for found in texts if found[1]), ("", ""))
 
     def _likely(self, own: Measurement) -> Iterator[str]:
         level = Levels.of(own).db
@@ -179,14 +180,14 @@ class Originals:
         kind = (job.model_dump_json(), self._inputs.campaign.reduction.band, tuple(self._inputs.responses))
         return _known.of(content, lambda: Levels.of(self._read(name)), kind)
 
-    def copied(self, name: str, others: Sequence[str], own: Measurement | None = None) -> str | None:
-        """Warning if the measurement of a job is a copy of that of one of ``others``; else None.
+    def copied(self, name: str, others: Sequence[str], own: Measurement | None = None) -> tuple[str, str]:
+        """The first of ``others`` of which the measurement of a job is a copy, and a warning; empty texts if there is none.
 
         Parameters
         ----------
         name : str
         others : sequence of str
-            The first of which it is a copy is named. One that cannot be read is the failure of its own job.
+            One that cannot be read is the failure of its own job.
         own : Measurement or None
             Measurement of the job; None: read from its files.
         """
@@ -198,8 +199,8 @@ class Originals:
                     with suppress(LrbcError):
                         self._earlier.add(other, self._levels(other))
             with suppress(LrbcError):
-                return self._earlier.copied(own or self._read(name), responses, set(others)) or None
-        return None
+                return self._earlier.copied(own or self._read(name), responses, set(others))
+        return "", ""
 
 
 #: Levels of files that were read: `lrbc watch` compares each new measurement with all earlier ones.
