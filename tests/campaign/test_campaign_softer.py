@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from lrbc_cli.campaign.jobs.judging import fitted_text, softer
+from lrbc_cli.campaign.jobs.judging import _beside_baselines, fitted_text, softer
 from lrbc_cli.updating.judging.decide import BoltVerdict, Judgement, Validity
 from lrbc_cli.updating.judging.evidence import USED, VALIDATION
 from lrbc_cli.updating.judging.rule import LOOSE, TIGHT, DecisionRule
@@ -80,3 +81,23 @@ def test_what_an_unexplained_fit_has_loosened_is_named_where_only_validation_cha
         told(replace(far, bolts=state(-0.1).bolts)),
     ):
         assert nothing == ""
+
+
+@pytest.mark.parametrize(
+    ("open_there", "unclear"), [((), ()), ([()], ("rot", "shear")), ([(), ("rot",)], ("shear",)), ([("rot", "shear")], ())]
+)
+def test_what_baselines_leave_open_too_may_be_hidden_by_errors_of_the_model(
+    open_there: Sequence[tuple[str, ...]], unclear: tuple[str, ...]
+) -> None:
+    """Without a baseline nothing tells whether the data can exclude the loss of such springs in a tight state."""
+    bolt = BoltVerdict(name="B1", verdict="tight", open_groups=("rot", "shear"), unclear_groups=("rot", "shear"))
+    records: Any = {
+        str(k): SimpleNamespace(
+            explained=True, bolts=[SimpleNamespace(name="B1", open_groups=own), SimpleNamespace(name="B2", open_groups=())]
+        )
+        for k, own in enumerate(open_there)
+    }
+    assert _beside_baselines(bolt, records).unclear_groups == unclear
+    for record in records.values():
+        record.explained = False
+    assert _beside_baselines(bolt, records).unclear_groups == ()

@@ -139,7 +139,7 @@ def test_a_group_whose_loss_would_show_but_is_not_excluded_is_no_all_clear() -> 
     """A joint that had lost both rocking springs was tight as a whole, and the exit code was that of an all-clear."""
     first = BoltFinding(name="B1", verdict="tight", open_groups=("rot",), unclear_groups=("rot",))
     some = JobFinding(status="converged", bolts=[first, BoltFinding(name="B2", verdict="tight")])
-    why = "B1 tight as a whole, but springs of rot alone may be loose, which would show"
+    why = "B1 tight as a whole, but springs of rot alone may be loose, unlike in the baselines"
     assert not_clear({"tight": REFERENCE, "a": some}) == {"a": [why]}
     assert not_clear({"tight": REFERENCE, "a": some, "b": replace(some, assumed="baseline")}) == {"a": [why]}
 

@@ -65,6 +65,7 @@ def final_judgement(
         Of the reduced model, if there is one.
     """
     judgement = judge(evidence, rule, role_of(campaign.update, evidence.job), tight.scatter, tight.reference)
+    judgement = replace(judgement, bolts=tuple(_beside_baselines(bolt, tight.baselines) for bolt in judgement.bolts))
     against = contradicted(campaign, evidence.job, judgement)
     soft = softer(judgement, {bolt.name for bolt in evidence.bolts if bolt.joint}, rule)
     doubts = [
@@ -73,6 +74,16 @@ def final_judgement(
         *([inaccurate] if (inaccurate := missed(certificate)) else []),
     ]
     return replace(judgement, validity=judgement.validity.doubted("; ".join(doubts), last=True)), [*against, *soft]
+
+
+def _beside_baselines(bolt: BoltVerdict, baselines: Mapping[str, JobRecord]) -> BoltVerdict:
+    """The verdict without those ``unclear_groups`` whose loss the data do not exclude in each baseline, where the bolt is tight, either.
+
+    Errors of the model may hide a loss that would show by the model; whether they do, only other tight states tell.
+    """
+    tight = [each for record in baselines.values() if record.explained for each in record.bolts if each.name == bolt.name]
+    clear = [group for group in bolt.unclear_groups if tight and not any(group in each.open_groups for each in tight)]
+    return bolt if len(clear) == len(bolt.unclear_groups) else replace(bolt, unclear_groups=tuple(clear))
 
 
 def judged(

@@ -118,7 +118,8 @@ def open_points(job: JobFinding) -> list[str]:
     if job.assumed is None and (unclear := [bolt for bolt in job.named("tight") if bolt.unclear_groups]):
         groups = dict.fromkeys(group for bolt in unclear for group in bolt.unclear_groups)
         named = _names([bolt.name for bolt in unclear])
-        points.append(f"{named} tight as a whole, but springs of {_names(list(groups), ' or ')} alone may be loose, which would show")
+        springs = _names(list(groups), " or ")
+        points.append(f"{named} tight as a whole, but springs of {springs} alone may be loose, unlike in the baselines")
     if job.missing:
         points.append(f"no record of {_names(job.missing)}")
     if not job.validated:

@@ -102,7 +102,7 @@ class BoltVerdict:
     open_groups : tuple of str
         Groups of springs of a tight bolt whose loss alone the data do not exclude.
     unclear_groups : tuple of str
-        Those of them whose loss the data would exclude if the joint were tight: with them nothing is an all-clear.
+        Those of them whose loss the data would exclude if the joint were tight, and do exclude in all baselines: no all-clear.
     lost_groups : tuple of str
         Groups of springs that the data call loose alone, the most probable first, of a bolt that would be tight otherwise.
     suspect : bool

@@ -52,9 +52,17 @@ def hidden_groups(posterior: Change, rule: DecisionRule) -> tuple[str, ...]:
 
 
 def shown_groups(posterior: Change, rule: DecisionRule) -> tuple[str, ...]:
-    """Those of the ``hidden_groups`` whose loss alone the data would exclude if the joint were tight."""
-    lost = [one.of for one in posterior.alone if rule.word(_even(one.ratio)) != TIGHT and rule.word(_even(one.shown)) == TIGHT]
+    """Those of the ``hidden_groups`` whose loss alone the data would exclude, with the rule's confidence, if the joint were tight."""
+    lost = [one.of for one in posterior.alone if rule.word(_even(one.ratio)) != TIGHT and _excluded(one.shown, rule)]
     return tuple(map(str, _whole_groups(lost)))
+
+
+def _excluded(shown: float, rule: DecisionRule) -> bool:
+    """Whether a loss would be excluded: without one, its log likelihood ratio is normal with mean ``shown`` and variance -2 ``shown``."""
+    if shown >= 0.0:
+        return False
+    limit = float(np.log((1.0 - rule.confidence) / rule.confidence))
+    return float(normal_cdf((limit - shown) / np.sqrt(-2.0 * shown))) >= rule.confidence
 
 
 def _whole_groups(springs: Sequence[SpringsOf]) -> tuple[SpringsOf, ...]:
