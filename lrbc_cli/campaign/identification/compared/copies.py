@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from threading import Lock
@@ -136,10 +136,10 @@ class Earlier:
         known.append(levels.db)
         self._order.append(name)
 
-    def copied(self, own: Measurement, responses: list[str], among: Collection[str] | None = None) -> tuple[str, str]:
-        """The first measurement (``among`` some) of which ``own`` is a copy, and a warning; empty texts if there is none."""
-        likely = {name for name in self._likely(own) if among is None or name in among}
-        named = [name for name in self._order if name in likely]
+    def copied(self, own: Measurement, responses: list[str], among: Sequence[str] | None = None) -> tuple[str, str]:
+        """The first measurement (of ``among``, or as they were added) of which ``own`` is a copy, and a warning; else empty texts."""
+        likely = set(self._likely(own))
+        named = [name for name in (self._order if among is None else among) if name in likely]
         texts = ((name, copied_text(own, self._read(name), name, responses, self.limits)) for name in named)
         return next((found for found in texts if found[1]), ("", ""))
 
@@ -199,7 +199,7 @@ class Originals:
                     with suppress(LrbcError):
                         self._earlier.add(other, self._levels(other))
             with suppress(LrbcError):
-                return self._earlier.copied(own or self._read(name), responses, set(others))
+                return self._earlier.copied(own or self._read(name), responses, others)
         return "", ""
 
 
