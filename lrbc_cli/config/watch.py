@@ -83,20 +83,21 @@ class WatchConfig(Strict):
         output : Path
             Folder of the results, which is not searched.
         """
-        mine = {*named, *self.files()}
+        # Links and their targets are one file.
+        mine = set(map(os.path.realpath, (*named, *self.files())))
         try:
             found = sorted(self.folder.iterdir()) if self.in_reach else []
         except OSError:
             return
         for path in found:
-            if path in mine or path.name.startswith(HIDDEN):
+            if os.path.realpath(path) in mine or path.name.startswith(HIDDEN):
                 continue
             if unspeakable(path):
                 yield f"{shown(path)} in {self.folder} is not judged: its name is not UTF-8. Rename it"
                 continue
             if path.is_dir():
                 below = (file for file in _below(path, output) if file.suffix.lower() in MEASURED or self._matches(file))
-                first = next((file for file in below if file not in mine), None)
+                first = next((file for file in below if os.path.realpath(file) not in mine), None)
                 if first is not None and not unspeakable(first):
                     yield (
                         f"{first.relative_to(self.folder)} in {self.folder} lies in a sub-folder: it is not judged, nor is anything else "

@@ -113,8 +113,8 @@ class Bolt(Record):
 
     ``change``, its ``change_std``, its 95 % limits ``change_interval95`` (null if open to that side) and the ``threshold`` below
     which a bolt counts as loose are in decades. A bolt ``outside``, which no term reaches, has none of these numbers. ``open_groups``:
-    groups of springs of a tight bolt whose loss alone the data do not exclude; ``unclear_groups``: those of them whose loss would show.
-    ``lost_groups``: those that the data call loose alone.
+    groups of springs of a tight bolt whose loss alone the data do not exclude; ``unclear_groups``: those that all baselines exclude, and
+    that would show. ``lost_groups``: those that the data call loose alone; ``excluded_groups``: those that the data exclude.
     """
 
     name: str
@@ -128,6 +128,7 @@ class Bolt(Record):
     probability_changed: Share | None = None
     open_groups: Many[str] = ()
     unclear_groups: Many[str] = ()
+    excluded_groups: Many[str] = ()
     lost_groups: Many[str] = ()
     verdict: Verdict
     removed: bool | None = None
@@ -409,6 +410,8 @@ class JobRecord(_JobBase):
             missing=tuple(name for name, entry in self.misfit_db.responses.items() if entry.used and not math.isfinite(entry.final)),
             measurement=() if self.provenance.measured_db is None else tuple(self.provenance.measured_db.tolist()),
             coherence=() if self.provenance.coherence_db is None else tuple(self.provenance.coherence_db.tolist()),
+            content=self.provenance.parts.get("measurement", "") if self.provenance.parts else "",
+            copied_content=self.provenance.judgement.content or "" if self.provenance.judgement else "",
             **{name: value for name, value in (self.decision_rule or {}).items() if name in ("copied_db", "confidence")},
         )
 

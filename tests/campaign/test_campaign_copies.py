@@ -182,3 +182,30 @@ def test_figures_of_the_coherence_tell_measurements_apart() -> None:
     assert abs(one[0] - other[0]) > 2e-3
     assert one[0] == pytest.approx(float(np.mean(10.0 * np.log10(1.0 - first[:, 0]))))
     np.testing.assert_array_equal(one[[1, 2, 3, 5, 6, 7]], 0.0)
+
+
+def test_gaps_do_not_make_every_measurement_likely() -> None:
+    """A line without a value in each job: before, all other files were read again for each."""
+    read = list[str]()
+    jobs = {f"j{k}": measured(k, 0.003) for k in range(12)}
+    for own in jobs.values():
+        own.values[3, 0] = np.nan
+
+    def again(name: str) -> Measurement:
+        read.append(name)
+        return jobs[name]
+
+    earlier = Earlier(LIMITS, again)
+    for name, own in jobs.items():
+        assert earlier.copied(own, ["a", "b"]) == ("", "")
+        earlier.add(name, Levels.of(own))
+    assert read == []
+    copied = changed(jobs["j4"], 1.02 * jobs["j4"].values)
+    assert earlier.copied(copied, ["a", "b"])[0] == "j4"
+    assert read == ["j4"]
+
+
+def test_a_dead_channel_has_the_numbers_of_no_other_one() -> None:
+    own = measured(1, 0.01)
+    own.values[:, 1] = 0.0
+    assert list(pasted(own, ["a", "b"], LIMITS)) == []

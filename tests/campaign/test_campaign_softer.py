@@ -13,6 +13,7 @@ from lrbc_cli.campaign.jobs.judging import _beside_baselines, fitted_text, softe
 from lrbc_cli.updating.judging.decide import BoltVerdict, Judgement, Validity
 from lrbc_cli.updating.judging.evidence import USED, VALIDATION
 from lrbc_cli.updating.judging.rule import LOOSE, TIGHT, DecisionRule
+from lrbc_cli.updating.unknowns.springs import SpringsOf
 
 VALID = Validity(passed=True, compared=None, misfit_db=1.0, limit_db=3.0, reason="")
 
@@ -84,18 +85,26 @@ def test_what_an_unexplained_fit_has_loosened_is_named_where_only_validation_cha
 
 
 @pytest.mark.parametrize(
-    ("open_there", "unclear"), [((), ()), ([()], ("rot", "shear")), ([(), ("rot",)], ("shear",)), ([("rot", "shear")], ())]
+    ("excluded", "unclear"),
+    [
+        ([], ()),
+        ([("rot", "rot (rotation)", "shear")], ("rot", "shear")),
+        ([("rot", "shear", "rot (rotation)"), ("shear",)], ("shear",)),
+        ([("rot (rotation)",)], ("rot (rotation)",)),
+        ([()], ()),
+    ],
 )
 def test_what_baselines_leave_open_too_may_be_hidden_by_errors_of_the_model(
-    open_there: Sequence[tuple[str, ...]], unclear: tuple[str, ...]
+    excluded: Sequence[tuple[str, ...]], unclear: tuple[str, ...]
 ) -> None:
     """Without a baseline nothing tells whether the data can exclude the loss of such springs in a tight state."""
-    bolt = BoltVerdict(name="B1", verdict="tight", open_groups=("rot", "shear"), unclear_groups=("rot", "shear"))
+    springs = (SpringsOf("rot"), SpringsOf("rot", "rotation"), SpringsOf("shear"))
+    bolt = BoltVerdict(name="B1", verdict="tight", open_groups=("rot", "shear"), unclear=springs)
     records: Any = {
         str(k): SimpleNamespace(
-            explained=True, bolts=[SimpleNamespace(name="B1", open_groups=own), SimpleNamespace(name="B2", open_groups=())]
+            explained=True, bolts=[SimpleNamespace(name="B1", excluded_groups=own), SimpleNamespace(name="B2", excluded_groups=())]
         )
-        for k, own in enumerate(open_there)
+        for k, own in enumerate(excluded)
     }
     assert _beside_baselines(bolt, records).unclear_groups == unclear
     for record in records.values():

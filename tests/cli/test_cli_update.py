@@ -633,6 +633,10 @@ def test_an_old_measurement_in_other_clothes_is_no_all_clear(frame: Folder) -> N
     for name, other in (("later", "again"), ("again", "later")):
         assert f"it has the numbers of the measurement of {other}" in str(told.json["not_clear"][name])
         assert folder.run("update", "--fail-on-loose", "--job", name).code == 7
+    # While the other file is away, nothing shows that it is another measurement now.
+    away = later.rename(folder.data / "away")
+    assert "it has the numbers of the measurement of later" in folder.run("update", "--fail-on-loose", "--job", "again").stdout
+    away.rename(later)
     # Nothing else changes for a job whose file was right, once the other one is corrected.
     numbers[:, 1:] *= 1.0 + 0.3 * np.sin(np.arange(len(numbers)))[:, None]
     later.write_text("\n".join([header, *(",".join(f"{value:.9g}" for value in row) for row in numbers)]) + "\n")

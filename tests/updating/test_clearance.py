@@ -135,11 +135,21 @@ def test_bolts_that_are_tight_as_a_whole_only_are_said() -> None:
     assert sentence(replace(every, assumed="baseline")) == "a baseline, taken as tight"
 
 
+def test_a_job_of_which_another_one_is_a_copy_is_no_all_clear_either() -> None:
+    """Scaled or thinned out, so that no figure is the same; of another measurement that was there before, it says nothing."""
+    first = replace(job("tt"), measurement=(1.0, 2.0), content="a")
+    copy = replace(job("tt", validated=False), measurement=(3.0, 4.0), content="b", copied_content="a")
+    assert once_more({"first": first}, {"copy": copy}) == {"first": "the same measurement as copy: check whether another file was meant"}
+    assert once_more({"first": replace(first, content="c")}, {"copy": copy}) == {}
+    assert once_more({"first": replace(first, content="")}, {"copy": replace(copy, copied_content="")}) == {}
+
+
 def test_a_group_whose_loss_would_show_but_is_not_excluded_is_no_all_clear() -> None:
     """A joint that had lost both rocking springs was tight as a whole, and the exit code was that of an all-clear."""
     first = BoltFinding(name="B1", verdict="tight", open_groups=("rot",), unclear_groups=("rot",))
     some = JobFinding(status="converged", bolts=[first, BoltFinding(name="B2", verdict="tight")])
-    why = "B1 tight as a whole, but springs of rot alone may be loose, unlike in the baselines"
+    why = "unlike in the baselines, springs of rot of B1 alone may be loose"
+    assert sentence(some) == f"no loose bolt found: 2 tight (B1 as a whole: springs of rot alone may be loose); {why}"
     assert not_clear({"tight": REFERENCE, "a": some}) == {"a": [why]}
     assert not_clear({"tight": REFERENCE, "a": some, "b": replace(some, assumed="baseline")}) == {"a": [why]}
 

@@ -246,7 +246,8 @@ class TestSampled:
         """If nothing is lost, the ratio is normal with mean m and variance -2 m: below -2.94 in 95 % of the cases for m < -10.46."""
         alone = (LossAlone(SpringsOf("axial"), -50.0, -50.0), LossAlone(SpringsOf("rocking"), 0.0, shown))
         found = one(replace(PLACE, change=Change(mean=0.0, std=0.1, unfelt=("torsion",), alone=alone)))
-        assert (found.verdict, found.open_groups, found.unclear_groups) == ("tight", ("torsion", "rocking"), unclear)
+        assert (found.verdict, found.open_groups, found.excluded_groups) == ("tight", ("torsion", "rocking"), ("axial",))
+        assert (found.unclear, found.unclear_groups) == (tuple(map(SpringsOf, unclear)), ())
 
     @pytest.mark.parametrize("ratio", [3.0, 1000.0])
     def test_a_joint_is_not_tight_whose_springs_of_one_group_the_data_call_loose(self, ratio: float) -> None:

@@ -126,6 +126,20 @@ def test_measurements_that_nobody_sees(tmp_path: Path) -> None:
     assert passed_over(load_campaign(CAMPAIGN)) == []
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="links need no rights there")
+def test_a_link_and_its_target_are_one_measurement(tmp_path: Path) -> None:
+    folder = tmp_path / "frf"
+    watch = folder_of(folder)
+    (folder / "raw").mkdir()
+    (folder / "raw" / "third.csv").write_text("x")
+    (folder / "third.csv").symlink_to(folder / "raw" / "third.csv")
+    campaign = load_campaign(CAMPAIGN, [watch, "watch.pattern='*.csv'"])
+    assert list(campaign.jobs) == ["tight", "loose-2", "loose-all", "third"]
+    assert passed_over(campaign) == []
+    (folder / "raw" / "fourth.csv").write_text("x")
+    assert [text.partition(" in ")[0] for text in passed_over(campaign)] == [str(Path("raw", "fourth.csv"))]
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="names of files are text there")
 def test_names_that_are_no_text_and_links_to_themselves(tmp_path: Path) -> None:
     """Each ended every command with an internal error."""

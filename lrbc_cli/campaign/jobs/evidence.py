@@ -17,7 +17,7 @@ from lrbc_cli.campaign.identification.compared.copies import copied_text, pasted
 from lrbc_cli.campaign.identification.compared.doubts import doubts
 from lrbc_cli.campaign.identification.correlate import mean_of
 from lrbc_cli.campaign.identification.found import Identification
-from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.identification.weights import validation_channels, without_noise
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misplaced_bolts
@@ -145,13 +145,16 @@ def _doubts(inputs: Inputs, result: Identification) -> Iterator[Doubt]:
         yield Doubt(kind="copy", text=f"{files} the measurement of {reference.job} again; check whether another file was meant")
     if tight is None:
         return
-    if fault := axis_fault(own, tight, reference.job, result.name):
+    # With the same lines in the band, the file may only leave out a line at its begin.
+    if unlike(axis := own.frequency_hz, tight.frequency_hz) and (fault := axis_fault(own, tight, reference.job, result.name)):
         yield Doubt(kind="chain", text=fault)
-    limits, axis = inputs.statistics.validation, own.frequency_hz
-    copied = copied_text(own, tight, reference.job, [response.name for response in inputs.responses], limits)
+    limits, every = inputs.statistics.validation, [response.name for response in inputs.responses]
+    copied = copied_text(own, tight, reference.job, every, limits)
     if copied and not again:
         yield Doubt(kind="copy", text=copied)
-    yield from (Doubt(kind="copy", text=text) for text in pasted(own, [response.name for response in inputs.responses], limits))
+    # Two names of one place, and reciprocal FRFs, share a record in the reference job, too.
+    always = set(pasted(tight, every, limits))
+    yield from (Doubt(kind="copy", text=text) for text in pasted(own, every, limits) if text not in always)
     same = limits.same_line
     within = (tight.frequency_hz >= axis[0] * (1 - same)) & (tight.frequency_hz <= axis[-1] * (1 + same))
     if within.mean() < limits.least_span:

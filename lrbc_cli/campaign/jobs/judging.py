@@ -17,6 +17,7 @@ from lrbc_cli.errors import listing
 from lrbc_cli.results.job import Alternative, Bolt, Certificate, JobRecord, TakenAsTight, ValidityRecord
 from lrbc_cli.updating.judging.decide import BASELINE, JOB, REFERENCE, BoltVerdict, Judgement, Role, judge, scatter_of
 from lrbc_cli.updating.judging.evidence import VALIDATION, Evidence
+from lrbc_cli.updating.judging.groups import whole_groups
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import LOOSE, TIGHT, UNDECIDED, DecisionRule, TightScatter
 
@@ -77,13 +78,13 @@ def final_judgement(
 
 
 def _beside_baselines(bolt: BoltVerdict, baselines: Mapping[str, JobRecord]) -> BoltVerdict:
-    """The verdict without those ``unclear_groups`` whose loss the data do not exclude in each baseline, where the bolt is tight, either.
+    """The verdict with those ``unclear_groups`` whose loss the data exclude in each baseline.
 
     Errors of the model may hide a loss that would show by the model; whether they do, only other tight states tell.
     """
-    tight = [each for record in baselines.values() if record.explained for each in record.bolts if each.name == bolt.name]
-    clear = [group for group in bolt.unclear_groups if tight and not any(group in each.open_groups for each in tight)]
-    return bolt if len(clear) == len(bolt.unclear_groups) else replace(bolt, unclear_groups=tuple(clear))
+    there = [each.excluded_groups for record in baselines.values() if record.explained for each in record.bolts if each.name == bolt.name]
+    unlike = [springs for springs in bolt.unclear if there and all(str(springs) in excluded for excluded in there)]
+    return replace(bolt, unclear_groups=tuple(map(str, whole_groups(unlike)))) if unlike else bolt
 
 
 def judged(

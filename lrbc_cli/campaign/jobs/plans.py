@@ -158,8 +158,10 @@ def _alone(campaign: Campaign, job: JobPlan) -> JobPlan:
     rested = stored.provenance.judgement
     other = changed(None if rested is None else rested.parts, job.judgement.parts, JUDGED)
     if (copy := found.copied) is not None and copy.original not in campaign.update.baselines:
-        there = copy.original in campaign.jobs
-        if not there or measured(campaign, copy.original) != copy.content:
+        job_there = campaign.jobs.get(copy.original)
+        # As long as the original cannot be read, nothing shows that it is another measurement now.
+        gone = job_there is not None and not all(file.is_file() for file in job_there.all_files)
+        if not gone and (job_there is None or measured(campaign, copy.original) != copy.content):
             found, other = replace(found, original=copy.original), other or f"changed: the measurement of {copy.original}"
     return found if other is None else _judged(found, folder.parent, other)
 

@@ -158,7 +158,7 @@ def judge_one(
     come_from : str or None
         See ``digests.origin``.
     copied : Copied or None
-        Warning if the measurement is a copy of a baseline's.
+        If its measurement is a copy of that of another job.
     progress : callable
     """
     assert p.record is not None

@@ -15,7 +15,7 @@ from lrbc_cli.report.old import room
 from lrbc_cli.report.parts import tables
 from lrbc_cli.report.parts.calibration import serves
 from lrbc_cli.results.job import Job, JobRecord, Verdict
-from lrbc_cli.updating.judging.clearance import loose_bolts
+from lrbc_cli.updating.judging.clearance import loose_bolts, unclear_text
 
 #: Text for a job of the campaign without a result.
 NO_RESULT = "no result, not judged"
@@ -116,6 +116,7 @@ def campaign_sentence(content: Content) -> str:
         "not validated": sum(not job.validated for job in judged),
         "with inconclusive bolts": sum(bool(job.names("undecided")) for job in judged),
         "with bolts that may be loose together": sum(bool(job.finding.together) for job in judged),
+        "with springs that may be loose alone, unlike in the baselines": sum(bool(unclear_text(job.finding)) for job in judged),
         "without records of some responses": sum(bool(job.finding.missing) for job in content.done),
         "taken as tight although bolts are probably loose": sum(bool(job.finding.doubtful) for job in content.done),
         "with the measurement of another job": len(content.copies),

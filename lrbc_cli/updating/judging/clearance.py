@@ -52,6 +52,8 @@ class JobFinding:
         Figures of the measured levels, independent of the file [dB]; empty if not known.
     coherence : sequence of float
         The same of the noise that the coherence states [dB]; zeros where it is constant or unknown.
+    content, copied_content : str
+        Digests of its measurement, and of that of another job of which it is a copy in part, scaled or thinned out; empty if not known.
     copied_db : float
         Largest difference of these figures for the same measurement, see ``DecisionRule`` [dB].
     confidence : float
@@ -67,6 +69,8 @@ class JobFinding:
     missing: Sequence[str] = ()
     measurement: Sequence[float] = ()
     coherence: Sequence[float] = ()
+    content: str = ""
+    copied_content: str = ""
     copied_db: float = 0.0
     confidence: float = 0.95
 
@@ -115,11 +119,8 @@ def open_points(job: JobFinding) -> list[str]:
         points.append(_no_verdict(job))
     if job.together:
         points.append(f"{len(job.seen)} tight, but {job.together}")
-    if job.assumed is None and (unclear := [bolt for bolt in job.named("tight") if bolt.unclear_groups]):
-        groups = dict.fromkeys(group for bolt in unclear for group in bolt.unclear_groups)
-        named = _names([bolt.name for bolt in unclear])
-        springs = _names(list(groups), " or ")
-        points.append(f"{named} tight as a whole, but springs of {springs} alone may be loose, unlike in the baselines")
+    if unclear := unclear_text(job):
+        points.append(unclear)
     if job.missing:
         points.append(f"no record of {_names(job.missing)}")
     if not job.validated:
@@ -138,6 +139,7 @@ def once_more(jobs: Mapping[str, JobFinding], others: Mapping[str, JobFinding] =
     found = {}
     for name, job in ((name, job) for name, job in known.items() if name in jobs):
         same = [other for other in known if other != name and _alike(job.measurement, known[other].measurement, job.copied_db)]
+        same += [other for other, each in every.items() if other not in (name, *same) and each.copied_content == job.content != ""]
         if same:
             found[name] = f"the same measurement as {_names(same)}: check whether another file was meant"
         elif any(job.coherence) and (
@@ -195,9 +197,20 @@ def sentence(job: JobFinding) -> str:
         text = f"no loose bolt found, but none is judged tight: {', '.join(counts)}"
     if job.doubtful:
         text += f"; but {_names(job.doubtful)} {_doubt(job)}"
+    if unclear := unclear_text(job):
+        text += f"; {unclear}"
     if job.missing:
         text += f"; no record of {_names(job.missing)}"
     return text if job.validated else f"{text} ({_unvalidated(job)})"
+
+
+def unclear_text(job: JobFinding) -> str:
+    """Clause on springs of tight bolts whose loss alone the data exclude in the baselines, but not in this job; empty if there are none."""
+    unclear = [bolt for bolt in job.named("tight") if bolt.unclear_groups] if job.assumed is None else []
+    if not unclear:
+        return ""
+    springs = _names(list(dict.fromkeys(group for bolt in unclear for group in bolt.unclear_groups)), " or ")
+    return f"unlike in the baselines, springs of {springs} of {_names([bolt.name for bolt in unclear])} alone may be loose"
 
 
 def open_groups(job: JobFinding) -> list[str]:

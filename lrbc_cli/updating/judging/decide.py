@@ -12,16 +12,18 @@ from lrbc_cli.updating import robust
 from lrbc_cli.updating.judging.evidence import USED, BoltEvidence, Change, Evidence, Interval
 from lrbc_cli.updating.judging.groups import (
     by_prior,
+    excluded_groups,
     hidden_groups,
     lost_alone,
     lost_note,
     not_excluded,
     of_its_groups,
-    shown_groups,
+    unclear_springs,
 )
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, OUTSIDE, TIGHT, UNDECIDED, DecisionRule, TightScatter, probably
 from lrbc_cli.updating.normal import normal_cdf
+from lrbc_cli.updating.unknowns.springs import SpringsOf
 
 #: Message on a bolt that was probably not tight in the tight state.
 FALLEN = "far looser than the other bolts"
@@ -101,8 +103,10 @@ class BoltVerdict:
         Of the change [decades].
     open_groups : tuple of str
         Groups of springs of a tight bolt whose loss alone the data do not exclude.
-    unclear_groups : tuple of str
-        Those of them whose loss the data would exclude if the joint were tight, and do exclude in all baselines: no all-clear.
+    unclear : tuple of SpringsOf
+        Springs of a tight bolt whose loss alone the data do not exclude, but would if it were tight.
+    unclear_groups, excluded_groups : tuples of str
+        Those of ``unclear`` that all baselines exclude: no all-clear; groups, also in part, that the data exclude, whatever the verdict.
     lost_groups : tuple of str
         Groups of springs that the data call loose alone, the most probable first, of a bolt that would be tight otherwise.
     suspect : bool
@@ -119,7 +123,9 @@ class BoltVerdict:
     probability_loose: float | None = None
     threshold: float | None = None
     open_groups: tuple[str, ...] = ()
+    unclear: tuple[SpringsOf, ...] = ()
     unclear_groups: tuple[str, ...] = ()
+    excluded_groups: tuple[str, ...] = ()
     lost_groups: tuple[str, ...] = ()
     suspect: bool = False
 
@@ -307,7 +313,7 @@ def _verdict(
         found = replace(found, verdict=TIGHT, probability_loose=None, note=note, suspect=suspect and explained)
     if not explained:
         why = "the model does not explain the measurement"
-        found = replace(found, verdict=UNDECIDED, probability_loose=None, note=why, open_groups=(), unclear_groups=(), lost_groups=())
+        found = replace(found, verdict=UNDECIDED, probability_loose=None, note=why, open_groups=(), unclear=(), lost_groups=())
     return found
 
 
@@ -399,7 +405,8 @@ def _by_change(found: BoltVerdict, bolt: BoltEvidence, posterior: Change, at: Th
         probability_loose=probability,
         threshold=at.limit,
         open_groups=hidden,
-        unclear_groups=shown_groups(posterior, rule) if hidden else (),
+        unclear=unclear_springs(posterior, rule) if word == TIGHT else (),
+        excluded_groups=excluded_groups(posterior, rule),
         lost_groups=tuple(lost),
     )
 

@@ -48,13 +48,17 @@ def _even(ratio: float) -> float:
 def hidden_groups(posterior: Change, rule: DecisionRule) -> tuple[str, ...]:
     """Groups of a joint's springs of which the data do not exclude, at even prior odds, that they alone are free or loose."""
     lost = (one.of for one in posterior.alone if rule.word(_even(one.ratio)) != TIGHT)
-    return tuple(map(str, _whole_groups([*map(SpringsOf, posterior.unfelt), *lost])))
+    return tuple(map(str, whole_groups([*map(SpringsOf, posterior.unfelt), *lost])))
 
 
-def shown_groups(posterior: Change, rule: DecisionRule) -> tuple[str, ...]:
-    """Those of the ``hidden_groups`` whose loss alone the data would exclude, with the rule's confidence, if the joint were tight."""
-    lost = [one.of for one in posterior.alone if rule.word(_even(one.ratio)) != TIGHT and _excluded(one.shown, rule)]
-    return tuple(map(str, _whole_groups(lost)))
+def unclear_springs(posterior: Change, rule: DecisionRule) -> tuple[SpringsOf, ...]:
+    """Springs whose loss alone the data do not exclude, but would with the rule's confidence if the joint were tight."""
+    return tuple(one.of for one in posterior.alone if rule.word(_even(one.ratio)) != TIGHT and _excluded(one.shown, rule))
+
+
+def excluded_groups(posterior: Change, rule: DecisionRule) -> tuple[str, ...]:
+    """Groups of springs, and their translations and rotations, whose loss alone the data exclude."""
+    return tuple(str(one.of) for one in posterior.alone if rule.word(_even(one.ratio)) == TIGHT)
 
 
 def _excluded(shown: float, rule: DecisionRule) -> bool:
@@ -65,7 +69,7 @@ def _excluded(shown: float, rule: DecisionRule) -> bool:
     return float(normal_cdf((limit - shown) / np.sqrt(-2.0 * shown))) >= rule.confidence
 
 
-def _whole_groups(springs: Sequence[SpringsOf]) -> tuple[SpringsOf, ...]:
+def whole_groups(springs: Sequence[SpringsOf]) -> tuple[SpringsOf, ...]:
     """The springs without the translations and rotations of a group that is among them."""
     return tuple(one for one in dict.fromkeys(springs) if not one.kind or SpringsOf(one.group) not in springs)
 
@@ -73,7 +77,7 @@ def _whole_groups(springs: Sequence[SpringsOf]) -> tuple[SpringsOf, ...]:
 def lost_alone(posterior: Change, rule: DecisionRule) -> dict[str, float]:
     """Groups of springs that the data call loose alone at even prior odds, and log likelihood ratios, largest first."""
     told = {one.of: one.ratio for one in sorted(posterior.alone, key=lambda one: -one.ratio) if rule.word(_even(one.ratio)) == LOOSE}
-    return {str(springs): told[springs] for springs in _whole_groups(list(told))}
+    return {str(springs): told[springs] for springs in whole_groups(list(told))}
 
 
 def lost_note(lost: Mapping[str, float]) -> str | None:
@@ -99,7 +103,7 @@ def by_prior(posterior: Change, limit: float, between: float, rule: DecisionRule
 def not_excluded(posterior: Change, rule: DecisionRule) -> str | None:
     """Message on a joint that is tight only if the model is right to within what its residuals show."""
     there = [one.of for one in posterior.alone if rule.word(_even(one.ratio)) != TIGHT]
-    every, named = len(there) == len(posterior.alone), ", ".join(map(str, _whole_groups(there)))
+    every, named = len(there) == len(posterior.alone), ", ".join(map(str, whole_groups(there)))
     if posterior.whole is not None and rule.word(_even(posterior.whole)) != TIGHT:
         found = "errors of the model, of its stiffness in the reference state too, may hide that it is loose"
         return found if every or not there else f"{found}, or that its springs of {named} alone are; the loss of others alone is excluded"

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from threading import Lock
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from lrbc_cli.errors import LrbcError, listing
 from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.remembered import Remembered
 from lrbc_cli.updating.comparison.correlation import measured_values
+from lrbc_cli.updating.robust import medians
 from lrbc_cli.updating.statistics.decibels import decibel
 from lrbc_cli.updating.statistics.model import ValidationChannels
 
@@ -79,7 +81,7 @@ def pasted(measurement: Measurement, responses: list[str], limits: ValidationCha
         )
     for i, first in enumerate(responses):
         for j in range(i + 1, len(responses)):
-            both = measured_values(values[:, i]) & np.isfinite(values[:, j])
+            both = measured_values(values[:, i]) & measured_values(values[:, j])
             # Constant values are no FRF.
             if both.sum() < limits.least_common or first in constant:
                 continue
@@ -114,7 +116,7 @@ class Earlier:
     """Earlier measurements, for a fast search for one of which a further measurement is a copy (see ``copied_responses``).
 
     Measurements that cannot be the original are excluded for all on the same lines at once: the median deviation from the median is small
-    only if half of the deviations are. This is done in single precision with a margin; if values are missing, nothing is excluded.
+    only if half of the deviations are. This is done in single precision with a margin.
 
     Parameters
     ----------
@@ -140,8 +142,12 @@ class Earlier:
         """The first measurement (of ``among``, or as they were added) of which ``own`` is a copy, and a warning; else empty texts."""
         likely = set(self._likely(own))
         named = [name for name in (self._order if among is None else among) if name in likely]
-        texts = ((name, copied_text(own, self._read(name), name, responses, self.limits)) for name in named)
-        return next((found for found in texts if found[1]), ("", ""))
+        for name in named:
+            # A file may have gone meanwhile.
+            with suppress(LrbcError):
+                if text := copied_text(own, self._read(name), name, responses, self.limits):
+                    return name, text
+        return "", ""
 
     def _likely(self, own: Measurement) -> Iterator[str]:
         level = Levels.of(own).db
@@ -149,14 +155,11 @@ class Earlier:
             mine, theirs = _common_lines(own.frequency_hz, lines, self.limits)
             if mine.size < self.limits.least_common:
                 continue
-            difference = np.stack(levels)[:, :, theirs] - level[:, mine]
-            missing = np.isnan(difference)
-            partly = (missing.any(axis=2) & ~missing.all(axis=2)).any(axis=1)
-            difference[missing] = 0.0
-            difference -= np.median(difference, axis=2, keepdims=True)
-            near = np.count_nonzero(np.abs(difference) <= self.limits.copied_db + _ROUNDING, axis=2)
-            alike = ((2 * near >= mine.size) & ~missing.any(axis=2)).any(axis=1)
-            yield from (name for name, candidate in zip(names, alike | partly, strict=True) if candidate)
+            difference: Any = np.stack(levels)[:, :, theirs] - level[:, mine]
+            known = np.count_nonzero(~np.isnan(difference), axis=2)
+            near = np.count_nonzero(np.abs(difference - medians(difference, 2)) <= self.limits.copied_db + _ROUNDING, axis=2)
+            alike = ((2 * near >= known) & (known >= self.limits.least_common)).any(axis=1)
+            yield from (name for name, candidate in zip(names, alike, strict=True) if candidate)
 
 
 class Originals:
@@ -177,7 +180,8 @@ class Originals:
     def _levels(self, name: str) -> Levels:
         job = self._inputs.campaign.jobs[name]
         content = "".join(map(file_hash, job.all_files)).encode()
-        kind = (job.model_dump_json(), self._inputs.campaign.reduction.band, tuple(self._inputs.responses))
+        campaign = self._inputs.campaign
+        kind = (job.model_dump_json(), campaign.reduction.band, repr(campaign.responses), repr(campaign.excitation))
         return _known.of(content, lambda: Levels.of(self._read(name)), kind)
 
     def copied(self, name: str, others: Sequence[str], own: Measurement | None = None) -> tuple[str, str]:
@@ -204,7 +208,7 @@ class Originals:
 
 
 #: Levels of files that were read: `lrbc watch` compares each new measurement with all earlier ones.
-_known = Remembered[Levels](512)
+_known = Remembered[Levels](2048)
 
 
 def copied_text(own: Measurement, other: Measurement, name: str, responses: list[str], limits: ValidationChannels) -> str:
