@@ -122,6 +122,7 @@ def replaced(source: Any, **given: Any) -> Any:
 
 
 @pytest.mark.parametrize("coarse", [("mic1", "mic2", "mic3"), ("mic1",), ("acc1",)])
+@pytest.mark.slow
 def test_lines_that_some_records_lack_are_no_clock(tmp_path: Path, coarse: tuple[str, ...]) -> None:
     """Records on every second line: a factor that moves them off all lines would leave nothing, and so explain everything."""
     lost = np.array([0.0, 1.5, 0.0, 0.0, 0.0, 0.0])

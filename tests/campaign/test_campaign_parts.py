@@ -108,6 +108,7 @@ def test_nothing_is_said_of_right_parts_or_of_one() -> None:
 
 
 @pytest.mark.parametrize("mass", [2.9, 1.0 / 2.9])
+@pytest.mark.slow
 def test_a_density_that_is_wrong_as_a_whole(monkeypatch: pytest.MonkeyPatch, mass: float) -> None:
     """The level of the FRFs tells a wrong mass from a wrong stiffness; at few lines narrow peaks are missed."""
     monkeypatch.setattr(rescaled, "mistake_text", lambda _, matrix, size: f"{matrix} {size:.2g}")

@@ -482,6 +482,8 @@ TIGHT = "frf: data/frf/tight.csv"
 
 #: Those that need a reduced model of their own, or look for their cause in several ways.
 DEAR = {
+    "bounds within which no joint can lose a decade",
+    "a bolt without a spring",
     "modulus of aluminium for steel, springs of bolts as they are",
     "record numbers one too high",
     "coordinates turned by 90 degrees",

@@ -340,6 +340,7 @@ def test_a_stored_calibration_is_compared_with_its_springs(tmp_path: Path, cache
     assert abs(exported.inputs.model.K - plain).max() < 1e-12 * abs(plain).max()
 
 
+@pytest.mark.slow
 def test_a_stored_calibration_hides_no_mistake(tmp_path: Path, cache: Path) -> None:
     """Its factors make up for a matrix that is three times too stiff."""
     file = beam.make(tmp_path)

@@ -273,6 +273,7 @@ def test_it_says_that_no_job_will_be_validated(box: Folder) -> None:
     assert found["fine"] == []
 
 
+@pytest.mark.slow
 def test_a_plan_of_more_rehearsals_is_kept(bare: Folder) -> None:
     rehearsed = planned(few_bolts(bare), draws=2)
     done = bare.run("plan", "--draws", "0")
