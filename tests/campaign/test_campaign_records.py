@@ -12,6 +12,7 @@ from campaigns import Folder
 from lrbc_cli.campaign.digests import about_measurement
 from lrbc_cli.campaign.identification.matching import coherences_of, keys_of, with_files
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
+from lrbc_cli.campaign.identification.weights import validation_channels
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.io.frf_common import alike
@@ -388,6 +389,18 @@ def test_a_coherence_of_few_lines(box: Folder) -> None:
     found = measured(box, "jobs.loose.coherence=data/coherence.csv")
     assert told(found) == ("loose.uff: the coherence of mic1 has values on 91 of 191 lines of the band only",)
     assert told(measured(box, "jobs.loose.coherence=data/coherence.csv", "reduction.band=[20.0, 220.0]")) == ()
+
+
+def test_a_validation_channel_that_was_off_is_told(box: Folder) -> None:
+    """It was said to have the numbers of every other channel, and the validation channels to be copies of what was fitted."""
+    own = "update.responses=[mic1, mic2, acc1]"
+    rewrite(box, lambda r: replace(r, values=0.0 * r.values) if r.name == "mic3" else r)
+    found, inputs = measured(box, own), box.inputs(own)
+    (warning,) = told(found)
+    assert warning.startswith("loose.uff: the record of response mic3 is zero on the whole band, so it validates nothing: check whether")
+    channels, why = validation_channels(found.values, inputs.used, inputs.validation, inputs.statistics.validation)
+    assert (channels.size, why) == (0, "the validation channels have no values")
+    assert warning in box.run("check", "--override", own).stdout
 
 
 def test_a_measurement_that_was_cut_off(box: Folder) -> None:

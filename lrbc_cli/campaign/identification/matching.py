@@ -365,17 +365,22 @@ def called(job: JobConfig) -> str:
     return first.name + (f" and {len(others)} more" if others else "")
 
 
-def require_signals(inputs: Inputs, records: list[FrfRecord | None], values: Complexes) -> None:
-    """Refuse records of responses used that contain only zeros.
+def dead_records(inputs: Inputs, records: list[FrfRecord | None], values: Complexes) -> list[str]:
+    """Refuse records of responses used that contain only zeros; warnings about those of other responses.
 
     Raises
     ------
     DataError
         One for all of them.
     """
-    dead = [i for i in inputs.used if records[i] is not None and not np.any(np.abs(np.nan_to_num(values[:, i])) > 0)]
+    zero = [i for i, record in enumerate(records) if record is not None and not np.any(np.abs(np.nan_to_num(values[:, i])) > 0)]
+    dead = [i for i in zero if i in inputs.used]
     if not dead:
-        return
+        return [
+            f"the record of response {inputs.responses[i].name} is zero on the whole band, so it validates nothing: check whether its "
+            "sensor or cable was off, and measure this job again, or remove the response"
+            for i in zero
+        ]
     names = ", ".join(inputs.responses[i].name for i in dead)
     several, all_of = len(dead) > 1, len(dead) == inputs.used.size
     remedy = f"or do without {'them' if several else 'it'} in all jobs: remove {names} from responses and update.responses"

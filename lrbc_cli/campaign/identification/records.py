@@ -16,11 +16,11 @@ from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE,
 from lrbc_cli.campaign.identification.matching import (
     called,
     coherences_of,
+    dead_records,
     describe,
     keys_of,
     layout_of,
     matched,
-    require_signals,
     unmatched,
     with_files,
 )
@@ -225,7 +225,7 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
         if own and known < MIN_COHERENCE * found.sum():
             thin.setdefault(f"{known} of {found.sum()}", []).append(inputs.responses[i].name)
     warnings += [f"the coherence of {', '.join(names)} has values on {lines} lines of the band only" for lines, names in thin.items()]
-    require_signals(inputs, records, values)
+    warnings += dead_records(inputs, records, values)
     if "averages" in job.model_fields_set and not np.isfinite(coherence).any():
         warnings.append(f"averages: {job.averages} is not used, as the job has no coherence")
     if evenly(axis) and (many := too_many_blows(values, coherence, job.averages, inputs.statistics.blows, inputs.statistics.errors)):

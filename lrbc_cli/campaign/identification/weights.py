@@ -134,7 +134,8 @@ def validation_channels(values: Complexes, used: Integers, unused: Integers, lim
     """
     if not unused.size:
         return unused, "there are no validation channels"
-    finite = np.isfinite(values)
+    # A channel that was off has zeros throughout.
+    finite = np.isfinite(values) & measured_values(values).any(axis=0)
     share = finite[:, unused].mean(axis=0)
     if not share.any():
         return unused[:0], "the validation channels have no values"

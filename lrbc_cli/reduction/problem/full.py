@@ -39,7 +39,7 @@ def full_ports(
     refine: int = 1,
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> PortFrf:
-    """Port FRFs of the full-order model, by one factorisation and refined solve for each line; reduced models are compared with them.
+    """Port FRFs of the full-order model, by one factorisation and solve for each line; reduced models are compared with refined ones.
 
     Parameters
     ----------

@@ -157,8 +157,8 @@ def overdamped(P: Parameterisation, theta: Floats, hz: Floats, *, most: float = 
             worst = int(np.argmax(loss))
             if loss[worst] > most:
                 found.append(
-                    f"{group.name}: a loss factor of {loss[worst]:.2g} at {hz[worst]:.4g} Hz, more than any joint has: it takes up "
-                    "errors of the model, or they hardly affect the FRFs. Check their stiffness and the damping of the structure"
+                    f"{group.name}: a loss factor of {loss[worst]:.2g} at {hz[worst]:.4g} Hz, more than any joint has: the damping "
+                    "takes up errors of the model, or these springs hardly affect the FRFs. Check them, and the damping of the structure"
                 )
     return found
 
