@@ -1,6 +1,7 @@
-"""Names of the springs of a joint that it can lose."""
+"""Names of the springs of a joint that it can lose.
 
-from __future__ import annotations
+Annotations are evaluated here: pydantic 2.9 does not find the classes that fields of a NamedTuple name as text.
+"""
 
 from typing import NamedTuple
 
