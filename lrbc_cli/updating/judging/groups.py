@@ -9,7 +9,7 @@ import numpy as np
 from lrbc_cli.updating.judging.evidence import Change, PartialChange
 from lrbc_cli.updating.judging.rule import LOOSE, TIGHT, DecisionRule
 from lrbc_cli.updating.normal import normal_cdf
-from lrbc_cli.updating.unknowns.springs import SpringsOf
+from lrbc_cli.updating.unknowns.springs import LossAlone, SpringsOf
 
 
 def of_its_groups(posterior: Change, whole: float, own: float, scatter: float, rule: DecisionRule) -> tuple[float, str | None]:
@@ -52,8 +52,8 @@ def hidden_groups(posterior: Change, rule: DecisionRule) -> tuple[str, ...]:
 
 
 def unclear_springs(posterior: Change, rule: DecisionRule) -> tuple[SpringsOf, ...]:
-    """Springs whose loss alone the data do not exclude, but would with the rule's confidence if the joint were tight."""
-    return tuple(one.of for one in posterior.alone if rule.word(_even(one.ratio)) != TIGHT and _excluded(one.shown, rule))
+    """Springs whose loss alone the data do not exclude, although they would, with the rule's confidence, exclude it more if tight."""
+    return tuple(one.of for one in posterior.alone if rule.word(_even(one.ratio)) != TIGHT and _improbable(one, rule))
 
 
 def excluded_groups(posterior: Change, rule: DecisionRule) -> tuple[str, ...]:
@@ -61,12 +61,11 @@ def excluded_groups(posterior: Change, rule: DecisionRule) -> tuple[str, ...]:
     return tuple(str(one.of) for one in posterior.alone if rule.word(_even(one.ratio)) == TIGHT)
 
 
-def _excluded(shown: float, rule: DecisionRule) -> bool:
-    """Whether a loss would be excluded: without one, its log likelihood ratio is normal with mean ``shown`` and variance -2 ``shown``."""
-    if shown >= 0.0:
+def _improbable(loss: LossAlone, rule: DecisionRule) -> bool:
+    """Whether its ratio is improbably large for a tight joint, where it is normal with mean ``shown`` and variance -2 ``shown``."""
+    if loss.shown >= 0.0:
         return False
-    limit = float(np.log((1.0 - rule.confidence) / rule.confidence))
-    return float(normal_cdf((limit - shown) / np.sqrt(-2.0 * shown))) >= rule.confidence
+    return float(normal_cdf((loss.ratio - loss.shown) / np.sqrt(-2.0 * loss.shown))) >= rule.confidence
 
 
 def whole_groups(springs: Sequence[SpringsOf]) -> tuple[SpringsOf, ...]:
