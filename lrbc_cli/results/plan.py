@@ -107,6 +107,28 @@ class LossSum(Record):
     alarms: int
 
 
+class PlannedTight(Record):
+    """Verdicts of simulated measurements in which all bolts are tight, tightened again.
+
+    Attributes
+    ----------
+    draws, clear, validated : int
+        Number of simulated measurements, of those in which every bolt was called tight and the job was validated, and of validated ones.
+    verdicts, tight, loose : int
+        Number of judged bolts in all draws, and of those called tight and loose.
+    undecided : dict
+        How often each of these bolts was inconclusive.
+    """
+
+    draws: int
+    clear: int
+    validated: int
+    verdicts: int
+    tight: int
+    loose: int
+    undecided: dict[str, int]
+
+
 class WithAll(Record):
     """d' and standard deviation of a bolt [decades] if all responses of the campaign are measured."""
 
@@ -220,6 +242,7 @@ class PlanRecord(SealedRecord):
     nuisances: Many[PlannedNuisance] = ()
     bolts: Many[PlannedBolt]
     by_loss: Many[LossSum]
+    tight: Stated[PlannedTight] = None
     planned: PlannedSum
     all_responses: Sum
     responses: Many[Worth]

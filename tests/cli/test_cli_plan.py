@@ -111,6 +111,17 @@ def test_figures_are_counted_in_rehearsals(bare: Folder) -> None:
         assert bolt["verdict"] == ("detectable" if right >= 0.8 else "marginal" if right >= 0.2 else "not detectable")
     words = [bolt["verdict"] for bolt in tree["bolts"]]
     assert counted(tree) == {word: words.count(word) for word in WORDS}
+    # All bolts tight, twice after each of the five reference jobs: what is not tight or loose is inconclusive, by its name.
+    again = tree["tight"]
+    assert (again["draws"], again["verdicts"]) == (10, 20)
+    assert again["tight"] + again["loose"] + sum(again["undecided"].values()) == again["verdicts"]
+    assert set(again["undecided"]) <= {"B2", "B3"}
+    assert again["clear"] <= min(again["validated"], again["tight"] // 2)
+    # Of two bolts, so many draws at least have none that is not tight.
+    assert again["clear"] >= again["tight"] - again["draws"] - (again["draws"] - again["validated"])
+    line = f"every bolt called tight, and the job validated, in {again['clear']} of 10 draws; of 20 verdicts {again['tight']} tight"
+    assert line in bare.run("plan", "--draws", "2").stdout
+    assert "tight" not in planned(bare)
     # The same again, as part of more: a draw does not depend on the others.
     for one, two in zip(planned(bare, draws=1)["bolts"], tree["bolts"], strict=True):
         for less, more in zip(one["losses"], two["losses"], strict=True):

@@ -19,8 +19,8 @@ from lrbc_cli.campaign.identification.nuisances import nuisances_of
 from lrbc_cli.campaign.identification.unknowns import parameterise, theta_of
 from lrbc_cli.campaign.jobs.finished import calibration_record
 from lrbc_cli.campaign.planning.patches import Structure
-from lrbc_cli.campaign.planning.rehearsal import Draw, Rehearsal, assumptions, draws_for, rehearse, threshold
-from lrbc_cli.campaign.planning.worth import Prospect, Target, judged
+from lrbc_cli.campaign.planning.rehearsal import Rehearsal, Rehearsed, assumptions, draws_for, rehearse, threshold
+from lrbc_cli.campaign.planning.worth import Prospect, Target, judged, tightened
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
 from lrbc_cli.campaign.simulate import job_values
@@ -163,7 +163,7 @@ def make_plan(
     felt = [(loss, np.flatnonzero(found.change).tolist()) for loss, found in zip(LOSSES, asked, strict=True)]
     cases = [(n, loss) for loss, places in felt for n in places if by == "bolts" and not about.tightened]
     draws = draws_for(len(cases), request.draws) if cases else 0
-    said: dict[tuple[int, float], list[Draw]] = {}
+    said = Rehearsed()
     if draws:
         rehearsal = question.rehearsal(request.seed)
         said = rehearse(rehearsal, cases, draws, progress)
@@ -171,9 +171,12 @@ def make_plan(
     else:
         assumes = [f"state: {about.state.words}", *_linearised(inputs, by, about.tightened, request.draws, joints=shapes.joints_only)]
     every = range(len(question.targets))
-    prospects = [Prospect(loss, found, [said.get((n, loss), []) for n in every]) for loss, found in zip(LOSSES, asked, strict=True)]
+    prospects = [
+        Prospect(loss, found, [said.loosened.get((n, loss), []) for n in every]) for loss, found in zip(LOSSES, asked, strict=True)
+    ]
     judges = by == "bolts" and not about.tightened
     found = judged(inputs, prospects, question.targets, about.doubt, joints=shapes.joints_only if judges else None)
+    found["tight"] = tightened(said.tight)
     seconds = PlanSeconds(reduction=ready - begin, plan=time.perf_counter() - ready)
     return _record(question, stage, found, by, draws, assumes, seconds)
 

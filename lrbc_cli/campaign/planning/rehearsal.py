@@ -7,7 +7,7 @@ a Gaussian. Here only the errors that are drawn are linearised; they are those t
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import brentq
@@ -32,7 +32,7 @@ from lrbc_cli.results.store import read_job
 from lrbc_cli.updating.judging.decide import BASELINE, JOB, Threshold, judge, scatter_of
 from lrbc_cli.updating.judging.evidence import Evidence
 from lrbc_cli.updating.judging.reference import ReferenceState
-from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, TIGHT, TightScatter
+from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, OUTSIDE, TIGHT, TightScatter
 from lrbc_cli.updating.misfit.cost import SLOPE_STEP, ChangeError
 from lrbc_cli.updating.misfit.frf import reduced_model
 from lrbc_cli.updating.posterior.information import LOSSES
@@ -83,6 +83,22 @@ class Draw:
     probability: float
     alarms: tuple[str, ...]
     judged: int
+
+
+@dataclass(frozen=True)
+class TightDraw:
+    """Outcome of a rehearsal in which all bolts are tight: the verdict on each that can be judged, and whether the job is validated."""
+
+    verdicts: Mapping[str, str]
+    validated: bool
+
+
+@dataclass(frozen=True)
+class Rehearsed:
+    """Outcomes of rehearsals: by bolt and loss [decades], and with all bolts tight."""
+
+    loosened: Mapping[tuple[int, float], Sequence[Draw]] = field(default_factory=dict)
+    tight: Sequence[TightDraw] = ()
 
 
 def draws_for(cases: int, wanted: int | None) -> int:
@@ -265,6 +281,15 @@ class Rehearsal:
             judged=sum(one.verdict in (LOOSE, TIGHT) for one in others),
         )
 
+    def tightened(self, draw: int, tight: TightState) -> TightDraw:
+        """Tighten all bolts again, simulate the measurement, identify and judge it."""
+        # A number that no bolt has in the seeds of ``loosened``.
+        evidence = self._identified(tight, {}, [self.seed, draw, self.joint.size + 1])
+        if evidence is None:
+            return TightDraw({}, validated=False)
+        found = judge(evidence, tight.inputs.method.rule, JOB, tight.scatter, tight.reference)
+        return TightDraw({one.name: one.verdict for one in found.bolts if one.verdict != OUTSIDE}, found.validity.passed is True)
+
     def _identified(self, tight: TightState, changes: Mapping[int, float], seed: Sequence[int]) -> Evidence | None:
         """Simulate and identify a state with these changes [decades] by bolt; None if the identification fails.
 
@@ -295,9 +320,12 @@ class Rehearsal:
 
 
 def rehearse(
-    rehearsal: Rehearsal, wanted: Sequence[tuple[int, float]], draws: int, progress: Callable[[str], None] = lambda _: None
-) -> dict[tuple[int, float], list[Draw]]:
-    """Rehearse every bolt and loss ``draws`` times.
+    rehearsal: Rehearsal,
+    wanted: Sequence[tuple[int, float]],
+    draws: int,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Rehearsed:
+    """Rehearse every bolt and loss ``draws`` times, and as often, after each reference job, the structure with all bolts tightened again.
 
     Parameters
     ----------
@@ -306,26 +334,26 @@ def rehearse(
         Index of a bolt, and loss [decades].
     draws : int
     progress : callable
-
-    Returns
-    -------
-    dict
-        Draws by bolt and loss.
     """
     found: dict[tuple[int, float], list[Draw]] = {case: [] for case in wanted}
     tasks = [(draw, *case) for draw in range(draws) for case in wanted]
+    after = range(draws * REFERENCES)
+    again: list[TightDraw] = []
     # Threads as in ``run_jobs``. Every draw has its own seed, so the order does not matter.
     pool = sharing(min(MOST_WORKERS, cores()))
     try:
-        wanted_tight = sorted({(draw + bolt) % REFERENCES for draw, bolt, _ in tasks})
-        tight = dict(zip(wanted_tight, pool.map(rehearsal.tight, wanted_tight), strict=True))
-        ends = pool.map(lambda task: rehearsal.loosened(task[1], task[2], task[0], tight[(task[0] + task[1]) % REFERENCES]), tasks)
+        states = list(pool.map(rehearsal.tight, range(REFERENCES)))
+        ends = pool.map(lambda task: rehearsal.loosened(task[1], task[2], task[0], states[(task[0] + task[1]) % REFERENCES]), tasks)
+        others = pool.map(lambda draw: rehearsal.tightened(draw, states[draw % REFERENCES]), after)
         for done, ((_, bolt, loss), end) in enumerate(zip(tasks, ends, strict=True)):
             found[bolt, loss].append(end)
-            progress(f"rehearsal {done + 1} of {len(tasks)}")
+            progress(f"rehearsal {done + 1} of {len(tasks) + len(after)}")
+        for outcome in others:
+            again.append(outcome)
+            progress(f"rehearsal {len(tasks) + len(again)} of {len(tasks) + len(after)}")
     finally:
         pool.shutdown(cancel_futures=True)
-    return found
+    return Rehearsed(found, again)
 
 
 def assumptions(rehearsal: Rehearsal, draws: int, origin: str) -> list[str]:

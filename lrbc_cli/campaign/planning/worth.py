@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.arrays import Bools, Floats
-from lrbc_cli.campaign.planning.rehearsal import Draw, by_rule, estimates
+from lrbc_cli.campaign.planning.rehearsal import Draw, TightDraw, by_rule, estimates
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.results import plan
+from lrbc_cli.updating.judging.rule import LOOSE, TIGHT, UNDECIDED
 from lrbc_cli.updating.posterior.information import HIDDEN, LOSS, Experiment, Outlook, bits_of, distances, greedy, outlook, verdict
 
 #: Reasons why a bolt cannot be judged.
@@ -130,6 +131,24 @@ def _counted(draws: Sequence[Draw]) -> plan.Rehearsals:
         judged=sum(draw.judged for draw in draws),
         change=np.array([draw.change for draw in draws]),
         probability_loose=np.array([draw.probability for draw in draws]),
+    )
+
+
+def tightened(draws: Sequence[TightDraw]) -> plan.PlannedTight | None:
+    """Counts of the verdicts in rehearsals with all bolts tight; None if there are none."""
+    if not draws:
+        return None
+    words = [(name, word) for draw in draws for name, word in draw.verdicts.items()]
+    said = [word for _, word in words]
+    undecided = [name for name, word in words if word == UNDECIDED]
+    return plan.PlannedTight(
+        draws=len(draws),
+        clear=sum(draw.validated and bool(draw.verdicts) and set(draw.verdicts.values()) == {TIGHT} for draw in draws),
+        validated=sum(draw.validated for draw in draws),
+        verdicts=len(words),
+        tight=said.count(TIGHT),
+        loose=said.count(LOOSE),
+        undecided={name: undecided.count(name) for name in sorted(set(undecided), key=lambda one: -undecided.count(one))},
     )
 
 

@@ -26,6 +26,8 @@ _NAME = 24
 _ALL = "with the planned responses and with all"
 #: What the columns of responses are.
 _BITS = "bits: information about the bolts that a response adds to the planned ones, or that is lost without it; alone: by itself"
+#: Most bolts that are named as inconclusive with all bolts tight.
+_OPEN = 6
 #: Share of the width of a bolt's place that its bars fill.
 _FILLED = 0.78
 
@@ -81,6 +83,21 @@ def _wrong(plan: PlanRecord) -> str:
     verdicts = sum(one.verdicts for one in plan.by_loss)
     wrong = f"{missed + alarms} of {verdicts} verdicts of the rehearsals wrong"
     return f"{wrong}: {missed} missed (loose, called tight), {alarms} false alarms (tight, called loose)"
+
+
+def _tight(plan: PlanRecord) -> str:
+    """Text on the verdicts if all bolts are tight; empty if that was not rehearsed."""
+    found = plan.tight
+    if found is None:
+        return ""
+    open_ = ", ".join(f"{name} in {count}" for name, count in list(found.undecided.items())[:_OPEN])
+    more = f" and {len(found.undecided) - _OPEN} others" if len(found.undecided) > _OPEN else ""
+    undecided = found.verdicts - found.tight - found.loose
+    unvalidated = found.draws - found.validated
+    words = [f"{found.tight} tight", f"{undecided} inconclusive{f' ({open_}{more})' if open_ else ''}", f"{found.loose} loose"]
+    clear = f"all bolts tightened again: every bolt called tight, and the job validated, in {found.clear} of {_draws(found.draws)}"
+    text = f"{clear}; of {found.verdicts} verdicts {', '.join(words)}"
+    return f"{text}; not validated in {unvalidated}" if unvalidated else text
 
 
 def plan_chart(plan: PlanRecord) -> Chart:
@@ -231,6 +248,7 @@ def plan_text(output: Path) -> str:
             notes.setdefault(bolt.note, []).append(bolt.name)
     lines += [f"{', '.join(names)}: {note}" for note, names in notes.items()]
     lines += [f"{_counts(plan)} with {', '.join(planned)}", *([_wrong(plan)] if plan.rehearsed else [])]
+    lines += [_tight(plan)] if plan.tight is not None else []
     lines += ["", _BITS, *_worths("response", plan.responses, plan.planned.worst)]
     if plan.excitations:
         lines += ["", *_worths("excitation", plan.excitations, None)]
@@ -288,7 +306,9 @@ def _explained(plan: PlanRecord) -> str:
         f"probability of at least {100 * plan.limits.detectable:.0f} % at {_decades(plan.loss)}. d': distance of the "
         "changed FRFs from what the other unknowns can imitate, in standard deviations. Std: that of a small change in the present state, "
         "prior included. "
-        f"{_BITS[0].upper()}{_BITS[1:]}." + (f" {_wrong(plan)}." if plan.rehearsed else "")
+        f"{_BITS[0].upper()}{_BITS[1:]}."
+        + (f" {_wrong(plan)}." if plan.rehearsed else "")
+        + (f" {_tight(plan)[0].upper()}{_tight(plan)[1:]}." if plan.tight is not None else "")
     )
 
 
