@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from lrbc_cli.campaign.jobs.judging import _beside_baselines, fitted_text, softer
+from lrbc_cli.campaign.jobs import judging
+from lrbc_cli.campaign.jobs.judging import ComparedWith, _beside_baselines, final_judgement, fitted_text, softer
 from lrbc_cli.updating.judging.decide import BoltVerdict, Judgement, Validity
 from lrbc_cli.updating.judging.evidence import USED, VALIDATION
 from lrbc_cli.updating.judging.rule import LOOSE, TIGHT, DecisionRule
@@ -99,14 +100,54 @@ def test_what_baselines_leave_open_too_may_be_hidden_by_errors_of_the_model(
 ) -> None:
     """Without a baseline nothing tells whether the data can exclude the loss of such springs in a tight state."""
     springs = (SpringsOf("rot"), SpringsOf("rot", "rotation"), SpringsOf("shear"))
-    bolt = BoltVerdict(name="B1", verdict="tight", open_groups=("rot", "shear"), unclear=springs)
+    bolt = BoltVerdict(name="B1", verdict="tight", open_groups=("rot", "shear"), unclear=dict.fromkeys(springs, True))
     records: Any = {
         str(k): SimpleNamespace(
             explained=True, bolts=[SimpleNamespace(name="B1", excluded_groups=own), SimpleNamespace(name="B2", excluded_groups=())]
         )
         for k, own in enumerate(excluded)
     }
-    assert _beside_baselines(bolt, records).unclear_groups == unclear
+    assert _beside_baselines([bolt], records)[0].unclear_groups == unclear
     for record in records.values():
         record.explained = False
-    assert _beside_baselines(bolt, records).unclear_groups == ()
+    assert _beside_baselines([bolt], records)[0].unclear_groups == ()
+
+
+@pytest.mark.parametrize(("open_ones", "asked", "told"), [(3, 4, True), (2, 4, False), (1, 1, False), (2, 3, True), (4, 0, False)])
+def test_what_a_job_leaves_open_of_most_bolts_is_unclear_even_where_each_may_be_chance(open_ones: int, asked: int, told: bool) -> None:
+    """``asked``: bolts of whose springs the baseline excludes the loss; the others are open there, too."""
+    rot = SpringsOf("rot")
+    bolts = [BoltVerdict(name=f"B{k}", verdict="tight", unclear={rot: False} if k < open_ones else {}) for k in range(5)]
+    there = [SimpleNamespace(name=f"B{k}", excluded_groups=("rot",) if k < asked else ()) for k in range(5)]
+    records: Any = {"tight-2": SimpleNamespace(explained=True, bolts=there)}
+    found = [bool(bolt.unclear_groups) for bolt in _beside_baselines(bolts, records)]
+    assert found == [told and k < open_ones for k in range(5)]
+
+
+@pytest.mark.parametrize(
+    ("own", "verdict", "role", "told"),
+    [
+        (1.55, "tight", "job", True),
+        (1.55, "undecided", "job", True),
+        (1.45, "tight", "job", False),
+        (1.55, "loose", "job", False),
+        (1.55, "tight", "tight-2", False),
+    ],
+)
+def test_a_job_that_fits_worse_than_every_tight_state_without_a_loose_bolt_is_not_validated(
+    own: float, verdict: str, role: str, told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Reference job 0.8 dB, baselines 1.0 dB and, not explained, 2.0 dB; the margin is 0.5 dB."""
+    records: Any = {
+        f"tight-{k}": SimpleNamespace(explained=k == 2, bolts=[], misfit_db=SimpleNamespace(final=db)) for k, db in ((2, 1.0), (3, 2.0))
+    }
+    reference: Any = SimpleNamespace(misfit_db=0.8)
+    evidence: Any = SimpleNamespace(job=role, bolts=[], used_misfit_db=own)
+    campaign: Any = SimpleNamespace(update=SimpleNamespace(reference="tight", baselines=("tight-2", "tight-3")))
+    valid = Validity(passed=True, compared="validation channels", misfit_db=own, limit_db=2.3, reason="within")
+    found = Judgement(validity=valid, bolts=(BoltVerdict(name="B1", verdict=verdict),), implausible=())
+    monkeypatch.setattr(judging, "judge", lambda *_: found)
+    monkeypatch.setattr(judging, "contradicted", lambda *_: [])
+    judged = final_judgement(campaign, DecisionRule(), evidence, ComparedWith(reference, records), None)[0].validity
+    assert judged.passed is (None if told else True)
+    assert judged.unvalidated.startswith("the misfit of the channels used, 1.55 dB, is 0.55 dB above that of every tight state") is told

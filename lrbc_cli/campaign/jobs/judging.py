@@ -5,7 +5,7 @@ The verdicts themselves: ``updating/judging`` and guide page *statistics*, secti
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from math import inf, isfinite
 from statistics import median
@@ -20,6 +20,7 @@ from lrbc_cli.updating.judging.evidence import VALIDATION, Evidence
 from lrbc_cli.updating.judging.groups import whole_groups
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import LOOSE, TIGHT, UNDECIDED, DecisionRule, TightScatter
+from lrbc_cli.updating.unknowns.springs import SpringsOf
 
 #: Status of a job whose measurement the model does not explain.
 UNEXPLAINED = "unexplained"
@@ -66,7 +67,7 @@ def final_judgement(
         Of the reduced model, if there is one.
     """
     judgement = judge(evidence, rule, role_of(campaign.update, evidence.job), tight.scatter, tight.reference)
-    judgement = replace(judgement, bolts=tuple(_beside_baselines(bolt, tight.baselines) for bolt in judgement.bolts))
+    judgement = replace(judgement, bolts=_beside_baselines(judgement.bolts, tight.baselines))
     against = contradicted(campaign, evidence.job, judgement)
     soft = softer(judgement, {bolt.name for bolt in evidence.bolts if bolt.joint}, rule)
     doubts = [
@@ -74,17 +75,45 @@ def final_judgement(
         *(["all joints are softer than in the reference job"] if soft else []),
         *([inaccurate] if (inaccurate := missed(certificate)) else []),
     ]
+    if role_of(campaign.update, evidence.job) == JOB and not any(bolt.verdict == LOOSE for bolt in judgement.bolts):
+        doubts += filter(None, [_worse(evidence, tight, rule)])
     return replace(judgement, validity=judgement.validity.doubted("; ".join(doubts), last=True)), [*against, *soft]
 
 
-def _beside_baselines(bolt: BoltVerdict, baselines: Mapping[str, JobRecord]) -> BoltVerdict:
-    """The verdict with those ``unclear_groups`` whose loss the data exclude in each baseline.
+def _beside_baselines(bolts: Sequence[BoltVerdict], baselines: Mapping[str, JobRecord]) -> tuple[BoltVerdict, ...]:
+    """The verdicts with ``unclear_groups``: springs of a tight bolt whose loss alone the data exclude in each baseline, but not here.
 
-    Errors of the model may hide a loss that would show by the model; whether they do, only other tight states tell.
+    Errors of the model may hide a loss that would show by the model; whether they do, only other tight states tell. At a single bolt it
+    may be chance, so the data must exclude it less than of a tight one, or not exclude it of most bolts.
     """
-    there = [each.excluded_groups for record in baselines.values() if record.explained for each in record.bolts if each.name == bolt.name]
-    unlike = [springs for springs in bolt.unclear if there and all(str(springs) in excluded for excluded in there)]
-    return replace(bolt, unclear_groups=tuple(map(str, whole_groups(unlike)))) if unlike else bolt
+    records = [{each.name: each.excluded_groups for each in record.bolts} for record in baselines.values() if record.explained]
+
+    def usual(bolt: BoltVerdict, springs: SpringsOf) -> bool:
+        return bool(records) and all(str(springs) in record.get(bolt.name, ()) for record in records)
+
+    lacking = set[SpringsOf]()
+    for springs in {springs for bolt in bolts for springs in bolt.unclear}:
+        asked = [bolt for bolt in bolts if usual(bolt, springs)]
+        count = sum(springs in bolt.unclear for bolt in asked)
+        lacking |= {springs} if count > 1 and 2 * count > len(asked) else set()
+    found = []
+    for bolt in bolts:
+        unlike = [one for one, improbable in bolt.unclear.items() if (improbable or one in lacking) and usual(bolt, one)]
+        found.append(replace(bolt, unclear_groups=tuple(map(str, whole_groups(unlike)))) if unlike else bolt)
+    return tuple(found)
+
+
+def _worse(evidence: Evidence, tight: ComparedWith, rule: DecisionRule) -> str:
+    """That a job without a loose bolt fits worse than every tight state; empty if it does not."""
+    known = [record.misfit_db.final for record in tight.baselines.values() if record.explained]
+    known += [] if tight.reference is None else [tight.reference.misfit_db]
+    worst, own = max((db for db in known if db is not None), default=inf), evidence.used_misfit_db
+    if own is None or own <= worst + rule.tight_margin:
+        return ""
+    return (
+        f"the misfit of the channels used, {own:.2f} dB, is {own - worst:.2f} dB above that of every tight state, and no loose bolt "
+        "explains it: something else may have changed, or springs of one component alone"
+    )
 
 
 def judged(

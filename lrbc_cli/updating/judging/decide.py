@@ -103,8 +103,8 @@ class BoltVerdict:
         Of the change [decades].
     open_groups : tuple of str
         Groups of springs of a tight bolt whose loss alone the data do not exclude.
-    unclear : tuple of SpringsOf
-        Springs of a tight bolt whose loss alone the data do not exclude, but would if it were tight.
+    unclear : mapping of SpringsOf to bool
+        Springs of a tight bolt whose loss alone the data do not exclude; True if they exclude it less than of a tight bolt.
     unclear_groups, excluded_groups : tuples of str
         Those of ``unclear`` that all baselines exclude: no all-clear; groups, also in part, that the data exclude, whatever the verdict.
     lost_groups : tuple of str
@@ -123,7 +123,7 @@ class BoltVerdict:
     probability_loose: float | None = None
     threshold: float | None = None
     open_groups: tuple[str, ...] = ()
-    unclear: tuple[SpringsOf, ...] = ()
+    unclear: Mapping[SpringsOf, bool] = field(default_factory=dict)
     unclear_groups: tuple[str, ...] = ()
     excluded_groups: tuple[str, ...] = ()
     lost_groups: tuple[str, ...] = ()
@@ -313,7 +313,7 @@ def _verdict(
         found = replace(found, verdict=TIGHT, probability_loose=None, note=note, suspect=suspect and explained)
     if not explained:
         why = "the model does not explain the measurement"
-        found = replace(found, verdict=UNDECIDED, probability_loose=None, note=why, open_groups=(), unclear=(), lost_groups=())
+        found = replace(found, verdict=UNDECIDED, probability_loose=None, note=why, open_groups=(), unclear={}, lost_groups=())
     return found
 
 
@@ -405,7 +405,7 @@ def _by_change(found: BoltVerdict, bolt: BoltEvidence, posterior: Change, at: Th
         probability_loose=probability,
         threshold=at.limit,
         open_groups=hidden,
-        unclear=unclear_springs(posterior, rule) if word == TIGHT else (),
+        unclear=unclear_springs(posterior, rule) if word == TIGHT else {},
         excluded_groups=excluded_groups(posterior, rule),
         lost_groups=tuple(lost),
     )

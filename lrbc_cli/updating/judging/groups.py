@@ -51,9 +51,9 @@ def hidden_groups(posterior: Change, rule: DecisionRule) -> tuple[str, ...]:
     return tuple(map(str, whole_groups([*map(SpringsOf, posterior.unfelt), *lost])))
 
 
-def unclear_springs(posterior: Change, rule: DecisionRule) -> tuple[SpringsOf, ...]:
-    """Springs whose loss alone the data do not exclude, although they would, with the rule's confidence, exclude it more if tight."""
-    return tuple(one.of for one in posterior.alone if rule.word(_even(one.ratio)) != TIGHT and _improbable(one, rule))
+def unclear_springs(posterior: Change, rule: DecisionRule) -> dict[SpringsOf, bool]:
+    """Springs whose loss alone the data do not exclude; True if, with the rule's confidence, they exclude it less than of a tight joint."""
+    return {one.of: _improbable(one, rule) for one in posterior.alone if rule.word(_even(one.ratio)) != TIGHT}
 
 
 def excluded_groups(posterior: Change, rule: DecisionRule) -> tuple[str, ...]:

@@ -63,6 +63,10 @@ class DecisionRule(Checked):
         Largest excess of the mean misfit over that of the reference job, over the same channels, for a state that counts as explained [dB];
         0 if ``largest_misfit`` alone decides. A choice: states of the samples are within 0.3 of their reference; of 7 states of virtual
         rigs above 3 dB the four correct ones are within 0.8 to 1.4, the three wrong ones at 2 and more.
+    tight_margin : float
+        Largest excess of the misfit of the channels used over that of each tight state, for a job without a loose bolt that is validated
+        [dB]. A choice: 0.3 at most in 48 tight states of virtual rigs; 0.5 to 2.2 in jobs of two other structures that would have been
+        all-clears with a fault of the measurement, another mass, or springs of one component lost.
     scatter_margin : float
         Distance of the threshold from zero in standard deviations of the changes between tight states: 1 in 30 000 of a normal
         distribution is beyond four.
@@ -96,6 +100,7 @@ class DecisionRule(Checked):
     largest_misfit: Positive = 3.0
     validated_misfit: Positive = 3.0
     misfit_margin: NotNegative = 1.5
+    tight_margin: NotNegative = 0.5
     scatter_margin: NotNegative = 4.0
     joint_margin: NotNegative = 2.5
     joint_scatter: NotNegative = 0.2
