@@ -13,6 +13,7 @@ from lrbc_cli.campaign.findings import Finding, Kind, said
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart, levels, spread
 from lrbc_cli.campaign.identification.nuisances import KELVIN
 from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.looking.causes.added import left_on_text
 from lrbc_cli.campaign.looking.causes.moved import hammer_text
 from lrbc_cli.campaign.looking.fitted import fitted_frf, multiplied
 from lrbc_cli.campaign.looking.states import Looking, Seen
@@ -154,6 +155,8 @@ def _told(odd: _Odd, much: str, tried: list[float], further: str) -> list[Findin
         return said(Kind.FOREIGN, f"{much}. {min(damped, (clock, text))[1]}")
     if moved := hammer_text(seen, apart(seen.measured, seen.states)):
         return said(Kind.HAMMER, f"{much}; {moved}")
+    if standing := left_on_text(seen, odd.before):
+        return said(Kind.FOREIGN, f"{much}. {standing}")
     return said(Kind.FOREIGN, further)
 
 

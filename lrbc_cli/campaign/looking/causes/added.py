@@ -14,7 +14,7 @@ from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, apart
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.fitted import calibrated_by_rounds
 from lrbc_cli.campaign.looking.states import Looking, Seen, coarsely_reduced
-from lrbc_cli.campaign.looking.trials import EXPLAINED, FEWEST, NEARER, UNLIKE, affordable, at_values, gradually, picking, with_ports
+from lrbc_cli.campaign.looking.trials import EXPLAINED, FEWEST, LINES, NEARER, UNLIKE, affordable, at_values, gradually, picking, with_ports
 from lrbc_cli.campaign.reading.factors import recipe_of
 from lrbc_cli.campaign.structure import thinned
 from lrbc_cli.errors import LrbcError
@@ -48,6 +48,11 @@ class _Added:
     place: str
     left: float
 
+    @property
+    def where(self) -> str:
+        """Nodes and place in words."""
+        return f"node{'s' if len(self.nodes) > 1 else ''} {', '.join(map(str, self.nodes))} at {self.place}"
+
 
 def added_text(seen: Seen, before: float) -> str:
     """Warning that names the node where with a further mass the model explains the tight state; empty if there is none.
@@ -60,6 +65,25 @@ def added_text(seen: Seen, before: float) -> str:
     """
     found = None if before <= UNLIKE else _nearest(seen, before)
     return "" if found is None else _text(found, before)
+
+
+def left_on_text(seen: Seen, before: float) -> str:
+    """Clause on a job that a further mass explains, with all bolts tight; empty if there is none.
+
+    Parameters
+    ----------
+    seen : Seen
+        A job that no state of the bolts explains.
+    before : float
+        Level misfit that a fit of the bolts leaves [dB].
+    """
+    found = _nearest(seen, before)
+    if found is None or found.left > min(EXPLAINED, CLEARLY * before):
+        return ""
+    return (
+        f"With about {found.size:.2g} kg more near {found.where} the level misfit is {found.left:.1f} dB, with all bolts tight: something "
+        "was probably left on the structure, such as a tool, a stand or a further sensor. Remove it, and measure this job again"
+    )
 
 
 def missing_text(seen: Seen, whole: Measurement, calibrated: float, *, least: float, passes: int = 2, rounds: int = 2) -> str:
@@ -107,16 +131,15 @@ def _text(found: _Added, before: float, *, with_calibration: bool = False) -> st
     sizes = f"the level misfit falls from {before:.1f} to {found.left:.1f} dB"
     if with_calibration:
         sizes = f"a rough calibration leaves {found.left:.1f} dB, without it {before:.1f} dB"
-    where = f"node{'s' if len(found.nodes) > 1 else ''} {', '.join(map(str, found.nodes))} at {found.place}"
     removed = "(mean level of each response removed)"
     if found.matrix == "mass":
         return (
-            f"with about {found.size:.2g} kg more near {where} {sizes} {removed}: probably a part that was on the test bench is "
+            f"with about {found.size:.2g} kg more near {found.where} {sizes} {removed}: probably a part that was on the test bench is "
             "missing in the model, such as a motor or a fixture. Compare the mass sum with the weight of the structure; add the part in "
             "the FE model and export it again, or measure without it"
         )
     return (
-        f"with a support of about {found.size:.2g} N/m to the ground in each direction near {where} {sizes} {removed}: probably a "
+        f"with a support of about {found.size:.2g} N/m to the ground in each direction near {found.where} {sizes} {removed}: probably a "
         "foot or a support that was on the test bench is missing in the model. Add it in the FE model and export it again, or measure "
         "without it"
     )
@@ -130,6 +153,7 @@ def _nearest(
     most: int = 60,
     shares: tuple[float, ...] = (0.03, 0.06, 0.1, 0.2, 0.4),
     most_ports: int = 600,
+    rough: float = 1.3,
 ) -> _Added | None:
     """The mass or support with which the model is nearest to a measurement; None if it remains far from it.
 
@@ -147,8 +171,10 @@ def _nearest(
         inert in the middle of the band.
     most_ports : int
         Largest number of translations of these nodes and of terms: 0.2 GB of FRFs between them.
+    rough : float
+        Factor of the limit up to which nodes next to the nearest one are tried, too.
     """
-    inputs, dofs, model = seen.inputs, seen.inputs.dofs, seen.inputs.model
+    dofs, model = seen.inputs.dofs, seen.inputs.model
     # Each node has three loads of its own, beside those of the terms.
     ports = 3 * most + model.terms.size
     if dofs is None or not affordable(seen, 1.0 + 3.0 * most / (1.0 + model.terms.size)) or ports > most_ports:
@@ -157,30 +183,51 @@ def _nearest(
     nodes, first = np.unique(dofs.node[moving], return_index=True)
     if not nodes.size:
         return None
-    xyz, few_nodes = dofs.xyz[moving][first], thinned(dofs.xyz[moving][first], most)[1]
-    kept, xyz = nodes[few_nodes], xyz[few_nodes]
-    places, feet = [np.flatnonzero(moving & (dofs.node == node)) for node in kept], _feet(xyz)
+    xyz, limit = dofs.xyz[moving][first], min(UNLIKE, NEARER * before)
     whole = max(float(model.M[at][:, at].sum().real) for at in _along(seen))
-    inert = float(np.abs(seen.s[0] * seen.s[-1]))
-    # A foot stands on one node.
-    ways = [("mass", foot, [share * whole for share in shares]) for foot in feet]
-    stiff = [power * share * whole * inert for power in (0.1, 1.0, 10.0) for share in shares]
-    ways += [("stiffness", foot, stiff) for foot in feet if supports and len(foot) == 1]
-    best, size, left = ways[0], 0.0, np.inf
+    masses = [share * whole for share in shares]
+    stiff = [power * each * float(np.abs(seen.s[0] * seen.s[-1])) for power in (0.1, 1.0, 10.0) for each in masses]
+    found, spread = None, thinned(xyz, most)[1]
     for few, wider in gradually(seen):
-        with suppress(LrbcError):
-            misfits = _misfits(few, places)
-            best = min(ways, key=lambda way: min(misfits(way[0], way[1], each) for each in way[2]))
-            # Resonances allow less than the factor of two to three between those.
-            size = float(min(np.geomspace(best[2][0], best[2][-1], 25), key=lambda each: misfits(best[0], best[1], each)))
-            left = misfits(best[0], best[1], size)
-        if left > wider * min(UNLIKE, NEARER * before):
+        feet = _feet(xyz[spread])
+        # A foot stands on one node.
+        ways = [("mass", foot, masses) for foot in feet] + [("stiffness", foot, stiff) for foot in feet if supports and len(foot) == 1]
+        found = _best(few, nodes[spread], xyz[spread], ways)
+        if found is None or found.left > wider * rough * limit:
             return None
-    matrix, foot, _ = best
-    centre = ", ".join(f"{value:.4g}" for value in xyz[list(foot)].mean(axis=0) / inputs.campaign.unit_system.length)
-    place = f"({centre}) {inputs.campaign.unit_system.length_name}"
-    own, at = tuple(int(kept[k]) for k in foot), np.concatenate([places[k] for k in foot])
-    return _Added(matrix=matrix, size=size, nodes=own, at=at, place=place, left=left)
+    assert found is not None
+    # It may stand between the nodes that were tried.
+    about = np.argsort(np.linalg.norm(xyz - xyz[np.isin(nodes, found.nodes)].mean(axis=0), axis=1), kind="stable")[:most]
+    sizes = [found.size * step for step in np.geomspace(1.0 / 3.0, 3.0, 5)]
+    closer = _best(seen.few(LINES), nodes[about], xyz[about], [(found.matrix, (k,), sizes) for k in range(about.size)])
+    found = closer if closer is not None and closer.left < found.left else found
+    return found if found.left <= limit else None
+
+
+def _best(seen: Seen, nodes: Integers, xyz: Floats, ways: Sequence[tuple[str, tuple[int, ...], Sequence[float]]]) -> _Added | None:
+    """The best of some ways, each with the sizes that are tried, then with the best size at it; None if a model cannot be solved.
+
+    Parameters
+    ----------
+    seen : Seen
+    nodes, xyz : (n,) int and (n, 3) float array
+        Numbers and places of the nodes that are tried.
+    ways : sequence of (str, tuple of int, sequence of float)
+        Matrix, indices of the nodes that have equal shares, and sizes.
+    """
+    dofs, units = seen.inputs.dofs, seen.inputs.campaign.unit_system
+    assert dofs is not None
+    moving = np.isin(dofs.component, COMPONENTS[:3]) & ~seen.inputs.model.is_acoustic
+    places = [np.flatnonzero(moving & (dofs.node == node)) for node in nodes]
+    with suppress(LrbcError):
+        misfits = _misfits(seen, places)
+        matrix, foot, sizes = min(ways, key=lambda way: min(misfits(way[0], way[1], each) for each in way[2]))
+        # Resonances allow less than the factor of two to three between those.
+        size = float(min(np.geomspace(sizes[0], sizes[-1], 25), key=lambda each: misfits(matrix, foot, each)))
+        place = f"({', '.join(f'{value:.4g}' for value in xyz[list(foot)].mean(axis=0) / units.length)}) {units.length_name}"
+        own, at = tuple(int(nodes[k]) for k in foot), np.concatenate([places[k] for k in foot])
+        return _Added(matrix=matrix, size=size, nodes=own, at=at, place=place, left=misfits(matrix, foot, size))
+    return None
 
 
 def _feet(xyz: Floats, *, beside: int = 6) -> list[tuple[int, ...]]:

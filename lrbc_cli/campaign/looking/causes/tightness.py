@@ -212,8 +212,8 @@ def loose_text(seen: Seen, loose: str) -> str:
     )
 
 
-def lowered_text(before: Seen, after: Seen, *, least: float = 1.0) -> str:
-    """Warning that names bolts of which a rough calibration lowers all springs; empty if there are none.
+def lowered_text(before: Seen, after: Seen, *, least: float = 1.0, clearly: float = 0.85) -> str:
+    """Warning that names bolts of which a rough calibration lowers all springs, to good purpose; empty if there are none.
 
     Parameters
     ----------
@@ -221,15 +221,29 @@ def lowered_text(before: Seen, after: Seen, *, least: float = 1.0) -> str:
         The reference job with the model as exported, and with the roughly calibrated one.
     least : float
         Least fall of each spring relative to the median of its group [decades].
+    clearly : float
+        Largest share of the misfit without that fall that may be left: the springs of a bolt that hardly affects the FRFs take up errors
+        of the model.
     """
-    low = _calibrated_change(before, after, 1.0)
-    named = _named(before.inputs, {bolt: -own for bolt, own in low.items() if own <= -least})
+    low = {bolt: -own for bolt, own in _calibrated_change(before, after, 1.0).items() if own <= -least}
+    named = _named(before.inputs, {bolt: own for bolt, own in low.items() if after.misfit <= clearly * _with_others(before, after, bolt)})
     if not named:
         return ""
     return (
         f"a rough calibration from this job lowers the stiffness of {named} more than that of the other bolts. Check whether all bolts "
         "were tight. If not, set update.reference and calibration.job to a tight job, or measure it again"
     )
+
+
+def _with_others(before: Seen, after: Seen, bolt: int) -> float:
+    """Level misfit after a calibration [dB] if the springs of a bolt had moved as the median of their groups."""
+    theta = after.parameters.initial.copy()
+    for group, where, _ in before.parameters.placed:
+        if group.kind == "stiffness" and group.bolt is not None:
+            start = before.parameters.initial[where]
+            own = np.flatnonzero(group.bolt == bolt)
+            theta[where.start + own] = start[own] + np.median(theta[where] - start)
+    return after.at(theta).misfit
 
 
 def raised_text(before: Seen, after: Seen, *, least: float = 1.0) -> str:
