@@ -338,16 +338,16 @@ def test_a_mass_that_a_calibration_has_half_made_up_for(monkeypatch: pytest.Monk
     monkeypatch.setattr(added, "Looking", lambda **fields: fields)
     monkeypatch.setattr(added, "calibrated_by_rounds", lambda *_: (None, {"stiffness.structure": 1.0, "added there": 0.7}))
     monkeypatch.setattr(added.Seen, "of", lambda *_: SimpleNamespace(misfit=left))
-    text = added.missing_text(seen, Any, 2.5, least=2.0)
+    text = added.missing_cause(seen, Any, 2.5, least=2.0).text
     # Each reduced model holds the mass found with the one before.
     assert begun == pytest.approx([8.0, 5.6])
     start = f"with about 3.9 kg more near node 10 at (0.2, 0, 0) m a rough calibration leaves {left:.1f} dB, without it 2.5 dB"
     assert text.startswith(start) is told
     assert bool(text) is told
     # Near enough after the calibration, or calibrated from another job: nothing is looked for.
-    assert added.missing_text(seen, Any, 1.9, least=2.0) == ""
+    assert added.missing_cause(seen, Any, 1.9, least=2.0).text == ""
     settings.job = "another"
-    assert added.missing_text(seen, Any, 2.5, least=2.0) == ""
+    assert added.missing_cause(seen, Any, 2.5, least=2.0).text == ""
 
 
 def grounded(*nodes: int, stiffness: float = 1e9) -> FeModel:

@@ -44,7 +44,7 @@ from lrbc_cli.campaign.looking.causes.added import loaded_text
 from lrbc_cli.campaign.looking.causes.damped import misdamped_text
 from lrbc_cli.campaign.looking.causes.held import idle_text, or_held
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
-from lrbc_cli.campaign.looking.causes.parts import by_parts_text
+from lrbc_cli.campaign.looking.causes.parts import part_cause
 from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings
 from lrbc_cli.campaign.looking.causes.rescaled import material_text, overdamped_text, rescaled_text
 from lrbc_cli.campaign.looking.causes.tables import joints_text, of_other_unit_text, other_tables
@@ -343,7 +343,7 @@ def _seen_and_calibrated(source: Looking, measurements: Mapping[str, Measurement
     first = _looked_at(source, measurements, name, explained=explained)
     # A factor on the frequencies or the springs, or a mass somewhere, may mend half of what a wrong part causes; the part mends all of it.
     if kinds_of(first.told) & {Kind.RESCALED, Kind.STRETCHED, Kind.MATERIAL, Kind.SPRINGS} and (
-        part := by_parts_text(Seen.of(source, name, measurements[name]), measurements[name], most=NEAR)
+        part := part_cause(Seen.of(source, name, measurements[name]), measurements[name], most=NEAR).text
     ):
         return source, OfJob(said(Kind.MATERIAL, part))
     return _calibrated(source, measurements, name, first, rough)

@@ -7,7 +7,7 @@ below ``LEAST_DIFFERENCE`` (3 dB) there is nothing to explain, and a cause must 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,14 @@ LINES, FEWEST = 24, 12
 
 #: Predicted operations up to which changed models are solved: half a minute.
 MOST_WORK = 2e12
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What explains a job, in words, and the level misfit that it leaves [dB]; no words if it is no cause."""
+
+    text: str = ""
+    left: float = np.inf
 
 
 def affordable(seen: Seen, times: float = 1.0) -> bool:

@@ -25,11 +25,11 @@ from lrbc_cli.campaign.identification.compared.likeness import (
 from lrbc_cli.campaign.identification.compared.offsets import causes_of, quantities_of
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.axes import out_of_reach_text
-from lrbc_cli.campaign.looking.causes.added import added_text, missing_text
+from lrbc_cli.campaign.looking.causes.added import added_text, missing_cause
 from lrbc_cli.campaign.looking.causes.coordinates import coordinates_texts
 from lrbc_cli.campaign.looking.causes.held import held_text, idle_text, supports_text
 from lrbc_cli.campaign.looking.causes.moved import hammer_text, sensor_text
-from lrbc_cli.campaign.looking.causes.parts import by_parts_text, lump_text, part_text
+from lrbc_cli.campaign.looking.causes.parts import lump_text, part_cause, part_text
 from lrbc_cli.campaign.looking.causes.rescaled import rescaled_text, softness_text
 from lrbc_cli.campaign.looking.causes.tables import unit_text
 from lrbc_cli.campaign.looking.causes.tightness import looser, tighter_text
@@ -37,7 +37,7 @@ from lrbc_cli.campaign.looking.causes.together import together_text
 from lrbc_cli.campaign.looking.displaced import displaced_text
 from lrbc_cli.campaign.looking.fitted import calibrated_from, carefully_fitted, expected_frf
 from lrbc_cli.campaign.looking.states import Seen, by_excitation
-from lrbc_cli.campaign.looking.trials import NEAR, NEARER, UNLIKE
+from lrbc_cli.campaign.looking.trials import NEAR, NEARER, UNLIKE, Cause
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.comparison.scale import Offset, grouped
 
@@ -202,8 +202,11 @@ def of_a_part(seen: Seen, whole: Measurement, calibrated: float, *, lump: bool =
     """
     if seen.inputs.springs_doubt:
         return []
-    text = missing_text(seen, whole, calibrated, least=NEAR) if lump else ""
-    text = text or by_parts_text(seen, whole, calibrated=calibrated)
+    cause = missing_cause(seen, whole, calibrated, least=NEAR) if lump else Cause()
+    # A part that is wrong looks like a mass or a support that is missing, which leaves more.
+    if cause.left > NEAR and (part := part_cause(seen, whole, calibrated=calibrated)).left < cause.left:
+        cause = part
+    text = cause.text
     elsewhere = "" if text or calibrated <= LEAST_DIFFERENCE else displaced_text(seen, whole, calibrated)
     return said(Kind.MATERIAL, text) or said(Kind.SPRINGS, elsewhere)
 

@@ -14,7 +14,19 @@ from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, apart
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.fitted import calibrated_by_rounds
 from lrbc_cli.campaign.looking.states import Looking, Seen, coarsely_reduced
-from lrbc_cli.campaign.looking.trials import EXPLAINED, FEWEST, LINES, NEARER, UNLIKE, affordable, at_values, gradually, picking, with_ports
+from lrbc_cli.campaign.looking.trials import (
+    EXPLAINED,
+    FEWEST,
+    LINES,
+    NEARER,
+    UNLIKE,
+    Cause,
+    affordable,
+    at_values,
+    gradually,
+    picking,
+    with_ports,
+)
 from lrbc_cli.campaign.reading.factors import recipe_of
 from lrbc_cli.campaign.structure import thinned
 from lrbc_cli.errors import LrbcError
@@ -86,7 +98,7 @@ def left_on_text(seen: Seen, before: float) -> str:
     )
 
 
-def missing_text(seen: Seen, whole: Measurement, calibrated: float, *, least: float, passes: int = 2, rounds: int = 2) -> str:
+def missing_cause(seen: Seen, whole: Measurement, calibrated: float, *, least: float, passes: int = 2, rounds: int = 2) -> Cause:
     """As ``added_text``, also for a support, and for a model that a rough calibration brings near: either is calibrated beside the factors.
 
     Joints and factors make up for a part of it, so it is looked for without a calibration, and counts only if one with it leaves less
@@ -109,7 +121,7 @@ def missing_text(seen: Seen, whole: Measurement, calibrated: float, *, least: fl
     free = settings is not None and settings.job == seen.job and not seen.inputs.model.extras and source.stage is not None
     found = _nearest(seen.few(FEWEST), seen.misfit, supports=True) if free and calibrated > least else None
     if found is None or settings is None:
-        return ""
+        return Cause()
     plain, lump, size, left = seen.inputs.model, picking(found.at, seen.inputs.model.size), found.size, np.inf
     with suppress(LrbcError):
         for _ in range(passes):
@@ -123,8 +135,8 @@ def missing_text(seen: Seen, whole: Measurement, calibrated: float, *, least: fl
             size *= factors[name]
             left = Seen.of(after, seen.job, whole).misfit
     if left > min(EXPLAINED, CLEARLY * calibrated):
-        return ""
-    return _text(replace(found, size=size, left=left), calibrated, with_calibration=True)
+        return Cause()
+    return Cause(_text(replace(found, size=size, left=left), calibrated, with_calibration=True), left)
 
 
 def _text(found: _Added, before: float, *, with_calibration: bool = False) -> str:

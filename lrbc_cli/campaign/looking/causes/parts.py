@@ -17,7 +17,7 @@ from lrbc_cli.campaign.looking.causes.held import free_of_supports
 from lrbc_cli.campaign.looking.causes.rescaled import explains
 from lrbc_cli.campaign.looking.fitted import calibrated_by_rounds, multiplied
 from lrbc_cli.campaign.looking.states import Looking, Seen, coarsely_reduced
-from lrbc_cli.campaign.looking.trials import EXPLAINED, FEWEST, MOST_WORK, NEARER, UNLIKE, left_of, ported, resonances
+from lrbc_cli.campaign.looking.trials import EXPLAINED, FEWEST, MOST_WORK, NEARER, UNLIKE, Cause, left_of, ported, resonances
 from lrbc_cli.campaign.reading.factors import recipe_of
 from lrbc_cli.campaign.reading.places import extents
 from lrbc_cli.campaign.reading.reach import parts_of
@@ -125,7 +125,7 @@ def lump_text(seen: Seen, before: float, *, times: float = 20.0, most: int = 8) 
     return ""
 
 
-def by_parts_text(
+def part_cause(
     seen: Seen,
     whole: Measurement,
     *,
@@ -134,8 +134,8 @@ def by_parts_text(
     passes: int = 2,
     rounds: int = 2,
     exact: float = 1.0,
-) -> str:
-    """Warning that names the part whose stiffness or mass is wrong by any factor; else empty.
+) -> Cause:
+    """A part whose stiffness or mass is wrong by any factor.
 
     Rough calibrations find factors of the stiffness and of the mass of each part, and full solves confirm them. Parts that only springs
     join come first, then those that share nodes (``model.mesh_parts``).
@@ -158,14 +158,15 @@ def by_parts_text(
     source, settings, inputs = seen.source, seen.inputs.campaign.calibration, seen.inputs
     free = settings is not None and settings.job == seen.job and not inputs.model.extras and source.stage is not None
     if not free or seen.misfit <= LEAST_DIFFERENCE or reduction_cost(inputs)[0].work > MOST_WORK:
-        return ""
+        return Cause()
     dofs, limits, bodies = inputs.dofs, (min(seen.misfit, calibrated), most), _bodies(seen)
     meshed = [] if dofs is None else mesh_parts(free_of_supports(seen), dofs)
     # Of two alike that only springs join, one may be wrong: the parts of a lap joint, for example.
     kinds = [
         each for each in ([_Alike.of([one]) for one in bodies], _grouped(meshed if len(meshed) > len(bodies) else [])) if len(each) > 1
     ]
-    return next(filter(None, (_of_parts(seen, whole, parts, limits, passes, rounds, exact=exact) for parts in kinds)), "")
+    causes = (_of_parts(seen, whole, parts, limits, passes, rounds, exact=exact) for parts in kinds)
+    return next((cause for cause in causes if cause.text), Cause())
 
 
 def _grouped(parts: Sequence[MeshPart], *, near: float = 1e-6) -> list[_Alike]:
@@ -193,8 +194,8 @@ def _of_parts(
     count: int = 6,
     exact: float = 1.0,
     falling: float = 0.8,
-) -> str:
-    """See ``by_parts_text``, for parts of one kind.
+) -> Cause:
+    """See ``part_cause``, for parts of one kind.
 
     ``limits``: level misfit without, and the largest that may be left [dB]; ``falling``: what each pass may leave of the first; ``least``:
     least factor of that part; of more than ``count`` parts those are calibrated that alone bring the model nearest.
@@ -211,7 +212,7 @@ def _of_parts(
         found, begun, nearest = _begun(source, seen, keys, parts)
         if not begun:
             # No factor of a single part brings the model nearer.
-            return ""
+            return Cause()
         kept = sorted(nearest[:count])
         keys, parts = [keys[k] for k in kept], [parts[k] for k in kept]
         names = (*others, *chain(*keys))
@@ -221,25 +222,25 @@ def _of_parts(
             found, further = calibrated_by_rounds(_with_parts(found, keys, now), whole, names, rounds)
             factors, after = {name: value * further[name] for name, value in factors.items()}, Seen.of(found, seen.job, whole)
             if after.misfit > falling * before:
-                return ""
+                return Cause()
         few = after.few(FEWEST)
         full = ported(few, found.inputs.model).evaluate(few.dynamic)
     except LrbcError:
-        return ""
+        return Cause()
     # The basis is that of the model before the last calibrations.
     if float(np.median(apart(full, few.model))) > exact or after.misfit > min(most, CLEARLY * before):
-        return ""
+        return Cause()
     plain = dict.fromkeys(chain(*keys), 1.0)
     alone = [_left_with(found, after, whole, factors, plain | {name: factors[name] for name in own}) for own in keys]
     worst = int(np.argmin(alone))
     logs = np.log([factors[name] for name in keys[worst]])
     if alone[worst] > min(EXPLAINED, NEARER * before, NEARER * min(np.delete(alone, worst))) or np.linalg.norm(logs) < np.log(least):
-        return ""
+        return Cause()
     # A factor on the whole structure is told elsewhere.
     every = {name: factors[own] for key in keys for name, own in zip(key, keys[worst], strict=True)}
-    return (
-        "" if _left_with(found, after, whole, factors, every) < alone[worst] else _part_text(seen, parts[worst], worst, logs, alone[worst])
-    )
+    if _left_with(found, after, whole, factors, every) < alone[worst]:
+        return Cause()
+    return Cause(_part_text(seen, parts[worst], worst, logs, alone[worst]), alone[worst])
 
 
 def _left_with(found: Looking, after: Seen, whole: Measurement, factors: Mapping[str, float], others: Mapping[str, float]) -> float:
