@@ -16,8 +16,8 @@ from systems import whole
 
 from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.looking.causes import added, parts, rescaled
-from lrbc_cli.campaign.looking.causes.added import added_text, loaded_text
-from lrbc_cli.campaign.looking.causes.held import held_text, supports_text
+from lrbc_cli.campaign.looking.causes.added import added_text, left_on_text, loaded_text
+from lrbc_cli.campaign.looking.causes.held import held_text, supports_text, tied_text
 from lrbc_cli.campaign.looking.causes.parts import lump_text
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.looking.unexplained import gains_by_chance
@@ -292,6 +292,12 @@ def test_a_mass_that_the_model_lacks() -> None:
     assert found is not None
     assert float(found[1]) == pytest.approx(8.0, rel=0.15)
     assert int(found[2]) == 10
+    # In another job it was left on the structure.
+    left = told(loaded(), loaded(10), left_on_text)
+    assert re.match(
+        r"With about [78]\.?\d* kg more near node 10 at \(0.2051, 0, 0\) m the level misfit is 0\.\d dB, with all bolts tight", left
+    )
+    assert told(loaded(10), loaded(10), left_on_text) == ""
     # A pump on two feet.
     pump = re.match(r"with about ([\d.]+) kg more near nodes 8, 12 at", told(loaded(), loaded(8, 12, mass=4.0), added_text))
     assert pump is not None
@@ -364,6 +370,31 @@ def test_feet_of_a_wrong_stiffness(stated: float, words: str) -> None:
     assert bool(text) is bool(words)
     assert words in text
     assert not words or text.startswith(f"the supports of the model (2, 37, {COUNT + 2}, {COUNT + 37}) are probably {words}")
+
+
+def test_a_tie_that_was_left_beside_the_bolts() -> None:
+    """Two rows of masses at one place that springs join beside the terms; named only if the structure does not have them."""
+
+    def tied(*nodes: int) -> FeModel:
+        plain = assembly()
+        apart = sp.lil_array((2 * COUNT, len(nodes)))
+        for k, node in enumerate(nodes):
+            apart[node, k], apart[COUNT + node, k] = 1.0, -1.0
+        return replace(plain, K=sp.csc_array(plain.K + 1e8 * (apart @ apart.T)))
+
+    def cause(job: Seen, _: float) -> str:
+        inputs: Any = job.inputs
+        inputs.dofs = replace(inputs.dofs, xyz=inputs.dofs.xyz * [1.0, 0.0, 1.0])
+        return tied_text(job)
+
+    text = told(tied(2, 20, 30), assembly(), cause)
+    assert text.startswith("beside the bolts the stiffness matrix joins 3 pairs of nodes at one place (2 and 42, 20 and 60, 30 and 70; x ")
+    before, after = map(float, re.findall(r"from ([\d.]+) to ([\d.]+) dB", text)[0])
+    assert after < 0.1 < before
+    assert told(tied(2, 20, 30), tied(2, 20, 30), cause) == ""
+    assert told(assembly(), tied(2, 20, 30), cause) == ""
+    # At other places nothing is a tie.
+    assert told(tied(2, 20, 30), assembly(), lambda job, _: tied_text(job)) == ""
 
 
 def test_a_foot_in_the_air() -> None:

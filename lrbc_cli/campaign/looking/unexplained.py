@@ -27,7 +27,7 @@ from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.axes import out_of_reach_text
 from lrbc_cli.campaign.looking.causes.added import added_text, missing_cause
 from lrbc_cli.campaign.looking.causes.coordinates import coordinates_texts
-from lrbc_cli.campaign.looking.causes.held import held_text, idle_text, supports_text
+from lrbc_cli.campaign.looking.causes.held import held_text, idle_text, supports_text, tied_text
 from lrbc_cli.campaign.looking.causes.moved import hammer_text, sensor_text
 from lrbc_cli.campaign.looking.causes.parts import lump_text, part_cause, part_text
 from lrbc_cli.campaign.looking.causes.rescaled import rescaled_text, softness_text
@@ -196,12 +196,15 @@ def uncalibrated(seen: Seen, measurements: Mapping[str, Measurement], told: list
 
 
 def of_a_part(seen: Seen, whole: Measurement, calibrated: float, *, lump: bool = True) -> list[Finding]:
-    """Findings of a mass (``lump``) that the model lacks, a wrong part of it, or a joint elsewhere, from calibrations with each of them.
+    """Findings of a tie beside the bolts, of a mass (``lump``) that the model lacks, a wrong part of it, or a joint elsewhere.
 
-    ``calibrated``: level misfit after a rough calibration without [dB]. Nothing where springs at wrong nodes are warned of already.
+    The latter three come from calibrations with each of them; ``calibrated``: level misfit after a rough calibration without [dB]. Nothing
+    where springs at wrong nodes are warned of already.
     """
     if seen.inputs.springs_doubt:
         return []
+    if tied := tied_text(seen):
+        return said(Kind.SPRINGS, tied)
     cause = missing_cause(seen, whole, calibrated, least=NEAR) if lump else Cause()
     # A part that is wrong looks like a mass or a support that is missing, which leaves more.
     if cause.left > NEAR and (part := part_cause(seen, whole, calibrated=calibrated)).left < cause.left:

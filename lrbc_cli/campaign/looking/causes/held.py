@@ -13,8 +13,9 @@ import scipy.sparse as sp
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, apart
 from lrbc_cli.campaign.looking.states import Seen
-from lrbc_cli.campaign.looking.trials import UNLIKE, affordable, gradually, solved
+from lrbc_cli.campaign.looking.trials import FEWEST, NEARER, UNLIKE, affordable, gradually, ported, solved
 from lrbc_cli.campaign.reading.doubts.springs import turned_about
+from lrbc_cli.campaign.reading.places import extents
 from lrbc_cli.errors import LrbcError, listing
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
 from lrbc_cli.model.fem import FeModel
@@ -53,6 +54,50 @@ def idle_text(seen: Seen, *, every: bool = False, least: float = 0.1) -> str:
         "else in the matrices joins the same nodes (a tie, a contact, merged or fixed nodes). Remove it in the FE model, where the springs "
         "hold the structure instead, and export the matrices again"
     )
+
+
+def tied_text(seen: Seen) -> str:
+    """Warning that names nodes at one place that the matrices join beside the bolts, if the model is nearer without; else empty.
+
+    ``seen``: the reference job, with the model as it is.
+    """
+    dofs, model, few = seen.inputs.dofs, seen.inputs.model, seen.few(FEWEST)
+    pairs = np.zeros((0, 2), dtype=np.int64) if dofs is None else _coincident(model, dofs)
+    if dofs is None or not pairs.size or not affordable(seen):
+        return ""
+    stiffness = -np.asarray(model.K.tocsr()[pairs[:, 0], pairs[:, 1]]).ravel()
+    one, other = (sp.csc_array((np.ones(len(pairs)), (at, np.arange(len(pairs)))), (model.size, len(pairs))) for at in pairs.T)
+    apart_there = one - other
+    free = replace(model, K=sp.csc_array(model.K - apart_there @ sp.diags_array(stiffness) @ apart_there.T))
+    with suppress(LrbcError):
+        before = float(np.median(apart(few.measured, few.model)))
+        left = float(np.median(apart(few.measured, ported(few, free).evaluate(few.dynamic))))
+        if left <= NEARER * before:
+            nodes = np.unique(np.sort(dofs.node[pairs], axis=1), axis=0)
+            named = listing([f"{a} and {b}" for a, b in nodes.tolist()], 3)
+            units = seen.inputs.campaign.unit_system
+            return (
+                f"beside the bolts the stiffness matrix joins {len(nodes)} pair{'s' if len(nodes) > 1 else ''} of nodes at one place "
+                f"({named}; {extents(dofs.xyz[pairs.ravel()], units.length, units.length_name)}): without these joints the level misfit "
+                f"falls from {before:.1f} to {left:.1f} dB (mean level of each response removed). Probably a tie or a contact was left "
+                "active there. Remove it in the FE model, and export the matrices again"
+            )
+    return ""
+
+
+def _coincident(model: FeModel, dofs: DofTable, *, near: float = 1e-6, least: float = 1e-9) -> Integers:
+    """(k, 2) DOFs of the same component, of two nodes at one place, that the stiffness matrix joins.
+
+    ``near``: share of the extent within which places are one; ``least``: smallest entry, as a share of those on the diagonal.
+    """
+    upper, diagonal = sp.triu(sp.csc_array(model.K.real), 1).tocoo(), np.abs(model.K.diagonal())
+    row, col = upper.row, upper.col
+    extent = float(np.ptp(dofs.xyz, axis=0).max()) or 1.0
+    kept = (dofs.component[row] == dofs.component[col]) & np.isin(dofs.component[row], COMPONENTS) & (dofs.node[row] != dofs.node[col])
+    kept &= (np.abs(dofs.xyz[row] - dofs.xyz[col]) <= near * extent).all(axis=1)
+    kept &= upper.data < -least * np.sqrt(diagonal[row] * diagonal[col])
+    found: Integers = np.stack([row[kept], col[kept]], axis=1).astype(np.int64)
+    return found
 
 
 def held_text(seen: Seen, before: float, *, most: int = 8) -> str | None:
