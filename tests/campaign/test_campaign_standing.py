@@ -212,7 +212,7 @@ def test_a_baseline_that_was_a_copy(frame: Folder) -> None:
 
 
 def test_what_others_rest_on(frame_once: Folder) -> None:
-    """The state, however it is judged; of a baseline its changes."""
+    """The state, however it is judged; of a baseline its changes, the losses that it excludes, and its misfit."""
     record, other = read_job(frame_once.out, "loose-2"), read_job(frame_once.out, "tight")
     assert isinstance(record, JobRecord)
     assert isinstance(other, JobRecord)
@@ -222,7 +222,9 @@ def test_what_others_rest_on(frame_once: Folder) -> None:
     for key in ("parameters", "covariance", "noise", "misfit_db"):
         assert state_of(record.model_copy(update={key: getattr(other, key)}).state) != state_of(record.state), key
     assert changes_of(record.model_copy(update={"notes": ("x",)})) == changes_of(record)
-    for key, value in (("change", 0.1), ("change_std", 0.1), ("verdict", "undecided")):
+    for key, different in (("misfit_db", other.misfit_db), ("status", "unexplained")):
+        assert changes_of(record.model_copy(update={key: different})) != changes_of(record), key
+    for key, value in (("change", 0.1), ("change_std", 0.1), ("verdict", "undecided"), ("excluded_groups", ("axial",))):
         bolt = record.bolts[0].model_copy(update={key: value})
         assert changes_of(record.model_copy(update={"bolts": (bolt, *record.bolts[1:])})) != changes_of(record), key
 

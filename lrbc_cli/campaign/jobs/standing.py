@@ -42,8 +42,9 @@ def state_of(reference: ReferenceState) -> str:
 
 
 def changes_of(record: JobRecord) -> str:
-    """Digest of the changes of a baseline, which give the scatter of tight states."""
-    return _digest([[bolt.name, bolt.change, bolt.change_std, bolt.verdict] for bolt in record.bolts])
+    """Digest of what is compared with a baseline: its changes, which give the scatter of tight states, excluded losses, and misfit."""
+    bolts = [[bolt.name, bolt.change, bolt.change_std, bolt.verdict, bolt.excluded_groups] for bolt in record.bolts]
+    return _digest([bolts, record.explained, record.misfit_db.final])
 
 
 def _digest(value: Any) -> str:
