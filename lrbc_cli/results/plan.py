@@ -113,7 +113,7 @@ class PlannedTight(Record):
     Attributes
     ----------
     draws, clear, validated : int
-        Number of simulated measurements, of those in which every bolt was called tight and the job was validated, and of validated ones.
+        Number of simulated measurements, of those that are an all-clear, and of validated ones.
     verdicts, tight, loose : int
         Number of judged bolts in all draws, and of those called tight and loose.
     undecided : dict

@@ -15,11 +15,13 @@ from rows import COUNT, HZ, InputsAlone, assembly, told
 from systems import whole
 
 from lrbc_cli.campaign.findings import Finding, Kind
+from lrbc_cli.campaign.looking import unexplained
 from lrbc_cli.campaign.looking.causes import added, parts, rescaled
 from lrbc_cli.campaign.looking.causes.added import added_text, left_on_text, loaded_text
 from lrbc_cli.campaign.looking.causes.held import held_text, supports_text, tied_text
 from lrbc_cli.campaign.looking.causes.parts import lump_text
 from lrbc_cli.campaign.looking.states import Seen
+from lrbc_cli.campaign.looking.trials import Cause
 from lrbc_cli.campaign.looking.unexplained import gains_by_chance
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.fem import FeModel
@@ -354,6 +356,20 @@ def test_a_mass_that_a_calibration_has_half_made_up_for(monkeypatch: pytest.Monk
     assert added.missing_cause(seen, Any, 1.9, least=2.0).text == ""
     settings.job = "another"
     assert added.missing_cause(seen, Any, 2.5, least=2.0).text == ""
+
+
+@pytest.mark.parametrize(
+    ("lump", "part", "told"),
+    [(3.0, 1.8, "part"), (3.0, 3.4, "lump"), (1.9, 1.8, "lump"), (np.inf, 1.8, "part"), (3.0, np.inf, "lump")],
+)
+def test_a_wrong_part_that_looks_like_a_missing_foot(monkeypatch: pytest.MonkeyPatch, lump: float, part: float, told: str) -> None:
+    """The mass matrix of another revision: a support left 3.0 dB, the right mass of that part 1.8 dB. Below 2 dB nothing else is asked."""
+    for name, text, left in (("missing_cause", "lump", lump), ("part_cause", "part", part)):
+        cause = Cause(text, left) if np.isfinite(left) else Cause()
+        monkeypatch.setattr(unexplained, name, lambda *_, cause=cause, **__: cause)
+    monkeypatch.setattr(unexplained, "tied_text", lambda _: "")
+    job: Any = SimpleNamespace(inputs=SimpleNamespace(springs_doubt=""))
+    assert [each.text for each in unexplained.of_a_part(job, Any, 2.5)] == [told]
 
 
 def grounded(*nodes: int, stiffness: float = 1e9) -> FeModel:

@@ -131,21 +131,29 @@ def test_what_a_job_leaves_open_of_most_bolts_is_unclear_even_where_each_may_be_
         (1.55, "undecided", "job", True),
         (1.45, "tight", "job", False),
         (1.55, "loose", "job", False),
+        (1.55, "probably", "job", False),
+        (1.55, "outside", "job", False),
         (1.55, "tight", "tight-2", False),
     ],
 )
 def test_a_job_that_fits_worse_than_every_tight_state_without_a_loose_bolt_is_not_validated(
     own: float, verdict: str, role: str, told: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Reference job 0.8 dB, baselines 1.0 dB and, not explained, 2.0 dB; the margin is 0.5 dB."""
+    """Reference job 0.8 dB, baselines 1.0 dB and, not explained or without a channel, 2.0 dB; the margin is 0.5 dB."""
     records: Any = {
-        f"tight-{k}": SimpleNamespace(explained=k == 2, bolts=[], misfit_db=SimpleNamespace(final=db)) for k, db in ((2, 1.0), (3, 2.0))
+        f"tight-{k}": SimpleNamespace(
+            explained=k != 3, bolts=[], misfit_db=SimpleNamespace(final=db), finding=SimpleNamespace(missing=("a1",) if k == 4 else ())
+        )
+        for k, db in ((2, 1.0), (3, 2.0), (4, 2.0))
     }
     reference: Any = SimpleNamespace(misfit_db=0.8)
     evidence: Any = SimpleNamespace(job=role, bolts=[], used_misfit_db=own)
     campaign: Any = SimpleNamespace(update=SimpleNamespace(reference="tight", baselines=("tight-2", "tight-3")))
     valid = Validity(passed=True, compared="validation channels", misfit_db=own, limit_db=2.3, reason="within")
-    found = Judgement(validity=valid, bolts=(BoltVerdict(name="B1", verdict=verdict),), implausible=())
+    bolt = BoltVerdict(name="B1", verdict=verdict)
+    if verdict == "probably":
+        bolt = BoltVerdict(name="B1", verdict="undecided", probability_loose=0.6)
+    found = Judgement(validity=valid, bolts=(bolt,), implausible=())
     monkeypatch.setattr(judging, "judge", lambda *_: found)
     monkeypatch.setattr(judging, "contradicted", lambda *_: [])
     judged = final_judgement(campaign, DecisionRule(), evidence, ComparedWith(reference, records), None)[0].validity

@@ -226,3 +226,23 @@ def test_a_bolt_far_looser_in_a_baseline_was_not_tight_there() -> None:
     assert "is fitted best with a looser B2 (by 1.9 decades, a factor of 79)" in text
     assert text.endswith("Remove it from update.baselines, or measure it again")
     assert tightness.fallen_text(inputs, "tight-2", np.array([-0.7, 1.9, np.nan])) == ""
+
+
+@pytest.mark.parametrize(("reset", "told"), [(1.58, False), (1.80, True)])
+def test_a_calibration_that_lowers_a_bolt_to_no_purpose_tells_nothing(reset: float, told: bool) -> None:
+    """1.5 dB are left; with the springs of that bolt moved as those of the others, 1.58 dB (a right bracket) or 1.8 dB."""
+    group, tried = SimpleNamespace(kind="stiffness", bolt=np.array([0, 1, 2])), list[np.ndarray]()
+
+    def at(theta: np.ndarray) -> Any:
+        tried.append(theta)
+        return SimpleNamespace(misfit=reset)
+
+    def job(*initial: float) -> Any:
+        parameters = SimpleNamespace(initial=np.array(initial), placed=[(group, slice(0, 3), None)])
+        inputs = SimpleNamespace(bolts=SimpleNamespace(name=["B1", "B2", "B3"]))
+        return SimpleNamespace(parameters=parameters, inputs=inputs, misfit=1.5, at=at)
+
+    text = tightness.lowered_text(job(6.0, 6.0, 6.0), job(6.1, 4.8, 6.1))
+    assert text.startswith("a rough calibration from this job lowers the stiffness of B2 (by 1.3 decades") is told
+    assert bool(text) is told
+    np.testing.assert_allclose(tried, [[6.1, 6.1, 6.1]])

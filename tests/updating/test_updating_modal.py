@@ -115,7 +115,7 @@ def test_another_clock_and_warmer_air():
     for air in (False, True):
         kind, text = other_chain(F, clock, frfs(), "tight", NAMES, air=air) or ("", "")
         assert kind == "clock"
-        assert float(text.split("divide its frequencies by ")[1]) == pytest.approx(1.04, abs=2e-3)
+        assert float(text.split("divide its frequencies by ")[1].split(",")[0]) == pytest.approx(1.04, abs=2e-3)
     assert other_chain(F, warm, frfs(), "tight", NAMES, air=True) is None
     assert "by the same percentage" in str(other_chain(F, warm, frfs(), "tight", NAMES))
 

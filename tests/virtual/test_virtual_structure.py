@@ -10,8 +10,8 @@ import pytest
 from campaigns import lrbc
 from samples import reduced_cache, sample
 
+from lrbc_cli.campaign.planning.draws import estimates
 from lrbc_cli.campaign.planning.patches import Structure, patches
-from lrbc_cli.campaign.planning.rehearsal import estimates
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import ConfigError

@@ -19,7 +19,7 @@ from lrbc_cli.updating.judging.decide import BASELINE, JOB, REFERENCE, BoltVerdi
 from lrbc_cli.updating.judging.evidence import VALIDATION, Evidence
 from lrbc_cli.updating.judging.groups import whole_groups
 from lrbc_cli.updating.judging.reference import ReferenceState
-from lrbc_cli.updating.judging.rule import LOOSE, TIGHT, UNDECIDED, DecisionRule, TightScatter
+from lrbc_cli.updating.judging.rule import LOOSE, OUTSIDE, TIGHT, UNDECIDED, DecisionRule, TightScatter, probably
 from lrbc_cli.updating.unknowns.springs import SpringsOf
 
 #: Status of a job whose measurement the model does not explain.
@@ -75,7 +75,10 @@ def final_judgement(
         *(["all joints are softer than in the reference job"] if soft else []),
         *([inaccurate] if (inaccurate := missed(certificate)) else []),
     ]
-    if role_of(campaign.update, evidence.job) == JOB and not any(bolt.verdict == LOOSE for bolt in judgement.bolts):
+    seen = [bolt for bolt in judgement.bolts if bolt.verdict != OUTSIDE]
+    # A bolt that is probably loose, or springs of it, explain a larger misfit.
+    loose = any(bolt.verdict == LOOSE or probably(bolt.probability_loose) or bolt.lost_groups for bolt in seen)
+    if role_of(campaign.update, evidence.job) == JOB and seen and not loose:
         doubts += filter(None, [_worse(evidence, tight, rule)])
     return replace(judgement, validity=judgement.validity.doubted("; ".join(doubts), last=True)), [*against, *soft]
 
@@ -105,9 +108,10 @@ def _beside_baselines(bolts: Sequence[BoltVerdict], baselines: Mapping[str, JobR
 
 def _worse(evidence: Evidence, tight: ComparedWith, rule: DecisionRule) -> str:
     """That a job without a loose bolt fits worse than every tight state; empty if it does not."""
-    known = [record.misfit_db.final for record in tight.baselines.values() if record.explained]
-    known += [] if tight.reference is None else [tight.reference.misfit_db]
-    worst, own = max((db for db in known if db is not None), default=inf), evidence.used_misfit_db
+    # Without some of its channels a misfit is another mean.
+    whole = [record for record in tight.baselines.values() if record.explained and not record.finding.missing]
+    known = [None if tight.reference is None else tight.reference.misfit_db, *(record.misfit_db.final for record in whole)]
+    worst, own = max((db for db in known if db is not None and isfinite(db)), default=inf), evidence.used_misfit_db
     if own is None or own <= worst + rule.tight_margin:
         return ""
     return (

@@ -155,7 +155,7 @@ def _told(odd: _Odd, much: str, tried: list[float], further: str) -> list[Findin
         return said(Kind.FOREIGN, f"{much}. {min(damped, (clock, text))[1]}")
     if moved := hammer_text(seen, apart(seen.measured, seen.states)):
         return said(Kind.HAMMER, f"{much}; {moved}")
-    if standing := left_on_text(seen, odd.before):
+    if odd.own.all() and (standing := left_on_text(seen, odd.before)):
         return said(Kind.FOREIGN, f"{much}. {standing}")
     return said(Kind.FOREIGN, further)
 

@@ -18,8 +18,9 @@ from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.nuisances import nuisances_of
 from lrbc_cli.campaign.identification.unknowns import parameterise, theta_of
 from lrbc_cli.campaign.jobs.finished import calibration_record
+from lrbc_cli.campaign.planning.draws import Rehearsed, draws_for
 from lrbc_cli.campaign.planning.patches import Structure
-from lrbc_cli.campaign.planning.rehearsal import Rehearsal, Rehearsed, assumptions, draws_for, rehearse, threshold
+from lrbc_cli.campaign.planning.rehearsal import Rehearsal, assumptions, rehearse, threshold
 from lrbc_cli.campaign.planning.worth import Prospect, Target, judged, tightened
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
@@ -112,7 +113,7 @@ class Request(Checked):
     by : str
         ``auto``, ``bolts`` or ``values``.
     draws : int or None
-        Rehearsals of each bolt and loss; None: by ``REHEARSALS``; 0: linearised figures only.
+        Rehearsals of each bolt and loss; None: see ``draws_for``; 0: linearised figures only.
     seed : int
         Of the random numbers.
     """

@@ -7,11 +7,11 @@ a Gaussian. Here only the errors that are drawn are linearised; they are those t
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.special import betaincinv, ndtr, ndtri
+from scipy.special import ndtr, ndtri
 
 from lrbc_cli.arrays import Bools, Complexes, Floats
 from lrbc_cli.campaign.identification.handed import with_job
@@ -21,6 +21,7 @@ from lrbc_cli.campaign.identification.records import Measurement, read_measureme
 from lrbc_cli.campaign.jobs.evidence import evidence_of
 from lrbc_cli.campaign.jobs.finished import result_record
 from lrbc_cli.campaign.jobs.judging import scatter_of_records
+from lrbc_cli.campaign.planning.draws import Draw, Rehearsed, TightDraw
 from lrbc_cli.campaign.planning.patches import Structure
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource
@@ -29,10 +30,11 @@ from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.reduction.threads import cores, sharing
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job
+from lrbc_cli.updating.judging.clearance import BoltFinding, JobFinding, open_points
 from lrbc_cli.updating.judging.decide import BASELINE, JOB, Threshold, judge, scatter_of
 from lrbc_cli.updating.judging.evidence import Evidence
 from lrbc_cli.updating.judging.reference import ReferenceState
-from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, OUTSIDE, TIGHT, TightScatter
+from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, TIGHT, TightScatter
 from lrbc_cli.updating.misfit.cost import SLOPE_STEP, ChangeError
 from lrbc_cli.updating.misfit.frf import reduced_model
 from lrbc_cli.updating.posterior.information import LOSSES
@@ -40,9 +42,6 @@ from lrbc_cli.updating.statistics.decibels import DB, coherence_sigma, decibel, 
 from lrbc_cli.updating.statistics.lines import resonance_lines
 from lrbc_cli.updating.statistics.noise import Noise
 from lrbc_cli.updating.statistics.shared import band_means
-
-#: Number of rehearsals in all, and limits of the number for each bolt and loss.
-REHEARSALS, DRAWS = 150, (1, 5)
 
 #: Noise over rms of a response along the band if the noise is unknown: that of the measuring chain of the virtual rigs.
 NOISE_SHARE = 0.004
@@ -58,73 +57,6 @@ REFERENCES = 5
 
 #: Names of the two jobs of a rehearsal.
 TIGHT_JOB, LOOSENED_JOB = "tight (rehearsed)", "loosened (rehearsed)"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Draw:
-    """Outcome of one rehearsal.
-
-    Attributes
-    ----------
-    verdict : str
-        Verdict on the loosened bolt.
-    change : float
-        Its identified change [decades]; NaN if there is none.
-    probability : float
-        Its stated probability of being loose; NaN if there is none.
-    alarms : tuple of str
-        Tight bolts that were called loose.
-    judged : int
-        Number of tight bolts that were called tight or loose.
-    """
-
-    verdict: str
-    change: float
-    probability: float
-    alarms: tuple[str, ...]
-    judged: int
-
-
-@dataclass(frozen=True)
-class TightDraw:
-    """Outcome of a rehearsal in which all bolts are tight: the verdict on each that can be judged, and whether the job is validated."""
-
-    verdicts: Mapping[str, str]
-    validated: bool
-
-
-@dataclass(frozen=True)
-class Rehearsed:
-    """Outcomes of rehearsals: by bolt and loss [decades], and with all bolts tight."""
-
-    loosened: Mapping[tuple[int, float], Sequence[Draw]] = field(default_factory=dict)
-    tight: Sequence[TightDraw] = ()
-
-
-def draws_for(cases: int, wanted: int | None) -> int:
-    """Number of rehearsals for each of ``cases`` pairs of bolt and loss: as wanted, else by ``REHEARSALS``."""
-    return int(np.clip(REHEARSALS // max(cases, 1), *DRAWS)) if wanted is None else wanted
-
-
-def estimates(hits: Sequence[int], draws: Sequence[int]) -> tuple[Floats, Floats]:
-    """Probability of an outcome for each of N bolts, and its 95 % interval.
-
-    Parameters
-    ----------
-    hits, draws : sequences of int
-        Number of draws with that outcome, and of all draws, for each bolt.
-
-    Returns
-    -------
-    (N,) float array
-        Share of the draws, with the share of the other bolts as one further draw, since few draws alone would often give 0 or 1.
-    (N, 2) float array
-        95 % interval from the draws of this bolt alone (Jeffreys' prior).
-    """
-    k, n = np.array(hits, dtype=float), np.array(draws, dtype=float)
-    others = (k.sum() - k + 0.5) / (n.sum() - n + 1.0)
-    interval = betaincinv((k + 0.5)[:, None], (n - k + 0.5)[:, None], np.array([0.025, 0.975]))
-    return (k + others) / (n + 1.0), np.where(np.column_stack([k == 0, k == n]), [0.0, 1.0], interval)
 
 
 @dataclass(frozen=True)
@@ -259,7 +191,8 @@ class Rehearsal:
         tight = TightState(inputs, detuned, measurement, record.state)
         if self.scatter is not None:
             return replace(tight, scatter=self.scatter)
-        again = [self._identified(tight, {}, [self.seed, draw, 0, k]) for k in range(len(campaign.update.baselines))]
+        # Seeds of their own: numbers that end with zeros are those without them.
+        again = [self._identified(tight, {}, [self.seed, draw, self.joint.size + 2, k]) for k in range(len(campaign.update.baselines))]
         judged = [
             judge(evidence, inputs.method.rule, BASELINE, reference=tight.reference).bolts for evidence in again if evidence is not None
         ]
@@ -286,9 +219,12 @@ class Rehearsal:
         # A number that no bolt has in the seeds of ``loosened``.
         evidence = self._identified(tight, {}, [self.seed, draw, self.joint.size + 1])
         if evidence is None:
-            return TightDraw({}, validated=False)
-        found = judge(evidence, tight.inputs.method.rule, JOB, tight.scatter, tight.reference)
-        return TightDraw({one.name: one.verdict for one in found.bolts if one.verdict != OUTSIDE}, found.validity.passed is True)
+            return TightDraw({})
+        rule = tight.inputs.method.rule
+        found = judge(evidence, rule, JOB, tight.scatter, tight.reference)
+        bolts = [BoltFinding(name=one.name, verdict=one.verdict, probability=one.probability_loose) for one in found.bolts]
+        job = JobFinding(status="converged", bolts=bolts, validated=found.validity.passed is True, confidence=rule.confidence)
+        return TightDraw({one.name: one.verdict for one in job.seen}, job.validated, not open_points(job))
 
     def _identified(self, tight: TightState, changes: Mapping[int, float], seed: Sequence[int]) -> Evidence | None:
         """Simulate and identify a state with these changes [decades] by bolt; None if the identification fails.

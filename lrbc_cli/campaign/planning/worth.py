@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.arrays import Bools, Floats
-from lrbc_cli.campaign.planning.rehearsal import Draw, TightDraw, by_rule, estimates
+from lrbc_cli.campaign.planning.draws import Draw, TightDraw, estimates
+from lrbc_cli.campaign.planning.rehearsal import by_rule
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.results import plan
 from lrbc_cli.updating.judging.rule import LOOSE, TIGHT, UNDECIDED
@@ -143,7 +144,7 @@ def tightened(draws: Sequence[TightDraw]) -> plan.PlannedTight | None:
     undecided = [name for name, word in words if word == UNDECIDED]
     return plan.PlannedTight(
         draws=len(draws),
-        clear=sum(draw.validated and bool(draw.verdicts) and set(draw.verdicts.values()) == {TIGHT} for draw in draws),
+        clear=sum(draw.clear for draw in draws),
         validated=sum(draw.validated for draw in draws),
         verdicts=len(words),
         tight=said.count(TIGHT),

@@ -95,7 +95,7 @@ def _tight(plan: PlanRecord) -> str:
     undecided = found.verdicts - found.tight - found.loose
     unvalidated = found.draws - found.validated
     words = [f"{found.tight} tight", f"{undecided} inconclusive{f' ({open_}{more})' if open_ else ''}", f"{found.loose} loose"]
-    clear = f"all bolts tightened again: every bolt called tight, and the job validated, in {found.clear} of {_draws(found.draws)}"
+    clear = f"all bolts tightened again: an all-clear in {found.clear} of {_draws(found.draws)}"
     text = f"{clear}; of {found.verdicts} verdicts {', '.join(words)}"
     return f"{text}; not validated in {unvalidated}" if unvalidated else text
 

@@ -90,7 +90,7 @@ def left_on_text(seen: Seen, before: float) -> str:
         Level misfit that a fit of the bolts leaves [dB].
     """
     found = _nearest(seen, before)
-    if found is None or found.left > min(EXPLAINED, CLEARLY * before):
+    if found is None or found.left > min(EXPLAINED, CLEARLY * before, NEARER * seen.misfit):
         return ""
     return (
         f"With about {found.size:.2g} kg more near {found.where} the level misfit is {found.left:.1f} dB, with all bolts tight: something "
@@ -189,7 +189,8 @@ def _nearest(
     dofs, model = seen.inputs.dofs, seen.inputs.model
     # Each node has three loads of its own, beside those of the terms.
     ports = 3 * most + model.terms.size
-    if dofs is None or not affordable(seen, 1.0 + 3.0 * most / (1.0 + model.terms.size)) or ports > most_ports:
+    times = 1.0 + 3.0 * most / (1.0 + model.terms.size)
+    if dofs is None or not affordable(seen, times) or ports > most_ports:
         return None
     moving = np.isin(dofs.component, COMPONENTS[:3]) & ~model.is_acoustic
     nodes, first = np.unique(dofs.node[moving], return_index=True)
@@ -208,6 +209,8 @@ def _nearest(
         if found is None or found.left > wider * rough * limit:
             return None
     assert found is not None
+    if not affordable(seen, 2.0 * times):
+        return found if found.left <= limit else None
     # It may stand between the nodes that were tried.
     about = np.argsort(np.linalg.norm(xyz - xyz[np.isin(nodes, found.nodes)].mean(axis=0), axis=1), kind="stable")[:most]
     sizes = [found.size * step for step in np.geomspace(1.0 / 3.0, 3.0, 5)]

@@ -334,7 +334,7 @@ def _clock(own: Floats, tight: Floats, reference: str, rule: ModalRule, least: f
         f"{reference}, all by the same percentage; a loosened bolt lowers some modes more than others. Check whether the sampling rate or "
         "the clock of the front end differs between the two jobs, or the structure is much warmer or colder. Set it as in "
         f"{reference} and measure again; if only the file is wrong, divide its frequencies by {1.0 + typical:.5g}"
-        f"{', or by more, as far as loosened bolts lower them' if loosened and typical < 0 else ''}"
+        f"{', or by more, as far as loosened bolts lower them' if loosened else ''}"
     )
 
 
