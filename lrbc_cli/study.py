@@ -265,7 +265,8 @@ class Study(ModelStudy):
         by : str
             What is loosened, one at a time: ``bolts``, ``values``, or ``auto``.
         draws, seed : int or None, int
-            Rehearsals for each bolt and loss (None: about 150 in all; 0: linearised figures only), and the seed of their random numbers.
+            Rehearsals for each bolt and loss (None: about 150 in all; 0: linearised figures only), five times as many of the tight
+            structure; and the seed of their random numbers.
         accept : bool
             Accept a reduced model that does not reach its tolerance.
         """

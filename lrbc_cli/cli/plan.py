@@ -34,7 +34,7 @@ from lrbc_cli.study import Study
     type=click.IntRange(min=0),
     metavar="N",
     help="Rehearsals per bolt and loss, identified and judged as by `lrbc update`; 0: linearised figures only. Default: 1 to 5, "
-    "about 150 in total, and five of the tight structure for each of these.",
+    "about 150 in total; and five times N of the tight structure.",
 )
 @accept_tolerance_option
 def plan(

@@ -256,10 +256,7 @@ class Rehearsal:
 
 
 def rehearse(
-    rehearsal: Rehearsal,
-    wanted: Sequence[tuple[int, float]],
-    draws: int,
-    progress: Callable[[str], None] = lambda _: None,
+    rehearsal: Rehearsal, wanted: Sequence[tuple[int, float]], draws: int, progress: Callable[[str], None] = lambda _: None
 ) -> Rehearsed:
     """Rehearse every bolt and loss ``draws`` times, and as often, after each reference job, the structure with all bolts tightened again.
 
