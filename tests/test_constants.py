@@ -144,7 +144,9 @@ def test_all_code_that_computes_belongs_to_one_stage():
     assert not {name: own for name, own in found.items() if len(own) > 1 or (numeric_module(name) and not own)}
     parts = {part for own in STAGES.values() for part in own}
     assert not {part for part in parts if not (ROOT / part).exists()}
-    assert found["updating/judging/decide.py"] == ["judgement"]
+    judging = {name for name in names if name.startswith("updating/judging/")}
+    left = {f"updating/judging/{name}.py" for name in ("evidence", "reference")}
+    assert {name for name in judging if found[name] != ["judgement"]} == left
     assert found["updating/posterior/fit.py"] == found["io/frf.py"] == ["identification"]
     assert found["reduction/build.py"] == ["reduction"]
     assert not found["report/page.py"]

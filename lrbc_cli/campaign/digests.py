@@ -66,15 +66,11 @@ def about_measurement(resolved: Mapping[str, Any], job: JobConfig, name: str) ->
     return found
 
 
-#: What judges; it is no part of identifying.
-_JUDGING = (
-    *(f"updating/judging/{name}.py" for name in ("decide", "groups", "rule", "clearance")),
-    "updating/normal.py",
-    "campaign/jobs/judging.py",
-    "campaign/jobs/rejudge.py",
-)
+#: What an identification leaves for its judgement, beside what judges.
+_LEFT = ("updating/judging/evidence.py", "updating/judging/reference.py")
 
-#: Rooms and modules of the package by stage: reduced models; identifications and calibrations, which also rest on these; judgements.
+#: Rooms and modules of the package by stage: reduced models; identifications and calibrations, which also rest on these; judgements, which
+#: are no part of identifying.
 STAGES = {
     "reduction": ("model", "reduction", "campaign/reduced"),
     "identification": (
@@ -83,7 +79,7 @@ STAGES = {
         # What a key stands for if it is left out, and what a file is multiplied by.
         *("config/structure.py", "config/settings.py"),
     ),
-    "judgement": _JUDGING,
+    "judgement": ("updating/judging", "updating/normal.py", "campaign/jobs/judging.py", "campaign/jobs/rejudge.py"),
 }
 
 
@@ -95,8 +91,12 @@ def code(stage: str) -> str:
 
 def of_stage(stage: str, name: str) -> bool:
     """Whether a module, by its path inside the package, belongs to a stage."""
-    own = STAGES[stage]
-    return (name.startswith(tuple(f"{part}/" for part in own)) and name not in _JUDGING) or name in own
+    judges = _within("judgement", name) and name not in _LEFT
+    return judges if stage == "judgement" else _within(stage, name) and not judges
+
+
+def _within(stage: str, name: str) -> bool:
+    return name in STAGES[stage] or name.startswith(tuple(f"{part}/" for part in STAGES[stage]))
 
 
 @cache

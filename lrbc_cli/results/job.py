@@ -150,8 +150,8 @@ class TakenAsTight(Record):
 class ValidityRecord(Record):
     """Whether the model explains the measurement.
 
-    ``passed`` is null if nothing speaks against the model, but there are no validation channels or the measurement is in doubt;
-    ``unvalidated`` states the reason. ``held_out_db`` is the misfit of the validation channels, ``limit_db`` its upper limit [dB].
+    ``passed`` is null if bolts are judged but not validated; ``unvalidated`` states the reason. ``held_out_db`` is the misfit of the
+    validation channels, ``limit_db`` its upper limit [dB]: above it only loose bolts are named, or none.
     """
 
     passed: bool | None

@@ -11,7 +11,8 @@ import pytest
 
 from lrbc_cli.campaign.jobs import judging
 from lrbc_cli.campaign.jobs.judging import ComparedWith, _beside_baselines, final_judgement, fitted_text, softer
-from lrbc_cli.updating.judging.decide import BoltVerdict, Judgement, Validity
+from lrbc_cli.updating.judging.bolt import BoltVerdict
+from lrbc_cli.updating.judging.decide import Judgement, Validity
 from lrbc_cli.updating.judging.evidence import USED, VALIDATION
 from lrbc_cli.updating.judging.rule import LOOSE, TIGHT, DecisionRule
 from lrbc_cli.updating.unknowns.springs import SpringsOf

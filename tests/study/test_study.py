@@ -176,10 +176,10 @@ def test_identifying_gives_what_update_writes(study: Study, frame_once: Folder) 
     # Another rule for one number leaves the margin above the reference job as it was.
     state = replace(tight.record.state, misfit_db=0.1, validation_db=0.1)
     told = replace(loose.identification, reference=state)
-    poor = replace(loose, identification=told, evidence=replace(loose.evidence, misfit_db=2.0))
+    poor = replace(loose, identification=told, evidence=replace(loose.evidence, misfit_db=2.0, used_misfit_db=3.1))
     for rule in ({}, {"confidence": 0.9}):
         assert study.judge(poor, **rule).validity.passed is False
-    assert study.judge(poor, largest_misfit=2.5).validity.passed is not False
+    assert study.judge(poor, largest_misfit=3.5).validity.passed is not False
     cautious = study.judge(loose, confidence=1 - 1e-12).bolts
     assert [v.verdict for v in study.judge(loose).bolts] == list(loose.verdicts.values())
     assert sum(v.verdict == "tight" for v in cautious) < sum(v == "tight" for v in loose.verdicts.values())

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from lrbc_cli.updating.judging.decide import BASELINE, JOB, REFERENCE, BoltVerdict, Judgement, judge, scatter_of
+from lrbc_cli.updating.judging.bolt import BASELINE, JOB, REFERENCE, BoltVerdict
+from lrbc_cli.updating.judging.decide import UNCONFIRMED, Judgement, judge, scatter_of
 from lrbc_cli.updating.judging.evidence import (
     USED,
     VALIDATION,
@@ -400,6 +401,53 @@ class TestValidity:
         assert not against(
             *bolts, misfit_db=3.37, used_misfit_db=3.4, reference_misfit_db=1.99, reference_used_misfit_db=1.8
         ).validity.explained
+
+    def test_what_only_the_validation_channels_contradict_may_be_loose_but_not_tight(self):
+        """A box with a lid, B06 loosened by a decade: 1.7 dB fitted and 4.8 dB at the sensor beside it, and the alarm was missed."""
+        bolts = (changed(-2.0, 0.1), changed(0.0, 0.1), changed(-0.55, 0.1))
+        known = {"misfit_db": 4.8, "reference_misfit_db": 1.5, "reference_used_misfit_db": 1.5}
+        doubts = (*AS_IF, Doubt(kind="gain", text="all responses are higher"))
+        found = against(*bolts, used_misfit_db=1.7, doubts=doubts, **known)
+        assert [bolt.verdict for bolt in found.bolts] == ["loose", "undecided", "undecided"]
+        assert found.bolts[0].probability_loose > 0.99
+        assert (found.bolts[1].probability_loose, found.bolts[1].note) == (None, UNCONFIRMED)
+        assert found.bolts[2].probability_loose == pytest.approx(norm.cdf(0.5))
+        assert found.validity.passed is None
+        assert found.validity.contradicted
+        assert found.validity.unvalidated == (
+            "the validation channels are not explained (misfit 4.80 dB, limit 3 dB), so bolts are called loose by the channels used, and "
+            "none is called tight; all responses are higher"
+        )
+        assert found.validity.reason == (
+            f"not validated: {found.validity.unvalidated}; mean misfit of the validation channels 4.80 dB, above the limit of 3 dB"
+        )
+
+    @pytest.mark.parametrize(
+        ("bolts", "known"),
+        [
+            # Without an alarm there is nothing to tell: a bolt that is probably loose is none.
+            ((changed(0.0, 0.1), changed(-0.55, 0.1)), {}),
+            # The channels used are not explained either, or not known.
+            ((changed(-2.0, 0.1),), {"used_misfit_db": 3.1}),
+            ((changed(-2.0, 0.1),), {"used_misfit_db": None}),
+            # There is no explained state to compare with.
+            ((changed(-2.0, 0.1),), {"reference_used_misfit_db": 3.1}),
+            ((changed(-2.0, 0.1),), {"reference_misfit_db": 3.1}),
+            # The channels compared are those used.
+            ((changed(-2.0, 0.1),), {"compared": USED}),
+        ],
+    )
+    def test_otherwise_the_validation_channels_forbid_every_verdict(self, bolts, known):
+        usual = {"misfit_db": 4.8, "used_misfit_db": 1.7, "reference_misfit_db": 1.5, "reference_used_misfit_db": 1.5}
+        found = against(*bolts, **(usual | known))
+        assert found.validity.passed is False
+        assert not found.validity.contradicted
+        assert {(bolt.verdict, bolt.probability_loose) for bolt in found.bolts} == {("undecided", None)}
+
+    def test_without_a_reference_job_and_in_a_baseline_too(self):
+        own = evidence(changed(-2.0, 0.1), misfit_db=4.8, used_misfit_db=1.7)
+        assert judge(own, RULE).validity.passed is False
+        assert judge(replace(own, against_reference=True), RULE, BASELINE).validity.passed is False
 
     @pytest.mark.parametrize("misfit", ["misfit_db", "used_misfit_db", "reference_misfit_db", "reference_used_misfit_db"])
     def test_a_limit_that_was_raised_validates_nothing(self, misfit):

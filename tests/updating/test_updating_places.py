@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lrbc_cli.updating.judging.decide import JOB, REFERENCE
+from lrbc_cli.updating.judging.bolt import JOB, REFERENCE
 from lrbc_cli.updating.judging.decide import judge as decide
 from lrbc_cli.updating.judging.evidence import Evidence, at_bolts
 from lrbc_cli.updating.judging.rule import DecisionRule

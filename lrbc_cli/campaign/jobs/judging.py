@@ -15,7 +15,8 @@ from lrbc_cli.campaign.reading.doubts.settings import lenient_text
 from lrbc_cli.config import Campaign, UpdateConfig
 from lrbc_cli.errors import listing
 from lrbc_cli.results.job import Alternative, Bolt, Certificate, JobRecord, TakenAsTight, ValidityRecord
-from lrbc_cli.updating.judging.decide import BASELINE, JOB, REFERENCE, BoltVerdict, Judgement, Role, judge, scatter_of
+from lrbc_cli.updating.judging.bolt import BASELINE, JOB, REFERENCE, BoltVerdict, Role
+from lrbc_cli.updating.judging.decide import Judgement, judge, scatter_of
 from lrbc_cli.updating.judging.evidence import VALIDATION, Evidence
 from lrbc_cli.updating.judging.groups import whole_groups
 from lrbc_cli.updating.judging.reference import ReferenceState
@@ -129,6 +130,7 @@ def judged(
     valid = judgement.validity
     fitted = "" if valid.explained else f"{fitted_text(judgement, evidence, rule, tight.reference)}{evidence.setting}"
     warnings = [] if valid.explained else [f"the model does not explain the measurement: {valid.reason}; {fitted}"]
+    warnings += [contradicted_text(judgement, evidence)] if valid.contradicted else []
     warnings += [*evidence.warnings, *suspects(judgement), *against]
     warnings += [text for text in [lenient_text(update)] if text]
     unvalidated = [valid.reason] if valid.passed is None else []
@@ -265,6 +267,18 @@ def fitted_text(judgement: Judgement, evidence: Evidence, rule: DecisionRule, re
     return (
         f"the channels used are explained ({used:.2f} dB), with a loss at {listing(below, 4)}, and the validation channels are not: check "
         "these bolts, and place, direction and sensitivity of the validation channels; "
+    )
+
+
+def contradicted_text(judgement: Judgement, evidence: Evidence) -> str:
+    """What to check in a job with loose bolts whose validation channels are not explained."""
+    valid = judgement.validity
+    loose = [f"{bolt.name} ({bolt.change:+.2f} decades)" for bolt in judgement.bolts if bolt.verdict == LOOSE and bolt.change is not None]
+    return (
+        f"the model does not explain the validation channels: mean misfit {valid.misfit_db:.2f} dB, above the limit of "
+        f"{valid.limit_db:.3g} dB; it explains the channels used ({evidence.used_misfit_db:.2f} dB), with {listing(loose, 4)} loose. "
+        "No bolt is called tight. Check these bolts first. If they are tight, check place, direction and sensitivity of the validation "
+        "channels"
     )
 
 

@@ -30,8 +30,9 @@ from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.reduction.threads import cores, sharing
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job
+from lrbc_cli.updating.judging.bolt import BASELINE, JOB, Threshold
 from lrbc_cli.updating.judging.clearance import BoltFinding, JobFinding, open_points
-from lrbc_cli.updating.judging.decide import BASELINE, JOB, Threshold, judge, scatter_of
+from lrbc_cli.updating.judging.decide import judge, scatter_of
 from lrbc_cli.updating.judging.evidence import Evidence
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, TIGHT, TightScatter

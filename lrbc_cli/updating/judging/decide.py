@@ -2,28 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final, Literal
 
 import numpy as np
 
 from lrbc_cli.updating import robust
-from lrbc_cli.updating.judging.evidence import USED, BoltEvidence, Change, Evidence, Interval
-from lrbc_cli.updating.judging.groups import (
-    by_prior,
-    excluded_groups,
-    hidden_groups,
-    lost_alone,
-    lost_note,
-    not_excluded,
-    of_its_groups,
-    unclear_springs,
-)
+from lrbc_cli.updating.judging.bolt import BASELINE, JOB, REFERENCE, BoltVerdict, Role, verdict_on
+from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Evidence
 from lrbc_cli.updating.judging.reference import ReferenceState
-from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, OUTSIDE, TIGHT, UNDECIDED, DecisionRule, TightScatter, probably
+from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, TIGHT, UNDECIDED, DecisionRule, TightScatter
 from lrbc_cli.updating.normal import normal_cdf
-from lrbc_cli.updating.unknowns.springs import SpringsOf
 
 #: Message on a bolt that was probably not tight in the tight state.
 FALLEN = "far looser than the other bolts"
@@ -31,14 +20,8 @@ FALLEN = "far looser than the other bolts"
 #: Message on a joint that is undecided because it is far stiffer than the others in the tight state.
 RISEN = "far stiffer than the other bolts in the reference job, as an error of the model makes it: its change may be an error, too"
 
-#: Message on a joint that is probably not of the loose kind: residuals of a wrong model pull the change of a tight one below the limit.
-INSIGNIFICANT = "errors of the model may explain its change: a loss improves the fit, but not significantly"
-
-#: Role of a job in its campaign: the tight state itself, a further tight state, or an unknown state.
-Role = Literal["reference", "baseline", "job"]
-REFERENCE: Final = "reference"
-BASELINE: Final = "baseline"
-JOB: Final = "job"
+#: Message on a bolt that is tight by channels used that the validation channels contradict.
+UNCONFIRMED = "tight by the channels used alone, which the validation channels contradict"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +55,11 @@ class Validity:
         """Whether the bolts may be judged."""
         return self.passed is not False
 
+    @property
+    def contradicted(self) -> bool:
+        """Whether bolts are judged although the validation channels are not explained, see ``judge``."""
+        return self.passed is None and self.misfit_db is not None and self.misfit_db > self.limit_db
+
     def doubted(self, why: str, *, last: bool = False) -> Validity:
         """The same, judged but not validated for this reason, too (before or after the others); unchanged if not explained."""
         if not self.explained or not why:
@@ -80,54 +68,6 @@ class Validity:
         reasons = "; ".join([*known, why] if last else [why, *known])
         rest = self.reason.removeprefix(f"not validated: {self.unvalidated}; ") if known else self.reason
         return replace(self, passed=None, unvalidated=reasons, reason=f"not validated: {reasons}; {rest}")
-
-
-@dataclass(frozen=True, kw_only=True)
-class BoltVerdict:
-    """Verdict on one bolt, with its numbers.
-
-    Attributes
-    ----------
-    name : str
-    verdict : str
-        ``tight``, ``loose``, ``undecided``, or ``outside`` if no term reaches the bolt.
-    note : str or None
-    log10_stiffness : float or None
-    change, change_std : float or None
-        Change relative to the tight state, and its standard deviation with the scatter of tight states [decades].
-    change_interval95 : (float or None, float or None) or None
-        Its 95 % limits; None on a side that is open [decades].
-    probability_loose : float or None
-        Posterior probability that the change is below the threshold.
-    threshold : float or None
-        Of the change [decades].
-    open_groups : tuple of str
-        Groups of springs of a tight bolt whose loss alone the data do not exclude.
-    unclear : mapping of SpringsOf to bool
-        Springs of a tight bolt whose loss alone the data do not exclude; True if they exclude it less than of a tight bolt.
-    unclear_groups, excluded_groups : tuples of str
-        Those of ``unclear`` that all baselines exclude: no all-clear; groups, also in part, that the data exclude, whatever the verdict.
-    lost_groups : tuple of str
-        Groups of springs that the data call loose alone, the most probable first, of a bolt that would be tight otherwise.
-    suspect : bool
-        Taken as tight, although in a baseline it is loose or probably loose, or in the reference job it is far looser than the other bolts.
-    """
-
-    name: str
-    verdict: str
-    note: str | None = None
-    log10_stiffness: float | None = None
-    change: float | None = None
-    change_std: float | None = None
-    change_interval95: Interval | None = None
-    probability_loose: float | None = None
-    threshold: float | None = None
-    open_groups: tuple[str, ...] = ()
-    unclear: Mapping[SpringsOf, bool] = field(default_factory=dict)
-    unclear_groups: tuple[str, ...] = ()
-    excluded_groups: tuple[str, ...] = ()
-    lost_groups: tuple[str, ...] = ()
-    suspect: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,7 +133,7 @@ def validity(evidence: Evidence, rule: DecisionRule, reference: ReferenceState |
 
 
 def judge(
-    evidence: Evidence, rule: DecisionRule, role: str = JOB, scatter: TightScatter = NO_SCATTER, reference: ReferenceState | None = None
+    evidence: Evidence, rule: DecisionRule, role: Role = JOB, scatter: TightScatter = NO_SCATTER, reference: ReferenceState | None = None
 ) -> Judgement:
     """Judge the bolts of a job.
 
@@ -211,16 +151,49 @@ def judge(
     Returns
     -------
     Judgement
-        If the job is not explained, or no stiffness of bolts was identified, every bolt within reach is undecided.
+        If the job is not explained, or no stiffness of bolts was identified, every bolt within reach is undecided. If only the validation
+        channels are not explained, bolts that are loose by the channels used are called so, and no bolt is called tight: a loose bolt
+        beside a sensor that was not fitted shows errors of the model there, while of a tight bolt these channels are the only proof.
     """
     valid = validity(evidence, rule, reference)
+    used = _by_channels_used(valid, evidence, rule, reference) if role == JOB else None
+    if used is not None:
+        found = _judged(used, evidence, rule, role, scatter)
+        if any(bolt.verdict == LOOSE for bolt in found.bolts):
+            return replace(found, bolts=tuple(_unconfirmed(bolt) for bolt in found.bolts))
+    return _judged(valid, evidence, rule, role, scatter)
+
+
+def _by_channels_used(found: Validity, evidence: Evidence, rule: DecisionRule, reference: ReferenceState | None) -> Validity | None:
+    """Validity of what the channels used say, if only the validation channels speak against it; None otherwise."""
+    if found.explained or found.compared != VALIDATION or evidence.used_misfit_db is None or not evidence.against_reference:
+        return None
+    if not validity(replace(evidence, misfit_db=0.0), rule, reference).explained:
+        return None
+    why = (
+        f"the validation channels are not explained (misfit {found.misfit_db:.2f} dB, limit {found.limit_db:.3g} dB), so bolts are called "
+        "loose by the channels used, and none is called tight"
+    )
+    unvalidated = "; ".join([why, *evidence.reasons()])
+    return replace(found, passed=None, unvalidated=unvalidated, reason=f"not validated: {unvalidated}; {found.reason}")
+
+
+def _unconfirmed(bolt: BoltVerdict) -> BoltVerdict:
+    """The same, undecided instead of tight."""
+    if bolt.verdict != TIGHT:
+        return bolt
+    return replace(bolt, verdict=UNDECIDED, probability_loose=None, note=UNCONFIRMED, open_groups=(), unclear={}, lost_groups=())
+
+
+def _judged(valid: Validity, evidence: Evidence, rule: DecisionRule, role: Role, scatter: TightScatter) -> Judgement:
+    """Judgement of the bolts of a job with this validity."""
     felt = [bolt.felt for bolt in evidence.bolts if bolt.felt is not None]
     level = float(np.quantile(felt, rule.contrast_quantile)) if felt else 0.0
     far = _far_from_others(evidence.bolts, rule)
     fallen = {name: below for name, below in far.items() if below < 0.0 and role != BASELINE}
     risen = {bolt.name: _beside_risen(bolt, rise) for bolt in evidence.bolts if (rise := far.get(bolt.name, 0.0)) > 0.0 and bolt.joint}
     known = [risen.get(bolt.name, bolt) for bolt in evidence.bolts]
-    found = tuple(_verdict(bolt, evidence, rule, role, scatter, level, valid.explained) for bolt in known)
+    found = tuple(verdict_on(bolt, evidence, rule, role, scatter, level, valid.explained) for bolt in known)
     if valid.explained and role != REFERENCE:
         # In a baseline, too: the change of such a joint must not count as scatter of tight ones.
         known_loose = {v.name for v in found if v.verdict == LOOSE}
@@ -294,150 +267,6 @@ def _alternatives(evidence: Evidence, verdicts: Sequence[BoltVerdict]) -> tuple[
         loose = tuple(v.name for v, change in both if change is not None and v.threshold is not None and change <= v.threshold)
         found[loose] = found.get(loose, 0.0) + share
     return tuple(sorted(found.items(), key=lambda one: -one[1])) if len(found) > 1 else ()
-
-
-def _verdict(
-    bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: str, scatter: TightScatter, level: float, explained: bool
-) -> BoltVerdict:
-    """Verdict on one bolt; ``level`` is the log10 stiffness of the others, for a contrast without a tight state."""
-    if not evidence.along_edges:
-        return BoltVerdict(name=bolt.name, verdict=UNDECIDED, note="no stiffness group that belongs to bolts or that bolts lie along")
-    if bolt.outside is not None:
-        return BoltVerdict(name=bolt.name, verdict=OUTSIDE, note=bolt.outside)
-    found = _by_role(bolt, evidence, rule, role, scatter, level)
-    if role == BASELINE:
-        # Probably loose is enough: what is taken as tight there sets the threshold of all jobs.
-        suspect = found.verdict == LOOSE or probably(found.probability_loose)
-        tight, surely = "a baseline, taken as tight", "" if found.verdict == LOOSE else "probably "
-        note = f"{tight}, but compared with the reference job it comes out {surely}loose" if suspect else found.note or tight
-        found = replace(found, verdict=TIGHT, probability_loose=None, note=note, suspect=suspect and explained)
-    if not explained:
-        why = "the model does not explain the measurement"
-        found = replace(found, verdict=UNDECIDED, probability_loose=None, note=why, open_groups=(), unclear={}, lost_groups=())
-    return found
-
-
-@dataclass(frozen=True, kw_only=True)
-class Threshold:
-    """Change below which a bolt counts as loose, with the scatter of tight states in it [decades].
-
-    Attributes
-    ----------
-    own : float
-        Threshold without scatter.
-    scatter : float
-        Standard deviation of the changes between tight states.
-    spread : float
-        Part of it that is an error of this change: it widens the posterior.
-    limit : float
-        The threshold itself: ``own``, lowered if the scatter requires it.
-    """
-
-    own: float
-    scatter: float
-    spread: float
-    limit: float
-
-    @classmethod
-    def of(cls, rule: DecisionRule, measured: TightScatter, *, joint: bool, mixture: bool, leakage: float = 0.0) -> Threshold:
-        """From the rule, the scatter measured in baselines, and the kind of posterior.
-
-        Parameters
-        ----------
-        rule : DecisionRule
-        measured : TightScatter
-        joint : bool
-        mixture : bool
-            Whether the change was sampled as tight or loose; otherwise its posterior is Gaussian.
-        leakage : float
-            Change that a tight bolt beside a gap shows of the neighbour's [decades]: the threshold is below that.
-        """
-        own = min(rule.mixture_change, leakage) if mixture else rule.loose_change
-        scatter = rule.scatter(measured, joint)
-        spread = scatter * rule.joint_spread if joint else scatter
-        return cls(own=own, scatter=scatter, spread=spread, limit=rule.limit(own, scatter, joint))
-
-
-def _by_role(bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: str, scatter: TightScatter, level: float) -> BoltVerdict:
-    """Verdict on one bolt, before the role of a baseline."""
-    found = BoltVerdict(name=bolt.name, verdict=UNDECIDED, log10_stiffness=bolt.log10_stiffness)
-    if role == REFERENCE:
-        return replace(found, verdict=TIGHT, note="reference state, taken as tight", change=0.0)
-    if bolt.change is not None:
-        sampled = bolt.change.sampled is not None
-        threshold = Threshold.of(rule, scatter, joint=bolt.joint, mixture=sampled, leakage=bolt.change.leakage)
-        return _by_change(found, bolt, bolt.change, threshold, rule)
-    if evidence.missing_reference is not None:
-        # A change is wanted, which a contrast between bolts does not replace.
-        return replace(found, note=f"no result of {evidence.missing_reference} to compare with", change=bolt.difference)
-    if bolt.difference is not None:
-        return replace(found, verdict=LOOSE if bolt.difference <= rule.loose_change else TIGHT, change=bolt.difference)
-    # Without a tight state no bolt can be judged tight: all may be loose.
-    loose = bolt.felt is not None and bolt.felt - level <= rule.loose_change
-    note = "no tight state to compare with: loose by contrast with the other bolts, or inconclusive"
-    return replace(found, verdict=LOOSE if loose else UNDECIDED, note=note)
-
-
-def _by_change(found: BoltVerdict, bolt: BoltEvidence, posterior: Change, at: Threshold, rule: DecisionRule) -> BoltVerdict:
-    """Verdict by the posterior of a bolt's change: first the word of its probability, then what forbids this word."""
-    probability, note = of_its_groups(posterior, posterior.below(at.limit, at.spread), at.own, at.scatter, rule)
-    word, kind = rule.word(probability), bolt.probability_changed
-    if word == LOOSE and bolt.joint and kind is not None and rule.word(kind) != LOOSE:
-        word, probability, note = UNDECIDED, kind, INSIGNIFICANT
-    if word == UNDECIDED and note is None:
-        note = "the data do not decide: the interval of its change contains the threshold"
-    lost, hidden = dict[str, float](), tuple[str, ...]()
-    if word == TIGHT:
-        lost = lost_alone(posterior, rule)
-        if (doubt := _doubt_of_tight(bolt, posterior, at, rule, lost)) is not None:
-            word, note = UNDECIDED, doubt
-        elif hidden := hidden_groups(posterior, rule):
-            note = f"tight as a whole; the data do not exclude that its springs of {' or '.join(hidden)} alone are loose"
-    change = posterior.mean if posterior.ceiling is None else min(posterior.mean, posterior.ceiling)
-    std = float(np.hypot(posterior.std, at.spread))
-    return replace(
-        found,
-        verdict=word,
-        note=note,
-        change=change,
-        change_std=std,
-        change_interval95=posterior.interval(change, std),
-        probability_loose=probability,
-        threshold=at.limit,
-        open_groups=hidden,
-        unclear=unclear_springs(posterior, rule) if word == TIGHT else {},
-        excluded_groups=excluded_groups(posterior, rule),
-        lost_groups=tuple(lost),
-    )
-
-
-def _doubt_of_tight(bolt: BoltEvidence, posterior: Change, at: Threshold, rule: DecisionRule, lost: Mapping[str, float]) -> str | None:
-    """Why a bolt that is tight by its probability is not called so; None if nothing forbids it. ``lost`` as returned by ``lost_alone``."""
-    if posterior.may_be_free:
-        return "the data do not rule out that it is free: no response is sensitive to it in its present state"
-    by_data = (by_prior(posterior, at.limit, at.spread, rule), not_excluded(posterior, rule))
-    doubt = next(filter(None, (_excused(posterior, at.own, rule), *by_data)), None)
-    if lost or doubt is not None:
-        return "; ".join(filter(None, (lost_note(lost), doubt)))
-    if bolt.joint and bolt.difference is not None and bolt.difference <= at.limit:
-        return (
-            f"its posterior probability says tight, but in the state that fits best its change is {bolt.difference:.2f} decades, below the "
-            "threshold"
-        )
-    return None
-
-
-def _excused(posterior: Change, own: float, rule: DecisionRule) -> str | None:
-    """Message on a bolt that is tight only because scatter or leakage lowered its threshold; ``own`` is the threshold without scatter.
-
-    A lowered threshold must not make a bolt tight, least of all one without influence on the data: little of the prior is below it.
-    """
-    if rule.word(posterior.below(own, 0.0)) != TIGHT:
-        return "within the scatter of tight states, but without this scatter not clearly above the threshold"
-    gap = posterior.sampled is not None and own < rule.mixture_change
-    if gap and TIGHT not in (rule.word(posterior.below(rule.mixture_change, 0.0)), rule.word(posterior.below(own, 0.0, changed=True))):
-        return "no more than the gap beside it explains, but without the gap not clearly above the threshold"
-    return None
 
 
 def scatter_of(baselines: Iterable[Sequence[BoltVerdict]]) -> TightScatter:

@@ -51,4 +51,5 @@ def standing_out(inputs: Inputs, result: Identification) -> tuple[str, str]:
         who = f"hammer point {inputs.excitations[inputs.responses[int(at[0])].input]}"
         fault = "the hammer hit elsewhere or in another direction"
     told = f"the FRFs of {who} do not fit: misfit {sizes(at)}"
-    return told, f"{told}; the others fit ({sizes(rest)}), so no bolt explains it. Check whether {fault}, and measure again"
+    beside = ", except perhaps one that is loose right beside it" if kind == "sensor" else ""
+    return told, f"{told}; the others fit ({sizes(rest)}), so no bolt explains it{beside}. Check whether {fault}, and measure again"
