@@ -1,7 +1,7 @@
-"""Reads HDF5 files in another process with a time limit, because the library may hang or crash on damaged files.
+"""Reads files by libraries that may hang or crash on damaged ones in another process, with a time limit: HDF5, meshes, Ansys ``.full``.
 
-A few damaged bits can send the library into an endless loop, or end its process. Its calls hold Python's global lock, so neither another
-thread nor Ctrl-C can interrupt them. One process reads all files of a run; it starts with the first file and ends with the run.
+A few damaged bits can send the HDF5 library into an endless loop, or end its process. Its calls hold Python's global lock, so neither
+another thread nor Ctrl-C can interrupt them. One process reads all files of a run; it starts with the first file and ends with the run.
 """
 
 from __future__ import annotations
@@ -140,16 +140,15 @@ def read_apart(reader: Callable[..., T], path: Path, *arguments: object) -> T:
                 code = process.process.wait(timeout=_POLL * 100)
                 _stop()
                 raise _unreadable(
-                    path, "the HDF5 library crashes on this file", "data or an error", f"the process ended (exit code {code})"
+                    path, "the library of this format crashes on this file", "data or an error", f"the process ended (exit code {code})"
                 )
         except TimeoutError:
             _stop()
-            raise _unreadable(
-                path, "the HDF5 library does not finish reading this file", f"an answer within {seconds:.0f} s", "none"
-            ) from None
+            limit = f"an answer within {seconds:.0f} s"
+            raise _unreadable(path, "the library of this format does not finish reading this file", limit, "none") from None
         except (OSError, subprocess.TimeoutExpired) as error:
             _stop()
-            raise _unreadable(path, "the process that reads HDF5 files ended", "an answer", str(error)) from error
+            raise _unreadable(path, "the process that reads this file ended", "an answer", str(error)) from error
         except DataError:
             raise
         except BaseException:
@@ -180,7 +179,7 @@ def _running() -> _ReaderProcess | None:
             _stop()
             if not _told:
                 _told.append(str(error) or type(error).__name__)
-                log.warning("HDF5 files are read without a time limit: the reading process could not be started (%s)", *_told)
+                log.warning("HDF5 and mesh files are read without a time limit: the reading process could not be started (%s)", *_told)
             return None
         except BaseException:
             _stop()

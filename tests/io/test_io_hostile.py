@@ -87,7 +87,7 @@ def finished(child):
 
 def test_a_file_that_hangs_the_library_has_a_deadline(tmp_path):
     found = finished(start(READ, 3, hanging(tmp_path / "k.h5")))
-    assert "k.h5: the HDF5 library does not finish reading this file" in found
+    assert "k.h5: the library of this format does not finish reading this file" in found
     assert "export it again" in found
     assert found.endswith("True\n")
 
@@ -109,7 +109,7 @@ class Abort:
 
 def test_a_crash_is_one_error_and_the_next_file_is_read(tmp_path):
     path = foreign(tmp_path / "k.h5")
-    with pytest.raises(DataError, match=r"k\.h5: the HDF5 library crashes on this file"):
+    with pytest.raises(DataError, match=r"k\.h5: the library of this format crashes on this file"):
         reader_process.read_apart(print, path, Abort())
     assert read_vectors(path, "K").matrix.diagonal().tolist() == [1.0, 2.0, 3.0]
 
@@ -133,7 +133,7 @@ def test_without_a_second_process_files_are_still_read(tmp_path, monkeypatch, ca
     monkeypatch.setattr(sys, "executable", str(tmp_path / "nothing"))
     for _ in range(2):
         assert read_vectors(foreign(tmp_path / "k.h5"), "K").matrix.shape == (3, 3)
-    assert [record.message.partition(":")[0] for record in caplog.records] == ["HDF5 files are read without a time limit"]
+    assert [record.message.partition(":")[0] for record in caplog.records] == ["HDF5 and mesh files are read without a time limit"]
 
 
 def test_own_files_are_checked_before_they_are_opened(tmp_path, monkeypatch):

@@ -277,8 +277,8 @@ def contradicted_text(judgement: Judgement, evidence: Evidence) -> str:
     return (
         f"the model does not explain the validation channels: mean misfit {valid.misfit_db:.2f} dB, above the limit of "
         f"{valid.limit_db:.3g} dB; it explains the channels used ({evidence.used_misfit_db:.2f} dB), with {listing(loose, 4)} loose. "
-        "No bolt is called tight. Check these bolts first. If they are tight, check place, direction and sensitivity of the validation "
-        "channels"
+        f"No bolt is called tight. Check {'these bolts' if len(loose) > 1 else 'this bolt'} first. If tight, check place, direction and "
+        "sensitivity of the validation channels"
     )
 
 

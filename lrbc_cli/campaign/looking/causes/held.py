@@ -65,7 +65,7 @@ def tied_text(seen: Seen) -> str:
     pairs = np.zeros((0, 2), dtype=np.int64) if dofs is None else _coincident(model, dofs)
     if dofs is None or not pairs.size or not affordable(seen):
         return ""
-    stiffness = -np.asarray(model.K.tocsr()[pairs[:, 0], pairs[:, 1]]).ravel()
+    stiffness = _between(model, pairs)
     one, other = (sp.csc_array((np.ones(len(pairs)), (at, np.arange(len(pairs)))), (model.size, len(pairs))) for at in pairs.T)
     apart_there = one - other
     free = replace(model, K=sp.csc_array(model.K - apart_there @ sp.diags_array(stiffness) @ apart_there.T))
@@ -98,6 +98,11 @@ def _coincident(model: FeModel, dofs: DofTable, *, near: float = 1e-6, least: fl
     kept &= upper.data < -least * np.sqrt(diagonal[row] * diagonal[col])
     found: Integers = np.stack([row[kept], col[kept]], axis=1).astype(np.int64)
     return found
+
+
+def _between(model: FeModel, pairs: Integers) -> Floats | Complexes:
+    """(k,) stiffness that joins pairs (k, 2) of DOFs."""
+    return -np.asarray(model.K.tocsr()[pairs[:, 0], pairs[:, 1]]).ravel()
 
 
 def held_text(seen: Seen, before: float, *, most: int = 8) -> str | None:
@@ -270,29 +275,18 @@ def _common(xyz: Floats, spans: Floats, unit: float) -> list[str]:
     return [f"{'xyz'[k]} = {middle[k] / unit:.4g}" for k in range(3) if np.ptp(xyz[:, k]) < least < spans[k]]
 
 
-def _tied_text(model: FeModel, dofs: DofTable, *, near: float = 1e-6) -> str:
-    """Clause that nodes at the same place are coupled without being ends of a term, as by a tie or a contact left in; else empty.
-
-    Parameters
-    ----------
-    model : FeModel
-    dofs : DofTable
-    near : float
-        Largest distance of such nodes, relative to the extent of the model.
-    """
-    upper = sp.triu(model.K, 1).tocoo()
-    row, column, stiffness = upper.row, upper.col, -np.asarray(upper.data).real
-    spring = (stiffness > 0.0) & (dofs.component[row] == dofs.component[column]) & np.isin(dofs.component[row], COMPONENTS[:3])
-    row, column, stiffness = row[spring], column[spring], stiffness[spring]
-    away = np.linalg.norm(dofs.xyz[row] - dofs.xyz[column], axis=1)
-    close = (away <= near * float(np.ptp(dofs.xyz, axis=0).max())) & (dofs.node[row] != dofs.node[column])
+def _tied_text(model: FeModel, dofs: DofTable) -> str:
+    """Clause that nodes at the same place are coupled without being ends of a term, as by a tie or a contact left in; else empty."""
     ends = model.terms.left.tocsc()
     own = {frozenset(dofs.node[ends.indices[a:b]].tolist()) for a, b in itertools.pairwise(ends.indptr.tolist())}
+    rows = _coincident(model, dofs)
+    rows = rows[np.isin(dofs.component[rows[:, 0]], COMPONENTS[:3])]
+    if not rows.size:
+        return ""
     found = dict[tuple[int, int], float]()
-    for one, other, size in zip(dofs.node[row[close]].tolist(), dofs.node[column[close]].tolist(), stiffness[close].tolist(), strict=True):
+    for (one, other), size in zip(np.sort(dofs.node[rows], axis=1).tolist(), _between(model, rows).real.tolist(), strict=True):
         if frozenset((one, other)) not in own:
-            pair = min(one, other), max(one, other)
-            found[pair] = max(found.get(pair, 0.0), size)
+            found[one, other] = max(found.get((one, other), 0.0), size)
     if not found:
         return ""
     named = listing([f"{one} and {other}" for one, other in found], 4)
