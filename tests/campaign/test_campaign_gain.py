@@ -15,7 +15,7 @@ from campaigns import lrbc
 from samples import ROOT, reduced_cache
 
 from lrbc_cli import load
-from lrbc_cli.campaign.identification.compared.astray import standing_out
+from lrbc_cli.campaign.identification.compared.astray import astray
 from lrbc_cli.campaign.identification.gains import Gains, everything, kept, sharers
 from lrbc_cli.campaign.reading.doubts.rigid import symmetry_doubt
 from lrbc_cli.model.dofs import DofTable
@@ -136,7 +136,7 @@ def test_a_sensor_or_hammer_point_that_alone_does_not_fit_is_named(beyond: float
         measured = updated * 10.0 ** ((1.0 + np.array(excess)) / 20.0)
         expected = updated * 10.0 ** (1.0 / 20.0)
         result: Any = SimpleNamespace(updated=updated, expected=expected, measurement=SimpleNamespace(values=measured))
-        text, remedy = standing_out(inputs, result)
+        text, remedy = astray(inputs, result)
         assert remedy.startswith(text)
         return text
 

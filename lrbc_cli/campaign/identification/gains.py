@@ -6,13 +6,13 @@ the reference job from the model by one gain of each response. Which gains are b
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from lrbc_cli.arrays import Bools, Floats
-from lrbc_cli.campaign.identification.compared.offsets import sensor_of
+from lrbc_cli.campaign.identification.compared.sensors import ends_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.normal import NORMAL_95
@@ -112,18 +112,6 @@ def columns_of(inputs: Inputs, shared: Sharers | None) -> Floats:
     return np.asarray(inputs.statistics.errors.gain_db * own)
 
 
-def groups_of(inputs: Inputs) -> Iterator[Sharers]:
-    """The responses of each sensor, then those of each hammer point."""
-    kinds: tuple[tuple[str, Callable[[int], object]], ...] = (
-        ("sensor", lambda i: sensor_of(inputs, i)),
-        ("hammer point", lambda i: inputs.responses[i].input),
-    )
-    for kind, of in kinds:
-        owners = [of(i) for i in range(len(inputs.responses))]
-        for owner in dict.fromkeys(owners):
-            yield Sharers(kind, tuple(i for i, other in enumerate(owners) if other == owner))
-
-
 def sharers(inputs: Inputs, elsewhere: Floats) -> Iterator[Sharers]:
     """Responses that may share a gain, in the order in which it is looked for: those of one sensor or hammer point, then all.
 
@@ -137,7 +125,7 @@ def sharers(inputs: Inputs, elsewhere: Floats) -> Iterator[Sharers]:
     """
     middle, errors = np.array([_median(column) for column in elsewhere.T]), inputs.statistics.errors
     found: list[tuple[float, Sharers]] = []
-    for group in groups_of(inputs):
+    for group in (Sharers(kind, responses) for kind, responses in ends_of(inputs)):
         among = group.among(inputs)
         own, others = (values[np.isfinite(values)] for values in (middle[among], middle[~among]))
         if not own.size or not others.size or np.ptp(np.sign(own)):

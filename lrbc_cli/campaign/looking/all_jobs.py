@@ -14,8 +14,9 @@ import numpy as np
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.findings import Effect, Finding, Kind, kinds_of, said
-from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart, same_sensor
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart
 from lrbc_cli.campaign.identification.compared.offsets import offset_findings, sign_tail
+from lrbc_cli.campaign.identification.compared.sensors import same_sensor, sensors_of, standing_out
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.causes.moved import sensor_text
 from lrbc_cli.campaign.looking.causes.removed import removed_findings
@@ -292,15 +293,11 @@ def astray_sensor(inputs: Inputs, name: str, away: Mapping[str, Floats], *, leas
     """
     others = [own for other, own in away.items() if other != name]
     excess = away[name] - (np.median(others, axis=0) if len(others) >= least else 0.0)
-    worst: tuple[float, list[int]] = (inputs.statistics.errors.astray_db, [])
-    for own in sorted({tuple(sorted((i, *same_sensor(inputs, i)))) for i in range(excess.size)}):
-        at, rest = list(own), np.delete(excess, own)
-        if len(at) > 1 and rest.size > 1:
-            beyond = float(np.quantile(excess[at], 0.5, method="lower") - np.median(rest))
-            worst = (beyond, at) if beyond > worst[0] else worst
-    if not worst[1]:
+    sensors = sensors_of(inputs)
+    found = standing_out(excess, sensors, inputs.statistics.errors.astray_db)
+    if found is None:
         return []
-    at, far = worst[1], away[name]
+    at, far = list(sensors[found]), away[name]
     names, usual = listing([inputs.responses[i].name for i in at], 4), np.median(np.delete(far, at))
     text = (
         f"the FRFs of one sensor ({names}) are {np.median(far[at]):.1f} dB from the state of the bolts that fits best (mean level "
@@ -334,8 +331,7 @@ def odd_sensors(
     for name, own in away.items() if len(away) > least else ():
         usual = np.median([every for other, every in away.items() if other != name], axis=0)
         ratio = own / np.maximum(usual, 1.0)
-        sensors = {tuple(sorted((i, *same_sensor(inputs, i)))) for i in range(own.size)}
-        for records in sorted(sensors):
+        for records in sensors_of(inputs):
             at = list(records)
             far, typical = float(np.median(ratio[at])), float(np.median(ratio))
             if float(np.median(own[at])) > far_db and far > times * max(typical, 1.0):

@@ -10,7 +10,7 @@ from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared.chains import blows_doubt, chain_doubt, coherence_doubt, noise_doubt, soft_tip
 from lrbc_cli.campaign.identification.compared.doubts import phaseless_text
-from lrbc_cli.campaign.identification.compared.offsets import sensor_of
+from lrbc_cli.campaign.identification.compared.sensors import sensors_of
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import listing
@@ -169,10 +169,7 @@ def other_chains(
 
 def other_runs(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[Finding]:
     """Finding of sensors whose records show all modes at other frequencies than those of the others; else empty."""
-    sensors: dict[tuple[object, ...], list[int]] = {}
-    for i in range(len(inputs.responses)):
-        sensors.setdefault(sensor_of(inputs, i), []).append(i)
-    named = {", ".join(inputs.responses[i].name for i in own): own for own in sensors.values()}
+    named = {", ".join(inputs.responses[i].name for i in own): list(own) for own in sensors_of(inputs)}
     rule, modes = inputs.statistics.modal, list[dict[str, Floats]]()
     for found in readable.values():
         axis, values = found.frequency_hz, found.values

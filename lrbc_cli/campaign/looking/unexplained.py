@@ -20,9 +20,9 @@ from lrbc_cli.campaign.identification.compared.likeness import (
     off_level,
     other_reading,
     outlying,
-    same_sensor,
 )
 from lrbc_cli.campaign.identification.compared.offsets import causes_of, quantities_of
+from lrbc_cli.campaign.identification.compared.sensors import same_sensor
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.axes import out_of_reach_text
 from lrbc_cli.campaign.looking.causes.added import added_text, missing_cause

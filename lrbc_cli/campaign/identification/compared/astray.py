@@ -5,38 +5,29 @@ from __future__ import annotations
 import numpy as np
 
 from lrbc_cli.arrays import Integers
+from lrbc_cli.campaign.identification.compared.sensors import ends_of, standing_out
 from lrbc_cli.campaign.identification.found import Identification
-from lrbc_cli.campaign.identification.gains import groups_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import listing
 from lrbc_cli.updating.misfit.cost import mean_misfit
 
 
-def standing_out(inputs: Inputs, result: Identification) -> tuple[str, str]:
+def astray(inputs: Inputs, result: Identification) -> tuple[str, str]:
     """That the FRFs of one sensor or hammer point do not fit, as a clause, and what to check; empty texts if all do.
 
     A bolt changes the FRFs of all sensors, and a robust cost leaves out what does not fit, so the others may fit well beside a sensor that
-    was turned. One FRF alone may differ because the model errs there, so two or more of a sensor or hammer point are needed: their (lower)
-    median excess over the misfit in the reference job, less the median excess of the others, is above ``ErrorModel.astray_db``.
+    was turned. It stands out by its excess over the misfit in the reference job, by ``ErrorModel.astray_db``, see ``sensors.standing_out``.
     """
     if result.expected is None:
         return "", ""
     # The expected FRFs over the model's are the measured ones of the reference job over the model's: its error there.
     before, after = mean_misfit(result.updated, result.expected), mean_misfit(result.updated, result.measurement.values)
-    excess = after - before
-    worst: tuple[float, str, Integers] = (inputs.statistics.errors.astray_db, "", np.zeros(0, dtype=np.int64))
-    for group in groups_of(inputs):
-        own = np.isfinite(excess) & np.isin(np.arange(excess.size), group.responses)
-        others = np.isfinite(excess) & ~own
-        if own.sum() < 2 or others.sum() < 2:
-            continue
-        beyond = float(np.quantile(excess[own], 0.5, method="lower") - np.median(excess[others]))
-        if beyond > worst[0]:
-            worst = beyond, group.kind, np.flatnonzero(own)
-    _, kind, at = worst
-    if not kind:
+    excess, ends = after - before, list(ends_of(inputs))
+    found = standing_out(excess, [own for _, own in ends], inputs.statistics.errors.astray_db)
+    if found is None:
         return "", ""
-    rest = np.array([i for i in np.flatnonzero(np.isfinite(excess)) if i not in at], dtype=np.int64)
+    known, kind = np.flatnonzero(np.isfinite(excess)), ends[found][0]
+    at, rest = known[np.isin(known, ends[found][1])], known[~np.isin(known, ends[found][1])]
     there = inputs.campaign.update.reference
 
     def sizes(which: Integers) -> str:

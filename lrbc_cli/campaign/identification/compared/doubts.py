@@ -8,7 +8,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.findings import Finding, Kind, kinds_of
-from lrbc_cli.campaign.identification.compared.astray import standing_out
+from lrbc_cli.campaign.identification.compared.astray import astray
 from lrbc_cli.campaign.identification.compared.likeness import by_sensors, exchanged, exchanged_text, off_level, outlying
 from lrbc_cli.campaign.identification.compared.offsets import (
     by_hammer,
@@ -17,9 +17,9 @@ from lrbc_cli.campaign.identification.compared.offsets import (
     largest_text,
     offset_findings,
     quantities_of,
-    sensor_of,
     sizes_text,
 )
+from lrbc_cli.campaign.identification.compared.sensors import ends_of
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.gains import Gains, Sharers
 from lrbc_cli.campaign.identification.records import Measurement
@@ -84,20 +84,20 @@ def _one_end(inputs: Inputs, misfits: Floats, *, least: int = 3, times: float = 
     It and the others need ``least`` FRFs; half of its own are ``times`` as far off as the others are in the median, the rest farther than
     these.
     """
-    sensors = [sensor_of(inputs, i) for i in range(misfits.size)]
-    hits = [response.input for response in inputs.responses]
-    moved, elsewhere = "check whether it was overloaded, moved, turned or exchanged", "check whether the hammer hit elsewhere"
+    advice = {
+        "sensor": "check whether it was overloaded, moved, turned or exchanged",
+        "hammer point": "check whether the hammer hit elsewhere",
+    }
     known = np.isfinite(misfits)
-    for kind, of, advice in (("sensor", sensors, moved), ("hammer point", hits, elsewhere)):
-        for one in dict.fromkeys(of):
-            own = known & [each == one for each in of]
-            others = known & ~own
-            if min(own.sum(), others.sum()) < least:
-                continue
-            far, usual = float(np.median(misfits[own])), float(np.median(misfits[others]))
-            if far >= times * usual and misfits[own].min() > usual:
-                names = listing([inputs.responses[i].name for i in np.flatnonzero(own)], 3)
-                return f"All FRFs of one {kind} ({names}) are far off (misfit {far:.1f} dB, of the others {usual:.1f} dB): {advice}."
+    for kind, responses in ends_of(inputs):
+        own = known & np.isin(np.arange(misfits.size), responses)
+        others = known & ~own
+        if min(own.sum(), others.sum()) < least:
+            continue
+        far, usual = float(np.median(misfits[own])), float(np.median(misfits[others]))
+        if far >= times * usual and misfits[own].min() > usual:
+            names = listing([inputs.responses[i].name for i in np.flatnonzero(own)], 3)
+            return f"All FRFs of one {kind} ({names}) are far off (misfit {far:.1f} dB, of the others {usual:.1f} dB): {advice[kind]}."
     return ""
 
 
@@ -234,7 +234,7 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
         named = listing([inputs.responses[i].name for i in wrong], 4)
         untrusted.append(Doubt(kind="factor", text=f"units or sensitivities of {named} are probably wrong", explained=True))
     elif reference is not None and not swapped:
-        text, remedy = standing_out(inputs, result)
+        text, remedy = astray(inputs, result)
         untrusted += [Doubt(kind="astray", text=text)] if text else []
         found += [f"{job.first.name}: {remedy}"] if text else []
     return found + [text for text in further if text is not None], compared, untrusted

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.campaign.identification.compared.sensors import same_sensor
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.comparison.scale import ALIKE, LEAST_ALIKE, LEAST_LINES, POWERS, moved
@@ -107,16 +108,6 @@ def off_level(
             f"off, or another range or sensitivity was set. Measure it again, or remove its record from the file of {job}"
         )
     return told
-
-
-def same_sensor(inputs: Inputs, response: int) -> list[int]:
-    """Other responses at the same DOF, for other hammer points."""
-    own = inputs.responses[response]
-    return [
-        k
-        for k, other in enumerate(inputs.responses)
-        if k != response and own.node is not None and (other.node, other.direction) == (own.node, own.direction)
-    ]
 
 
 def turned(measured: Complexes, states: Complexes) -> list[int]:

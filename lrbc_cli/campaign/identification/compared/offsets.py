@@ -9,7 +9,8 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.findings import Finding, Kind
-from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, MOST_LEFT, outlying, same_sensor
+from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, MOST_LEFT, outlying
+from lrbc_cli.campaign.identification.compared.sensors import same_sensor, sensors_among, sensors_of
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import listing
@@ -76,7 +77,7 @@ def _of_sensors(
     points = {i: inputs.responses[i].input for i in constant}
     middle = {point: float(np.median([o.db for i, o in constant.items() if points[i] == point])) for point in points.values()}
     above = {i: o.db - middle[points[i]] for i, o in constant.items()}
-    sensors = {frozenset({i, *same_sensor(inputs, i)} & above.keys()) for i in above}
+    sensors = {frozenset(own & above.keys()) for own in map(set, sensors_of(inputs))}
     levels = {own: float(np.mean([above[i] for i in own])) for own in sensors if len(own) > 1}
     if len(levels) < 5:
         return tuple(offsets)
@@ -130,12 +131,6 @@ def _factors(inputs: Inputs, job: str, responses: Sequence[int], factor: float) 
     if len(responses) == len(inputs.responses) > 1 == len(set(found.values())):
         return next(iter(found.values()))
     return "{" + ", ".join(f"{name}: {value}" for name, value in found.items()) + "}"
-
-
-def sensor_of(inputs: Inputs, response: int) -> tuple[object, ...]:
-    """The sensor of a response: its DOF if that is known, else the response itself."""
-    own = inputs.responses[response]
-    return (response,) if own.node is None else (own.node, own.direction)
 
 
 def by_hammer(inputs: Inputs, db: Mapping[int, float], half: Mapping[int, float]) -> set[int]:
@@ -216,7 +211,7 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
         options += [(abs(offset.db - known.db), known.db, known.cause) for known in recognised if known.cause]
         # Sensors rarely share a wrong sensitivity; a unit they do share, though 9.81 is hardly to be distinguished from 10. One sensor has
         # no unit of its own.
-        several = every or len({sensor_of(inputs, i) for i in common.responses}) > 1
+        several = every or sensors_among(inputs, common.responses) > 1
         options.sort(key=lambda option: ((option[1] == tenfold) == several, option[0]))
         # If all responses share the factor and a unit is nearer, the unit comes first, with its key (below).
         if not every or options[0][1] == tenfold:
@@ -390,8 +385,8 @@ def _of_one_hammer(inputs: Inputs, shared: Sequence[Common], offsets: Sequence[O
     db, usual, at = float(np.median([o.db for o in firm])), float(np.median(others)), points.pop()
     # Of many intervals some miss, as in ``grouped``.
     away = sum(abs(o.db - db) > max(MOST_REACH, o.half) for o in own)
-    sensors = {sensor_of(inputs, o.response) for o in firm}
-    if len(sensors) < least or 2 * len(firm) <= len(own) or 4 * away > len(own) or max(abs(usual), LEAST_OFFSET) > abs(db - usual):
+    sensors = sensors_among(inputs, [o.response for o in firm])
+    if sensors < least or 2 * len(firm) <= len(own) or 4 * away > len(own) or max(abs(usual), LEAST_OFFSET) > abs(db - usual):
         return []
     responses, name, factor = tuple(sorted(o.response for o in own)), inputs.excitations[at], 10.0 ** (db / 20.0)
     whole = f"excitation.{name}.scale: {factor * inputs.campaign.excitation[name].scale:.6g}"

@@ -17,9 +17,9 @@ from lrbc_cli.campaign.identification.compared.likeness import (
     apart_there,
     by_place,
     levels,
-    same_sensor,
     spread,
 )
+from lrbc_cli.campaign.identification.compared.sensors import same_sensor
 from lrbc_cli.campaign.looking.states import Seen, values_of
 from lrbc_cli.campaign.looking.trials import EXPLAINED, NEARER, affordable, gradually, picking, solved
 from lrbc_cli.campaign.reading.inputs import Inputs

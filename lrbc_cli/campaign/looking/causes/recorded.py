@@ -8,7 +8,7 @@ import numpy as np
 
 from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared.likeness import apart
-from lrbc_cli.campaign.identification.compared.offsets import sensor_of
+from lrbc_cli.campaign.identification.compared.sensors import sensors_of
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.states import Seen, nearest_states
 from lrbc_cli.campaign.looking.trials import UNLIKE
@@ -58,12 +58,11 @@ def filter_findings(seen: Seen, late: Collection[int] = ()) -> list[Finding]:
     every = tuple(range(measured.shape[1]))
     if found := filtered(hz, measured, seen.model, filters(hz, inverse=True)):
         return [Finding(text=_filter_text("all responses", [found]), kind=Kind.FILTERED, responses=every)]
-    sensors: dict[tuple[object, ...], list[int]] = {}
-    for i in every if seen.reference else sorted(late):
-        sensors.setdefault(sensor_of(seen.inputs, i), []).append(i)
+    asked = set(every if seen.reference else late)
+    sensors = [own for each in sensors_of(seen.inputs) if (own := [i for i in each if i in asked])]
     alike: dict[tuple[object, ...], list[tuple[list[int], Filter]]] = {}
     tried, away = filters(hz, inverse=False), apart(measured, model)
-    for own in sensors.values():
+    for own in sensors:
         others = np.delete(away, own)
         # Where the model does not explain the other sensors, one filter more or less is no evidence.
         if not others.size or float(np.median(others)) > UNLIKE:
