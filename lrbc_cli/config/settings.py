@@ -187,7 +187,8 @@ class UpdateConfig(Strict):
     prior_std: PositiveOrAuto = Field(
         default="auto",
         description="Standard deviation, in decades, by which the unknowns are expected to differ from the prior; used if no weight of the "
-        "prior is given. auto: 0.35, and 1 for the change of a joint (a bolt that owns its terms).",
+        "prior is given. auto: 0.35, and 1 for the change of a joint (a bolt that owns its terms). It is the prior of the fit; that of "
+        "tight and loose bolts, on which verdicts rest, stays as it is (`lrbc guide statistics`, section 6).",
     )
     method: Literal["gauss-newton", "bfgs"] = Field(
         default="gauss-newton",
