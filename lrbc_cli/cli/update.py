@@ -152,7 +152,7 @@ def tell_troubles(outcome: Outcome) -> None:
         for name, record in outcome.results.items():
             for warning in record.warnings:
                 remark(f"job {name}: {warning}", kind="warning")
-        for name, problem in outcome.copies.items():
+        for name, problem in outcome.across.items():
             remark(f"job {name}: {problem}", kind="warning")
         for text in [*([outcome.unseen] if outcome.unseen else []), *outcome.beside]:
             remark(text, kind="warning")

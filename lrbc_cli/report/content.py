@@ -13,7 +13,7 @@ from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.structure import StructureRecord
 from lrbc_cli.results.tables import Frf
-from lrbc_cli.updating.judging.clearance import once_more
+from lrbc_cli.updating.judging.clearance import across, once_more
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,6 +67,11 @@ class Content:
     def copies(self) -> dict[str, str]:
         """Messages on jobs with the measurement of another job."""
         return once_more({job.job: job.finding for job in self.jobs})
+
+    @cached_property
+    def across(self) -> dict[str, str]:
+        """Messages on jobs that only several jobs show together."""
+        return across({job.job: job.finding for job in self.jobs})
 
     @property
     def done(self) -> list[JobRecord]:

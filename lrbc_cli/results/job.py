@@ -392,17 +392,7 @@ class JobRecord(_JobBase):
         tight = self.taken_as_tight
         return JobFinding(
             status=self.status,
-            bolts=tuple(
-                BoltFinding(
-                    name=bolt.name,
-                    verdict=bolt.verdict,
-                    probability=bolt.probability_loose,
-                    open_groups=bolt.open_groups,
-                    unclear_groups=bolt.unclear_groups,
-                    lost_groups=bolt.lost_groups,
-                )
-                for bolt in self.bolts
-            ),
+            bolts=tuple(map(BoltFinding.of, self.bolts)),
             validated=self.validity is not None and self.validity.passed is True,
             unvalidated="" if self.validity is None else self.validity.unvalidated,
             assumed=None if tight is None else tight.role,

@@ -15,7 +15,7 @@ from lrbc_cli.errors import LrbcError, disk_is_full, on_one_line, unwritten
 from lrbc_cli.report.old import outdate
 from lrbc_cli.report.reading import read_results
 from lrbc_cli.results.store import read_job
-from lrbc_cli.updating.judging.clearance import JobFinding, once_more
+from lrbc_cli.updating.judging.clearance import JobFinding, across
 from lrbc_cli.watch.arrivals import Arrivals, signature
 from lrbc_cli.watch.lock import Lock
 from lrbc_cli.watch.pulse import Pulse
@@ -266,7 +266,7 @@ class Watch:
             record = outcome.results.get(other) or read_job(session.output, other)
             if record is not None:
                 self._out(verdict_of(record, self.findings, session.rests_on(other), unseen=bool(self._passed_over)))
-        for other, problem in once_more(self.findings).items():
+        for other, problem in across(self.findings).items():
             self._once(f"{other}: {problem}")
         if name in session.tight:
             self._cold = True

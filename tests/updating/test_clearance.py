@@ -9,7 +9,17 @@ from typing import Any
 import pytest
 
 from lrbc_cli.cli.update import tell_clearance
-from lrbc_cli.updating.judging.clearance import BoltFinding, JobFinding, not_clear, once_more, open_groups, open_points, sentence
+from lrbc_cli.updating.judging.clearance import (
+    BoltFinding,
+    JobFinding,
+    across,
+    loose_there,
+    not_clear,
+    once_more,
+    open_groups,
+    open_points,
+    sentence,
+)
 
 
 def job(verdicts: str, status: str = "converged", **more: object) -> JobFinding:
@@ -28,6 +38,43 @@ def test_an_all_clear() -> None:
     assert not_clear({"tight": REFERENCE, "a": job("tttttt"), "b": job("ttttto", "stopped")}) == {}
     # Baselines beside a job that is compared are no obstacle; no more is a reference job that sees nothing.
     assert not_clear({"tight": job("oo", assumed="reference"), "again": job("tt", assumed="baseline"), "a": job("tt")}) == {}
+
+
+def risen(*changes: float, verdict: str = "tight", probability: float | None = 0.001) -> JobFinding:
+    bolts = [BoltFinding(name=f"B{i}", verdict="tight", change=change, threshold=-0.5) for i, change in enumerate(changes, start=1)]
+    return JobFinding(status="converged", bolts=[replace(bolts[0], verdict=verdict, probability=probability), *bolts[1:]])
+
+
+def test_a_bolt_that_all_other_jobs_show_stiffer_was_loose_in_the_reference_job() -> None:
+    """A pump casing, B04 at 3 % of its stiffness in the reference job: the calibration took it up, and nothing was said."""
+    reference = job("tttttt", assumed="reference")
+    jobs = {"tight": reference, "again": replace(risen(0.74, 0.1), assumed="baseline"), "a": risen(0.52, -0.1), "b": risen(0.25, 0.3)}
+    found = loose_there(jobs)
+    assert list(found) == ["tight"]
+    assert found["tight"].startswith("probably not all tight: most of the other jobs show bolts stiffer than here")
+    assert "B1 (+0.52 decades)." in found["tight"]
+    assert across(jobs) == found
+    assert not_clear(jobs)["tight"] == [found["tight"]]
+    # The reference job need not be of this call.
+    assert loose_there({"a": jobs["a"]}, jobs) == found
+    assert "tight" in not_clear({"a": jobs["a"]}, jobs)
+
+
+@pytest.mark.parametrize(
+    "last",
+    [
+        # The median counts, and it must exceed the threshold.
+        risen(0.49, 0.0),
+        # A job in which the bolt is loose, or probably, does not tell, nor does one without verdicts; two others are too few.
+        risen(0.6, 0.0, verdict="loose"),
+        risen(0.6, 0.0, verdict="undecided", probability=0.7),
+        replace(risen(0.6, 0.0), status="unexplained"),
+    ],
+)
+def test_little_shows_no_loose_reference_job(last: JobFinding) -> None:
+    jobs = {"tight": job("tt", assumed="reference"), "a": risen(0.6, 0.0), "b": risen(0.3, 0.0), "c": last}
+    assert loose_there(jobs) == {}
+    assert loose_there({name: own for name, own in jobs.items() if name != "tight"}) == {}
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.results.fields import plain
 from lrbc_cli.results.job import JobRecord, RestsOn
 from lrbc_cli.results.store import versions
-from lrbc_cli.updating.judging.clearance import JobFinding, not_clear, once_more
+from lrbc_cli.updating.judging.clearance import JobFinding, across, not_clear
 from lrbc_cli.updating.judging.reference import ReferenceState
 
 #: Files beside ``result.json``, which holds their hashes; ``shapes.json`` is added if shapes can be drawn.
@@ -116,9 +116,9 @@ class Outcome:
     others: dict[str, JobFinding] = field(default_factory=dict)
 
     @property
-    def copies(self) -> dict[str, str]:
-        """Messages on jobs with the measurement of another job."""
-        return once_more(self.findings, self.others)
+    def across(self) -> dict[str, str]:
+        """Messages on jobs that only several jobs show together."""
+        return across(self.findings, self.others)
 
     @property
     def loose(self) -> bool:

@@ -10,7 +10,7 @@ from lrbc_cli.errors import DataError, on_one_line
 from lrbc_cli.results.job import FailedJob, Job, JobRecord
 from lrbc_cli.results.store import read_job
 from lrbc_cli.results.tables import write_csv
-from lrbc_cli.updating.judging.clearance import once_more, sentence
+from lrbc_cli.updating.judging.clearance import across, sentence
 
 CAMPAIGN_COLUMNS = [
     "job",
@@ -54,7 +54,7 @@ def write_table(output: Path, jobs: Sequence[str], known: Mapping[str, JobRecord
         with suppress(DataError):
             if (stored := known.get(name) or read_job(output, name)) is not None:
                 found[name] = stored
-    again = once_more({name: job.finding for name, job in found.items()})
+    again = across({name: job.finding for name, job in found.items()})
     for name, job in found.items():
         if isinstance(job, FailedJob):
             rows.append([name, "failed", *[None] * (len(CAMPAIGN_COLUMNS) - 4), on_one_line(job.reason), sentence(job.finding)])

@@ -66,7 +66,7 @@ def header(content: Content, written: datetime, live: Markup | None = None) -> M
 def _sentence(content: Content, job: Job) -> Markup:
     text = job.sentence.removeprefix(job.job)
     text += f" ({EARLIER})" if job.job in content.unusable else f" ({REPLACED})" if job.job in content.earlier else ""
-    if problem := content.copies.get(job.job):
+    if problem := content.across.get(job.job):
         text += f"; {problem}"
     return tag("li", tag("a", job.job, href=f"#{content.anchors[job.job]}"), text)
 
@@ -118,7 +118,9 @@ def campaign_sentence(content: Content) -> str:
         "with bolts that may be loose together": sum(bool(job.finding.together) for job in judged),
         "with springs that may be loose alone, unlike in the baselines": sum(bool(unclear_text(job.finding)) for job in judged),
         "without records of some responses": sum(bool(job.finding.missing) for job in content.done),
-        "taken as tight although bolts are probably loose": sum(bool(job.finding.doubtful) for job in content.done),
+        "taken as tight although bolts are probably loose": sum(
+            bool(job.finding.doubtful) or job.job in content.across.keys() - content.copies.keys() for job in content.done
+        ),
         "with the measurement of another job": len(content.copies),
     }
     open_points = [f"{what}: {count}" for what, count in counts.items() if count]

@@ -144,16 +144,19 @@ def _text(found: _Added, before: float, *, with_calibration: bool = False) -> st
     if with_calibration:
         sizes = f"a rough calibration leaves {found.left:.1f} dB, without it {before:.1f} dB"
     removed = "(mean level of each response removed)"
+    much = ""
+    if found.left > EXPLAINED:
+        much = ". Of the causes that were tried this one leaves least, but much: check material and thickness of each part as well"
     if found.matrix == "mass":
         return (
             f"with about {found.size:.2g} kg more near {found.where} {sizes} {removed}: probably a part that was on the test bench is "
             "missing in the model, such as a motor or a fixture. Compare the mass sum with the weight of the structure; add the part in "
-            "the FE model and export it again, or measure without it"
+            f"the FE model and export it again, or measure without it{much}"
         )
     return (
         f"with a support of about {found.size:.2g} N/m to the ground in each direction near {found.where} {sizes} {removed}: probably a "
         "foot or a support that was on the test bench is missing in the model. Add it in the FE model and export it again, or measure "
-        "without it"
+        f"without it{much}"
     )
 
 
