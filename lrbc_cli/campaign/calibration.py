@@ -182,5 +182,14 @@ def with_stored_calibration(inputs: Inputs, *, calibration: bool = True) -> Inpu
     text = f"used ({stored.job}, {len(factors)} factor{'s' if len(factors) > 1 else ''}{limits})"
     if found.earlier is not None:
         text += f", but {found.reason}; `lrbc calibrate` identifies it anew"
-    use = CalibrationUse(used=True, text=text, key=stored.key, factors=factors, stale=found.earlier is not None, boundary=stored.boundary)
+    of_reference, misfit = stored.job == campaign.update.reference, stored.misfit_db
+    use = CalibrationUse(
+        used=True,
+        text=text,
+        key=stored.key,
+        factors=factors,
+        stale=found.earlier is not None,
+        boundary=stored.boundary,
+        coarse=inputs.method.rule.none_validated(misfit.final, misfit.held_out_final) if of_reference else "",
+    )
     return replace(inputs, model=model, recipe=recipe, calibration=use)

@@ -123,7 +123,7 @@ def check(
     if use is not None and (use.used or not use.stale):
         add("calibration", [use.text, *(f"{name} = {value:.6g}" for name, value in use.factors.items())])
     add("method", inputs.method.choices)
-    out.warn(*inputs.method.warnings, *_unvalidated(inputs))
+    out.warn(*inputs.method.warnings, *_unvalidated(inputs), *filter(None, ["" if use is None else use.coarse]))
     add("jobs", _jobs(inputs, folder, parts, out, detailed, progress))
     add("more", _more(inputs, pictured))
     out.tree = _tree(inputs, out, decision)

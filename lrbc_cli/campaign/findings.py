@@ -156,5 +156,7 @@ def once(findings: Iterable[Finding]) -> list[str]:
     told = []
     for first, *others in several.values():
         places = dict.fromkeys(other.job or other.place for other in others if (other.job, other.place) != (first.job, first.place))
-        told.append(f"{first}; also found in {', '.join(places)}" if any(places) else str(first))
+        also = f"; also found in {', '.join(places)}" if any(places) else ""
+        # A key of one job mends that job alone.
+        told.append(f"{first}{also}{' (write the same for these)' if also and f'jobs.{first.job}.' in first.text else ''}")
     return told

@@ -82,5 +82,6 @@ def describe(record: CalibrationRecord, kept: bool) -> list[str]:
         f"error of the reduced model with these factors: at most {reduction.worst:.1e} (tolerance {reduction.tolerance:.0e}) at "
         f"{len(reduction.held_out)} full lines; {rounds} round{'s' if rounds > 1 else ''}, {record.seconds:.1f} s"
     )
-    lines += [f"note: {note}" for note in record.notes]
+    # Warnings were printed while it was computed.
+    lines += [f"note: {note}" for note in record.notes if kept or note not in record.warnings]
     return lines

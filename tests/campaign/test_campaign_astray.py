@@ -62,7 +62,7 @@ def test_a_square_about_another_origin() -> None:
         return str(beside_their_springs(PointTable(names, corners + shift), corners, names, 1.0))
 
     assert beside(np.array([-0.6, -0.4, 0.0])) == (
-        "all bolts lie 0.721 from their springs, by the same vector; the places are probably given from another origin: add "
+        "all bolts lie 0.721 m from their springs, by the same vector; the places are probably given from another origin: add "
         "(0.6, 0.4, 0) to all of them"
     )
     # Heads above the sheet; and each off by itself.
@@ -99,7 +99,7 @@ def springs_of(*nodes: int) -> str:
 
 def test_a_spring_at_a_mistyped_node() -> None:
     text = springs_of(10, 20, 3, 40, 50, 60, 70)
-    assert text.startswith("line 4: node 3 lies 2.7 from B3, whose nearest node is 30; the other springs are at most 0 from their bolts. ")
+    assert text.startswith("line 4: node 3 lies 2.7 m from B3, whose nearest node is 30; the other springs are at most 0 m from ")
 
 
 @pytest.mark.parametrize(("others", "advice"), [(0, "whose nearest node is 131"), (2, "whose other springs have node 131 in this column")])
@@ -127,7 +127,7 @@ def test_a_mistyped_node_of_a_spring_between_two_nodes(others: int, advice: str)
     node_at = {int(node): place for node, place in zip(dofs.node, xyz, strict=True)}
     places = np.array([0.5 * (node_at[a] + node_at[b]) for _, a, b in pairs])
     text = stray_springs(table, places, bolts, dofs, 1.0)
-    assert text.startswith(f"line 4: node 171 lies 4 from B3, {advice}; ")
+    assert text.startswith(f"line 4: node 171 lies 4 m from B3, {advice}; ")
 
 
 def test_springs_beside_their_bolts_are_no_mistyped_nodes() -> None:
@@ -260,7 +260,7 @@ def test_node_numbers_that_are_all_off_by_one(step: int) -> None:
         return renumbered_text(table, xyz[node - 1], bolts, dofs, 1.0)
 
     text = told(own - step)
-    assert f"with every node number one {'higher' if step > 0 else 'lower'} 0.002 at most" in text
+    assert f"with every node number one {'higher' if step > 0 else 'lower'} 0.002 m at most" in text
     assert ("add 1 to every node_a" if step > 0 else "subtract 1 from every node_a") in text
     assert told(own) == ""
     # One mistyped node is no numbering.

@@ -230,7 +230,7 @@ def test_supports_of_a_model_that_no_calibration_brings_near(monkeypatch: pytest
     unused: Any = {"tight": None}
     found = unexplained.uncalibrated(stand_in, unused, [])
     assert [each.kind for each in found] == ([Kind.UNLIKE] if told else [])
-    assert not told or (told in found[0].text and "remove the constraint in the FE model" in found[0].text)
+    assert not told or (told in found[0].text and "remove the constraint where the test bench has none" in found[0].text)
     # A baseline that fits the tight model far better: the reference job is not tight, whatever holds the model.
     monkeypatch.setattr(unexplained, "tighter_text", lambda *_, **__: "again (2.5 dB) fits far better")
     loose = unexplained.uncalibrated(stand_in, unused, [])

@@ -167,7 +167,7 @@ def test_a_record_that_was_overloaded_alone() -> None:
     errs = np.random.default_rng(7).laplace(0.0, 1.0, (200, 8)) * sizes
     (text,) = (str(one) for one in beside_fitted(seen(states[0] * 10.0 ** (errs / 20.0), states, inputs=inputs), states[0]))
     assert text.startswith("a2-h1 differs from the state of the bolts that fits best")
-    assert "Check whether its sensor was overloaded, or a cable loose, during these blows (it is right at other hammer points)" in text
+    assert "Check whether its sensor was overloaded or had fallen off, or a cable was loose, during these blows" in text
 
 
 @pytest.mark.parametrize("most", [40, 10_000])

@@ -1677,7 +1677,7 @@ MISTAKES = [
         "frame",
         numbers(FRFS[0], some(10.0, 2)),
         0,
-        "job tight: probably not in the model's units: acc3: measured over computed +19.96 dB",
+        "job tight: probably a wrong sensitivity: acc3: measured over computed +19.96 dB",
         "a sensitivity or a range ten times off. Write jobs.tight.scale: {acc3: 0.1}",
     ),
     Mistake(
@@ -1685,7 +1685,7 @@ MISTAKES = [
         "frame",
         numbers(FRFS[1], some(10.0, 0)),
         0,
-        "job loose-2: probably not in the model's units: acc1: measured over computed +2",
+        "job loose-2: probably a wrong sensitivity: acc1: measured over computed +2",
         "a sensitivity or a range ten times off. Write jobs.loose-2.scale: {acc1: 0.1}",
     ),
     Mistake(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -312,18 +313,22 @@ def _require_used(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRe
     ]
     stated = {*job.records, *(other.name for other in lacking if inputs.campaign.responses[other.name].record is not None)}
     spare = [] if response.name in stated else unmatched(records, frf)
+    # If each record that there is belongs to another response, this one was not measured or not exported.
+    every = all(any(own is record for own in records) for record in frf.records)
+    struck = [r for other, r in zip(inputs.responses, records, strict=True) if every and r is not None and other.input == response.input]
+    beside = replace(frf, records=tuple(record for record in frf.records if struck and record.file == struck[0].file))
     raise DataError(
         f"no record of response {response.name}" + (f", nor of {', '.join(other.name for other in lacking[1:])}" if lacking[1:] else ""),
-        file=job.first,
+        file=(struck[0].file if struck else None) or job.first,
         place=f"job {name}",
         expected=_wanted_text(wanted) if wanted is not None else f"a record named {response.name}" + _place_text(response),
-        found=listed(frf),
+        found=listed(beside if struck else frf),
         # Files of another job, or warnings about the files, may give the reason.
         hint="; ".join(
             [
                 *_of_another(inputs, job, name),
                 *frf.warnings,
-                _which([response, *(other for other in lacking[1:] if other.name not in stated)], spare),
+                _not_there(response) if struck else _which([response, *(o for o in lacking[1:] if o.name not in stated)], spare),
             ]
         ),
     )
@@ -346,6 +351,13 @@ def unmatched(records: Sequence[FrfRecord | None], frf: FrfSet) -> list[str]:
     several = len({record.file for record in frf.records}) > 1
     full = with_files(frf) if several else {}
     return [full.get(id(record), (record.name,))[0] for record in rest]
+
+
+def _not_there(response: Response) -> str:
+    return (
+        f"measure or export it again, or remove {response.name} from the campaign file; if it has another name, give that in the job's "
+        "records"
+    )
 
 
 def _which(lacking: Sequence[Response], spare: Sequence[str]) -> str:

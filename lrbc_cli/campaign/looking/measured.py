@@ -162,7 +162,7 @@ def other_chains(
             found.append(Finding(job=name, text=noise, kind=Kind.NOISE))
         if incoherent := coherence_doubt(inputs, own, tight, reference):
             found.append(Finding(job=name, text=incoherent))
-        if differing := blows_doubt(inputs, name, own, tight):
+        if not blows_doubt(inputs, name, own) and (differing := blows_doubt(inputs, name, own, tight)):
             found.append(Finding(job=name, text=differing))
     return found
 

@@ -188,8 +188,8 @@ def uncalibrated(seen: Seen, measurements: Mapping[str, Measurement], told: list
         return said(Kind.NOT_TIGHT, f"{differ}. {tighter}")
     if not told and seen.misfit > LEAST_DIFFERENCE and (held := supports_text(seen)):
         text = (
-            f"{differ}, more than a calibration corrects{held}. Where the test bench has none, remove the constraint in the FE model, and "
-            "export it again"
+            f"{differ}, more than a calibration corrects{held}. Correct the supports in the FE model: remove the constraint where the test "
+            "bench has none, and add what it has besides, such as props or slings. Then export it again"
         )
         return said(Kind.UNLIKE, text)
     return told
@@ -310,7 +310,8 @@ def single_responses(
             if group[0] in better:
                 causes = f"whether the sensor was moved: {better[group[0]].removeprefix('; ')}"
             elif any(set(same_sensor(inputs, i)) - set(alone) for i in group):
-                causes = f"whether {sensor} overloaded, or a cable loose, during these blows (it is right at other hammer points)"
+                right = "(it is right at other hammer points)"
+                causes = f"whether {sensor} overloaded or had fallen off, or a cable was loose, during these blows {right}"
             causes += f". Measure {it} again, or remove {record} from the file of {job}"
         where = better.get(group[0], "") if job is None else ""
         text = f"{names} {differ} from {of} by {sizes} dB {typical}. Check {causes}{where}"

@@ -371,8 +371,8 @@ def _about(inputs: Inputs, parameters: Parameterisation, request: Request) -> Ab
         misfit = record.misfit_db
         if record.status == "unexplained":
             doubt = f"the reference job {source} is unexplained: nothing is judged"
-        elif coarse := inputs.method.rule.too_coarse(max(misfit.final, misfit.held_out_final or 0.0)):
-            coarse = f"no job will be validated, so none is an all-clear: {coarse}"
+        else:
+            coarse = inputs.method.rule.none_validated(misfit.final, misfit.held_out_final)
     return About(state=state, theta=theta, noise=noise, origin=origin, doubt=doubt, unvalidated=coarse)
 
 

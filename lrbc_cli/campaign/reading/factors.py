@@ -41,6 +41,8 @@ class CalibrationUse:
         Stored but out of date: a warning is given.
     boundary : mapping
         Values identified together with the factors, by parameter group.
+    coarse : str
+        Warning that it leaves too much of the reference job for any job to be validated; empty if not.
     """
 
     used: bool
@@ -49,6 +51,7 @@ class CalibrationUse:
     factors: dict[str, float] = field(default_factory=dict)
     stale: bool = False
     boundary: Mapping[str, Boundary] = field(default_factory=dict)
+    coarse: str = ""
 
 
 def factor_groups(

@@ -139,6 +139,11 @@ class DecisionRule(Checked):
             "improve model or calibration"
         )
 
+    def none_validated(self, *before: float | None) -> str:
+        """The same as a warning, by all misfits of the reference job that are known [dB]."""
+        coarse = self.too_coarse(max((db for db in before if db is not None and math.isfinite(db)), default=0.0))
+        return f"no job will be validated, so none is an all-clear: {coarse}" if coarse else ""
+
     def word(self, probability: float) -> str:
         """Verdict for a posterior probability of being loose."""
         return LOOSE if probability >= self.confidence else TIGHT if probability <= 1.0 - self.confidence else UNDECIDED

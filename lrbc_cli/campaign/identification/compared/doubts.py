@@ -155,10 +155,10 @@ def unreached(misfit_db: float, noise_db: float | None, reference: ReferenceStat
     noise = "noise of the measurement not known" if noise_db is None else f"noise of the measurement {noise_db:.2f} dB"
     other = "" if reference is None else f", reference job {reference.misfit_db:.2f} dB"
     return (
-        f"the fit does not reach the data: misfit of {misfit_db:.2f} dB over all lines of the responses used, expected below "
-        f"{limit:.2g} dB ({noise}{other}). Intervals of stiffness and damping rest on the curvature at this fit and understate the "
-        "uncertainty. A better model or calibration lowers the misfit; 1 to 2 dB are usual, and verdicts by comparison with the reference "
-        "job allow for them"
+        f"the fit does not reach the data: it leaves {misfit_db:.2f} dB over all lines of the responses used, above {limit:.2g} dB "
+        f"({noise}{other}). Intervals of stiffness and damping rest on the curvature at this fit and understate the uncertainty. "
+        "Calibrated models mostly leave 1 to 2 dB, and verdicts by comparison with the reference job allow for that; a better model or "
+        "calibration leaves less"
     )
 
 

@@ -311,8 +311,9 @@ def _with_sensor(inputs: Inputs, common: Common, known: Mapping[int, float], eve
     return replace(common, responses=tuple(sorted((*common.responses, *alike))))
 
 
-def _fault(common: Common, count: int) -> str:
-    unit = len(common.responses) == count or common.offset.known or common.offset.power
+def _fault(inputs: Inputs, common: Common, compared: Sequence[int]) -> str:
+    known = any(known.unit for known in _recognised(inputs, common, compared))
+    unit = known or len(common.responses) == len(compared) or common.offset.power
     return "probably not in the model's units: " if unit else "probably a wrong sensitivity: "
 
 
@@ -328,7 +329,7 @@ def offset_findings(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list
     struck = [] if placed else _of_one_hammer(inputs, shared, offsets, job)
     found = struck or [
         Finding(
-            text=_fault(common, len(compared)) + "; ".join(factor_text(inputs, common, compared, job)),
+            text=_fault(inputs, common, compared) + "; ".join(factor_text(inputs, common, compared, job)),
             kind=Kind.UNITS,
             responses=common.responses,
             detail="quantity" if common.offset.power else "",

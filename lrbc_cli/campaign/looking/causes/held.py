@@ -225,7 +225,8 @@ def supports_text(seen: Seen) -> str:
     unlike = f"; unlike the others, {' and '.join(odd)}" if 0 < len(odd) <= 2 else ""
     return (
         f"{lacking}{tied}. The model is held to the ground in addition to the bolts (at or next to {nodes.size} "
-        f"node{'s' if nodes.size > 1 else ''}{alike}: {named}{unlike}): check whether the structure on the test bench is held there, too"
+        f"node{'s' if nodes.size > 1 else ''}{alike}: {named}{unlike}): check whether the structure on the test bench is held there, too, "
+        "as stiffly, and nowhere else"
     )
 
 

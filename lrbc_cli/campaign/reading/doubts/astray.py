@@ -14,6 +14,7 @@ from lrbc_cli.errors import listing
 from lrbc_cli.io.text.bushings import BushingTable
 from lrbc_cli.io.text.tables import ROUNDING
 from lrbc_cli.model.dofs import DofTable, PointTable
+from lrbc_cli.model.units import length_name
 
 #: Largest number of examples in a message.
 _MOST = 4
@@ -56,7 +57,7 @@ def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str
     if not lost.size:
         # In a regular pattern a common shift need not bring bolts nearer to other springs.
         far = moved and length > CLEARLY_NEARER * float(cKDTree(middles).query(middles, 2)[0][:, 1].min())
-        return f"all bolts lie {length / unit:.3g} from their springs, by the same vector; {origin}" if far else None
+        return f"all bolts lie {length / unit:.3g} {length_name(unit)} from their springs, by the same vector; {origin}" if far else None
     ways = {
         "the places are probably in metres: multiply them by 1000": xyz / MILLIMETRES,
         "the places are probably in millimetres: divide them by 1000": xyz * MILLIMETRES,
@@ -105,10 +106,11 @@ def renumbered_text(table: BushingTable, places: Floats, bolts: PointTable, dofs
         now = np.linalg.norm(np.array([np.mean(np.array(pair), axis=0) for pair in ends]) - own, axis=1)
         if now.max() < CLEARLY_NEARER * float(np.median(away)) and np.all(now <= away + ROUNDING * away.max()):
             side = "lower" if step < 0 else "higher"
+            name = length_name(unit)
             return (
-                f"springs lie up to {away.max() / unit:.3g} from their bolts, with every node number one {side} {now.max() / unit:.3g} at "
-                "most: the numbers are probably those of another version of the mesh, or counted from another first number; "
-                f"{fix} every node_a and node_b"
+                f"springs lie up to {away.max() / unit:.3g} {name} from their bolts, with every node number one {side} "
+                f"{now.max() / unit:.3g} {name} at most: the numbers are probably those of another version of the mesh, or counted from "
+                f"another first number; {fix} every node_a and node_b"
             )
     return ""
 
@@ -190,7 +192,7 @@ def stray_springs(
         return ""
     said = [_far_end(table, known[k], own[k], dofs, unit) for k in sorted(far)[:_MOST]]
     more = f" and {len(far) - _MOST} more" if len(far) > _MOST else ""
-    others = f"the other springs are at most {away[near].max() / unit:.3g} from their bolts"
+    others = f"the other springs are at most {away[near].max() / unit:.3g} {length_name(unit)} from their bolts"
     return f"{'; '.join(said)}{more}; {others}. Check whether a node is mistyped"
 
 
@@ -202,7 +204,7 @@ def _far_end(table: BushingTable, spring: int, bolt: Floats, dofs: DofTable, uni
     end = int(np.argmax(away))
     column: Sequence[int | None] = table.node_b if end else table.node_a.tolist()
     same = {column[k] for k, name in enumerate(table.bolt) if name == table.bolt[spring] and k != spring} - {None}
-    text = f"line {table.lines[spring]}: node {ends[end]} lies {away[end] / unit:.4g} from {table.bolt[spring]}, "
+    text = f"line {table.lines[spring]}: node {ends[end]} lies {away[end] / unit:.4g} {length_name(unit)} from {table.bolt[spring]}, "
     if len(same) == 1 and same != {ends[end]}:
         return f"{text}whose other springs have node {same.pop()} in this column"
     free = np.flatnonzero(~dofs.is_acoustic & ~np.isin(dofs.node, ends))
