@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from lrbc_cli.campaign.reading.doubts.astray import (
     stray_springs,
 )
 from lrbc_cli.campaign.reading.doubts.names import missing_springs, odd_springs
-from lrbc_cli.campaign.reading.doubts.points import NearPoint, beside_nodes, exchanged_axes
+from lrbc_cli.campaign.reading.doubts.points import NearPoint, beside_nodes, exchanged_axes, shared_places
 from lrbc_cli.campaign.reading.inputs import read_as_exported
 from lrbc_cli.campaign.reading.places import EXCHANGES, require_near
 from lrbc_cli.config import load_campaign
@@ -359,3 +360,19 @@ def test_tables_that_serve_some_bolts_only() -> None:
     assert not list(missing_springs([axial, rocking], DofTable(TURNING.node[kept], TURNING.component[kept], TURNING.xyz[kept])))
     assert not list(missing_springs([axial, rocking], TURNING, ["B7"]))
     assert not list(missing_springs([], TURNING))
+
+
+def test_points_where_nodes_of_two_parts_coincide_are_told_once() -> None:
+    """A casing of two halves: nine lines told five places."""
+    place: Any = {"place": np.zeros(3), "component": "UZ", "distance": 0.0, "size": 0.01}
+    points = [
+        NearPoint(key="excitation.H2", node=7, others=(20,), **place),
+        NearPoint(key="responses.F1-H1", node=8, others=(21,), **place),
+        NearPoint(key="responses.F1-H2", node=8, others=(21,), **place),
+        NearPoint(key="responses.F2-H1", node=9, **place),
+    ]
+    assert shared_places(points) == [
+        "several nodes lie at one place, and `near` takes the first (excitation.H2: nodes 7, 20; responses.F1-H1, responses.F1-H2: nodes 8, "
+        "21). If they belong to several parts, write {node:, component:} for the part that is meant"
+    ]
+    assert shared_places(points[3:]) == []

@@ -19,7 +19,7 @@ from lrbc_cli.campaign.reading.doubts.chosen import require_apart, require_own
 from lrbc_cli.campaign.reading.doubts.mesh import mesh_doubts
 from lrbc_cli.campaign.reading.doubts.names import odd_springs
 from lrbc_cli.campaign.reading.doubts.numbering import require_whole
-from lrbc_cli.campaign.reading.doubts.points import beside_nodes, exchanged_axes, exchanged_text, require_unit
+from lrbc_cli.campaign.reading.doubts.points import beside_nodes, exchanged_axes, exchanged_text, require_unit, shared_places
 from lrbc_cli.campaign.reading.doubts.rigid import components_doubt
 from lrbc_cli.campaign.reading.doubts.settings import guesses
 from lrbc_cli.campaign.reading.doubts.springs import held_springs
@@ -361,6 +361,7 @@ def _bolts_and_terms(reader: _Reader) -> tuple[list[Terms], LowRankTerms]:
         if not reader.axes and not reader.misplaced:
             warnings, reader.moved = beside_nodes(dofs, points, reader.unit.length)
             reader.warn(*warnings)
+        reader.warn(*shared_places(points))
     reader.read_bolts()
     found = reader.terms()
     if reader.axes:

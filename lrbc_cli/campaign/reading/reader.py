@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.reading.dof_source import Numbering, aligned
-from lrbc_cli.campaign.reading.doubts.points import NearPoint, shared_place
+from lrbc_cli.campaign.reading.doubts.points import NearPoint
 from lrbc_cli.campaign.reading.joints import HELD
 from lrbc_cli.campaign.reading.triangles import whole
 from lrbc_cli.config import Campaign
@@ -30,7 +30,7 @@ from lrbc_cli.io.sparse import MatrixFile
 from lrbc_cli.io.text.tables import ROUNDING, DofList, read_dof_list, read_nodes
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofLabels, DofTable, PointTable, numbers_text
 from lrbc_cli.model.scaling import Scaling, scaling
-from lrbc_cli.model.selection import at_node, in_box, in_order, near_line, near_points, nearest, outline, pitch, spacing
+from lrbc_cli.model.selection import at_node, coincident, in_box, in_order, near_line, near_points, nearest, outline, pitch, spacing
 from lrbc_cli.model.units import SI
 
 Point = tuple[int | None, int | None]
@@ -425,8 +425,8 @@ class ModelReader:
             raise campaign.error("no DOF has this component", *keys, "component", expected=f"one of {components}", found=point.component)
         (dof, distance), key = found, ".".join(keys)
         node, size = int(table.node[dof]), spacing(table, dof)
-        self.warn(*shared_place(key, table, dof))
-        self.near[keys] = NearPoint(key=key, place=np.array(place), component=point.component, node=node, distance=distance, size=size)
+        others, at = tuple(coincident(table, dof)), np.array(place)
+        self.near[keys] = NearPoint(key=key, place=at, component=point.component, node=node, distance=distance, size=size, others=others)
         return dof, f"node {node} {point.component}, {1e3 * distance:.2f} mm from the given point"
 
     def point(self, dof: int) -> Point:

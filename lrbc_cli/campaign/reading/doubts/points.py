@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -14,7 +14,7 @@ from lrbc_cli.campaign.reading.places import AT_NODE, CLEARLY_NEARER, EXCHANGES,
 from lrbc_cli.config import Campaign
 from lrbc_cli.errors import DataError, listing
 from lrbc_cli.model.dofs import DofTable
-from lrbc_cli.model.selection import coincident, nearest, spacing
+from lrbc_cli.model.selection import nearest, spacing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +31,8 @@ class NearPoint:
     node : int
     distance, size : float
         Distance of that node, and node spacing there [m].
+    others : tuple of int
+        Other nodes at the place of that node.
     """
 
     key: str
@@ -39,6 +41,7 @@ class NearPoint:
     node: int
     distance: float
     size: float
+    others: tuple[int, ...] = ()
 
     @property
     def away(self) -> float:
@@ -68,15 +71,18 @@ def _beside_text(points: Sequence[NearPoint], *, several: int = 3) -> list[str]:
     ]
 
 
-def shared_place(key: str, dofs: DofTable, dof: int) -> list[str]:
-    """Warning if other nodes lie at the place of a DOF that ``near`` found, as where two parts are joined; else empty."""
-    others = coincident(dofs, dof)
-    if not others:
+def shared_places(points: Iterable[NearPoint]) -> list[str]:
+    """Warning if other nodes lie where ``near`` found one, as where two parts are joined; else empty."""
+    shared: dict[tuple[int, ...], list[str]] = {}
+    for point in points:
+        if point.others:
+            shared.setdefault((point.node, *point.others), []).append(point.key)
+    if not shared:
         return []
-    nodes = ", ".join(str(node) for node in (int(dofs.node[dof]), *others))
+    named = "; ".join(f"{listing(keys, 4)}: nodes {', '.join(map(str, nodes))}" for nodes, keys in shared.items())
     return [
-        f"{key}: nodes {nodes} lie at the same place, and `near` takes the first. If they belong to several parts, write "
-        f"{{node:, component: {dofs.component[dof]}}} for the part that is meant"
+        f"several nodes lie at one place, and `near` takes the first ({named}). If they belong to several parts, write {{node:, "
+        "component:} for the part that is meant"
     ]
 
 
