@@ -372,7 +372,7 @@ def test_points_where_nodes_of_two_parts_coincide_are_told_once() -> None:
         NearPoint(key="responses.F2-H1", node=9, **place),
     ]
     assert shared_places(points) == [
-        "several nodes lie at one place, and `near` takes the first (excitation.H2: nodes 7, 20; responses.F1-H1, responses.F1-H2: nodes 8, "
-        "21). If they belong to several parts, write {node:, component:} for the part that is meant"
+        "several nodes lie at one place, and `near` takes the first (excitation.H2: nodes 7, 20; responses.F1-H1, responses.F1-H2: nodes "
+        "8, 21). If they belong to several parts, write {node:, component:} for the part that is meant"
     ]
     assert shared_places(points[3:]) == []

@@ -178,12 +178,12 @@ def test_a_table_of_springs_in_another_unit(power: int, told: bool) -> None:
     assert told or text == ""
 
 
-def risen(*changes: tuple[float, ...], calibration: str = "tight", odd: tuple[str, ...] = ()) -> str:
+def risen(*changes: tuple[float, ...], calibration: str = "tight", odd: tuple[str, ...] = (), above: Any = None) -> str:
     """Warning about the reference job by the fitted changes of three bolts in other jobs."""
     update = SimpleNamespace(reference="tight", baselines=())
     settings = SimpleNamespace(update=update, calibration=SimpleNamespace(job=calibration))
     inputs: Any = SimpleNamespace(campaign=settings, bolts=SimpleNamespace(name=["B1", "B2", "B3"]), odd_bolts=odd)
-    return tightness.risen_text(inputs, {f"job-{k}": np.array(own) for k, own in enumerate(changes)})
+    return tightness.risen_text(inputs, {f"job-{k}": np.array(own) for k, own in enumerate(changes)}, above)
 
 
 def test_a_bolt_that_is_stiffer_in_most_other_jobs_was_loose_in_the_reference_job() -> None:
@@ -200,6 +200,32 @@ def test_a_bolt_that_is_stiffer_in_all_other_jobs_by_less_was_loose_in_the_refer
     jobs = [(0.1, 0.68, 0.0), (0.0, 0.91, 0.3), (0.2, 0.56, 0.1), (0.0, 0.63, 0.0)]
     assert "with a stiffer B2 (by 0.7 decades, a factor of 4.5)" in risen(*jobs)
     assert risen(*jobs[:3], (0.0, 0.4, 0.0)) == ""
+
+
+def test_a_bolt_that_is_stiffer_elsewhere_and_softer_than_the_others_there_was_loose() -> None:
+    """A pump casing, one bolt at 3 % in the reference job: calibrated 0.6 decades below the others, and half a decade stiffer elsewhere."""
+    jobs = [(0.0, 0.34, 0.38), (0.0, 0.51, 0.26), (0.1, 0.49, 0.22), (-1.3, -0.26, 0.53), (0.0, 0.48, 0.23)]
+    assert "with a stiffer B2 (by 0.5 decades" in risen(*jobs, above=np.array([0.1, -0.62, -0.18]))
+    assert risen(*jobs) == risen(*jobs, above=np.array([0.1, -0.38, -0.18])) == ""
+    # So is one that no other job shows stiffer, by design.
+    assert risen(*((0.0, 0.38, 0.0) for _ in range(5)), above=np.array([0.1, -0.62, -0.18])) == ""
+
+
+def test_the_levels_of_bolts_are_compared_within_their_groups() -> None:
+    def group(kind: str, bolt: list[int] | None) -> Any:
+        return SimpleNamespace(kind=kind, bolt=None if bolt is None else np.array(bolt))
+
+    parts = [
+        (group("stiffness", [0, 1, 2, -1]), 0),
+        (group("stiffness", [1, 2, 0]), 4),
+        (group("damping", [0, 1, 2]), 7),
+        (group("stiffness", None), 10),
+    ]
+    placed = [(one, slice(at, at + (3 if one.bolt is None else one.bolt.size)), None) for one, at in parts]
+    initial = np.array([0.0, -1.0, 0.2, 9.0, 5.0, 6.0, 6.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    parameters: Any = SimpleNamespace(placed=placed, initial=initial)
+    # Medians of 0 and 6 decades.
+    assert tightness.beside_others(parameters, 4) == pytest.approx([(0.0 + 0.5) / 2, (-1.0 - 1.0) / 2, (0.2 + 0.0) / 2, 0.0])
 
 
 def test_bolts_that_scatter_or_few_jobs_say_nothing_of_the_reference_job() -> None:

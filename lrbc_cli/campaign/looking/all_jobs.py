@@ -20,7 +20,7 @@ from lrbc_cli.campaign.identification.compared.sensors import same_sensor, senso
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.causes.moved import sensor_text
 from lrbc_cli.campaign.looking.causes.removed import removed_findings
-from lrbc_cli.campaign.looking.causes.tightness import fallen_text, risen_text, taken_as_tight
+from lrbc_cli.campaign.looking.causes.tightness import beside_others, fallen_text, risen_text, taken_as_tight
 from lrbc_cli.campaign.looking.fitted import closely_fitted
 from lrbc_cli.campaign.looking.odd_jobs import odd_jobs
 from lrbc_cli.campaign.looking.states import Looking, Seen
@@ -60,7 +60,7 @@ def together(source: Looking, measurements: Mapping[str, Measurement], found: di
     """Findings of all jobs, and those that only several jobs show if the reference job alone shows no fault."""
     inputs, reference = source.inputs, source.inputs.campaign.update.reference or ""
     explained = reference in found and not kinds_of(found[reference].told)
-    if explained and (text := risen_text(inputs, source.changes)):
+    if explained and (text := risen_text(inputs, source.changes, _levels(source, measurements[reference]))):
         found[reference] = OfJob(said(Kind.LOWERED, text), found[reference].offsets)
         # A tight job differs from one that is not.
         found.update({name: replace(of, told=[each for each in of.told if each.kind is not Kind.FREED]) for name, of in found.items()})
@@ -82,6 +82,12 @@ def together(source: Looking, measurements: Mapping[str, Measurement], found: di
         told = [each for each in told if each.kind is not Kind.EXCHANGED or each.job == reference]
     doubted = {each.job for each in told}
     return told + [each for each in (removed_findings(source, measurements) if explained else []) if each.job not in doubted]
+
+
+def _levels(source: Looking, tight: Measurement) -> Floats | None:
+    """Levels of the bolts in the model beside each other, see ``beside_others``; None without bolts."""
+    bolts = source.inputs.bolts
+    return None if bolts is None else beside_others(source.parameters(2j * np.pi * tight.frequency_hz), len(bolts.name))
 
 
 def tight_state(reference: Measurement | None, told: Sequence[Finding]) -> Measurement | None:
