@@ -319,7 +319,7 @@ def risen_text(
         Least change in each of these jobs that counts, too [decades]: as much counts as a loss in the other direction. On 12 right
         campaigns no bolt was stiffer by more than 0.2 in all of them.
     both : float
-        Least median, and least distance below the other bolts in the reference job, that count together [decades]. On 18 right campaigns
+        Least median, and least distance below the other bolts in the reference job, that count together [decades]. On 12 right campaigns
         no bolt had more than 0.21 of both.
     jobs : int
         Least number of jobs that count.
