@@ -20,6 +20,7 @@ from lrbc_cli.campaign.looking.causes.held import idle_text
 from lrbc_cli.campaign.looking.fitted import at_bounds_text
 from lrbc_cli.campaign.looking.odd_jobs import _airborne, _of_model
 from lrbc_cli.campaign.looking.states import Looking
+from lrbc_cli.campaign.looking.trials import NEARER
 from lrbc_cli.campaign.reading.inputs import read_as_exported
 from lrbc_cli.config import load_campaign
 from lrbc_cli.io.frf import read_frf, write_frf
@@ -157,6 +158,31 @@ def test_a_record_wrong_in_the_reference_job_alone(monkeypatch: pytest.MonkeyPat
         assert ("the model in this job alone" in found.text) is right
         assert ("overloaded" in found.text) is right
         assert ("the place and the component" in found.text) is not right
+
+
+def test_other_places_of_the_sensors_that_fit_worst_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pump casing, a sensor 50 mm from its stated place: 3.4 dB there and 2.1 dB at the true node, and nothing was said."""
+    responses = [SimpleNamespace(name=f"a{k}-h{h}", input=h, node=k, direction=3) for h in range(2) for k in range(4)]
+    inputs: Any = SimpleNamespace(campaign=SimpleNamespace(update=SimpleNamespace(reference="tight")), responses=responses)
+    every, asked = np.array([1.0, 2.6, 2.9, 2.2, 1.2, 2.5, 2.5, 2.1]), list[int]()
+    monkeypatch.setattr(all_jobs.Seen, "of", lambda *_: SimpleNamespace(measured=None, model=None))
+    monkeypatch.setattr(all_jobs, "apart", lambda *_: every)
+
+    def place(_: Any, response: int, share: float) -> str:
+        asked.append(response)
+        assert share == NEARER
+        return "; at node 7 it would differ by 1.0 dB" if response == 1 else ""
+
+    monkeypatch.setattr(all_jobs, "sensor_text", place)
+    source: Any = SimpleNamespace(inputs=inputs, away={})
+    (found,) = of_one_sensor(source, {"tight": None}, [])  # type: ignore[dict-item]
+    assert asked == [2, 1]
+    assert found.responses == (1,)
+    assert found.text.endswith("at node 7 it would differ by 1.0 dB")
+    # Near enough to the model, none is asked.
+    every -= 1.0
+    assert of_one_sensor(source, {"tight": None}, []) == []  # type: ignore[dict-item]
+    assert asked == [2, 1]
 
 
 def test_a_sensor_that_alone_is_far_off_in_a_job_near_the_tight_state() -> None:

@@ -232,8 +232,8 @@ def _reciprocal_ports(seen: Seen, places: Integers, responses: Integers) -> Port
     return solved(seen, turned, np.tile(np.arange(count), places.size), key)
 
 
-def sensor_text(seen: Seen, response: int) -> str:
-    """Clause with the place at which the model gives what a sensor measured; empty if there is none."""
+def sensor_text(seen: Seen, response: int, *, share: float = CLEARLY) -> str:
+    """Clause with the place at which the model gives what a sensor measured; empty if none leaves less than a share of the misfit."""
     inputs, dofs, point = seen.inputs, seen.inputs.dofs, seen.inputs.model.L[[response]].tocoo()
     if dofs is None or point.nnz == 0 or not affordable(seen):
         return ""
@@ -252,7 +252,7 @@ def sensor_text(seen: Seen, response: int) -> str:
         with suppress(LrbcError):
             left = np.mean([away(few, record) for record in records], axis=0)
         best = int(np.argmin(left))
-        if left[best] > wider * min(EXPLAINED, CLEARLY * float(left[places == own][0])):
+        if places[best] == own or left[best] > wider * min(EXPLAINED, share * float(left[places == own][0])):
             return ""
     at, how = _place_text(inputs, dofs, int(places[best]), own)
     return f"; {at} it would differ by {left[best]:.1f} dB ({how})"
