@@ -136,6 +136,15 @@ def fitting(inputs: Inputs) -> Fitting:
     return Fitting(stored, reason) if same else Fitting(None, reason, earlier=stored)
 
 
+def too_coarse(inputs: Inputs, record: CalibrationRecord) -> str:
+    """Warning that a calibration leaves too much of the reference job for any job to be validated; empty if not."""
+    misfit = record.misfit_db
+    coarse = (
+        inputs.method.rule.none_validated(misfit.final, misfit.held_out_final) if record.job == inputs.campaign.update.reference else ""
+    )
+    return f"unless its identification leaves less of {record.job} than this calibration, {coarse}" if coarse else ""
+
+
 def read_inputs(campaign: Campaign, *, calibration: bool) -> Inputs:
     """Inputs of a campaign, with the factors of the stored calibration in the model if it is up to date.
 
@@ -182,7 +191,6 @@ def with_stored_calibration(inputs: Inputs, *, calibration: bool = True) -> Inpu
     text = f"used ({stored.job}, {len(factors)} factor{'s' if len(factors) > 1 else ''}{limits})"
     if found.earlier is not None:
         text += f", but {found.reason}; `lrbc calibrate` identifies it anew"
-    of_reference, misfit = stored.job == campaign.update.reference, stored.misfit_db
     use = CalibrationUse(
         used=True,
         text=text,
@@ -190,6 +198,6 @@ def with_stored_calibration(inputs: Inputs, *, calibration: bool = True) -> Inpu
         factors=factors,
         stale=found.earlier is not None,
         boundary=stored.boundary,
-        coarse=inputs.method.rule.none_validated(misfit.final, misfit.held_out_final) if of_reference else "",
+        coarse=too_coarse(inputs, stored),
     )
     return replace(inputs, model=model, recipe=recipe, calibration=use)

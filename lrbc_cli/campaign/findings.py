@@ -158,5 +158,5 @@ def once(findings: Iterable[Finding]) -> list[str]:
         places = dict.fromkeys(other.job or other.place for other in others if (other.job, other.place) != (first.job, first.place))
         also = f"; also found in {', '.join(places)}" if any(places) else ""
         # A key of one job mends that job alone.
-        told.append(f"{first}{also}{' (write the same for these)' if also and f'jobs.{first.job}.' in first.text else ''}")
+        told.append(f"{first}{also}{' (each needs its own key)' if also and f'jobs.{first.job}.' in first.text else ''}")
     return told

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from lrbc_cli.campaign.calibrate import require_calibration
-from lrbc_cli.campaign.calibration import fitting
+from lrbc_cli.campaign.calibration import fitting, too_coarse
 from lrbc_cli.campaign.digests import CALIBRATION_FILE as FILE
 from lrbc_cli.campaign.reduced.cache import key_parts, look_up
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
@@ -56,6 +56,8 @@ def calibrate(
         say_json(record.tree())
     else:
         say("\n".join(describe(record, kept)))
+        if coarse := too_coarse(inputs, record):
+            say(f"note: {coarse}")
         say(f"{inputs.campaign.output / FILE}")
 
 

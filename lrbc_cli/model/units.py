@@ -49,7 +49,7 @@ class UnitSystem:
 def length_name(unit: float) -> str:
     """Short name of a unit of length [m], for messages."""
     names = (name for name, size in _UNITS["length"].items() if math.isclose(size, unit, rel_tol=1e-6))
-    return next(names, f"times {unit:.4g} m")
+    return next(names, f"{unit:.4g} m")
 
 
 #: Systems that messages propose if the numbers of a model, or a misspelt name, fit one of them.

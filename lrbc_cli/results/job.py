@@ -393,6 +393,8 @@ class JobRecord(_JobBase):
         return JobFinding(
             status=self.status,
             bolts=tuple(map(BoltFinding.of, self.bolts)),
+            identity=self.provenance.identity or "",
+            against=(self.provenance.parts or {}).get("reference", ""),
             validated=self.validity is not None and self.validity.passed is True,
             unvalidated="" if self.validity is None else self.validity.unvalidated,
             assumed=None if tight is None else tight.role,

@@ -247,3 +247,6 @@ def test_one_cause_at_several_places_is_one_line() -> None:
         "a.uff: ends early; also found in b.uff",
         "no place",
     ]
+    # The key of one job mends that job alone.
+    keyed = [replace(clock, job=k, text=f"twice. Write jobs.{k}.scale: {k}") for k in "12"]
+    assert once(keyed) == ["job 1: twice. Write jobs.1.scale: 1; also found in 2 (each needs its own key)"]

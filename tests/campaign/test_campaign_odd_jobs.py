@@ -15,7 +15,7 @@ from looking import measurement, modal, seen
 from lrbc_cli.campaign.check import check
 from lrbc_cli.campaign.identification.compared.chains import chain_doubt
 from lrbc_cli.campaign.looking import all_jobs, fitted
-from lrbc_cli.campaign.looking.all_jobs import of_one_sensor
+from lrbc_cli.campaign.looking.all_jobs import misplaced_sensor, of_one_sensor
 from lrbc_cli.campaign.looking.causes.held import idle_text
 from lrbc_cli.campaign.looking.fitted import at_bounds_text
 from lrbc_cli.campaign.looking.odd_jobs import _airborne, _of_model
@@ -174,15 +174,17 @@ def test_other_places_of_the_sensors_that_fit_worst_are_tried(monkeypatch: pytes
         return "; at node 7 it would differ by 1.0 dB" if response == 1 else ""
 
     monkeypatch.setattr(all_jobs, "sensor_text", place)
-    source: Any = SimpleNamespace(inputs=inputs, away={})
-    (found,) = of_one_sensor(source, {"tight": None}, [])  # type: ignore[dict-item]
+    source: Any = SimpleNamespace(inputs=inputs)
+    found = misplaced_sensor(source, {"tight": None})  # type: ignore[dict-item]
     assert asked == [2, 1]
-    assert found.responses == (1,)
-    assert found.text.endswith("at node 7 it would differ by 1.0 dB")
-    # Near enough to the model, none is asked.
+    assert [(each.responses, each.job) for each in found] == [((1,), "tight"), ((5,), "tight")]
+    assert all(each.text.endswith("at node 7 it would differ by 1.0 dB") for each in found)
+    # A record without values does not count, and near enough to the model none is asked.
+    every[5] = 0.0
+    assert len(misplaced_sensor(source, {"tight": None})) == 2  # type: ignore[dict-item]
     every -= 1.0
-    assert of_one_sensor(source, {"tight": None}, []) == []  # type: ignore[dict-item]
-    assert asked == [2, 1]
+    assert misplaced_sensor(source, {"tight": None}) == []  # type: ignore[dict-item]
+    assert asked == [2, 1, 2, 1]
 
 
 def test_a_sensor_that_alone_is_far_off_in_a_job_near_the_tight_state() -> None:

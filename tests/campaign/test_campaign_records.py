@@ -158,6 +158,25 @@ def test_records_that_are_left_are_offered(box: Folder) -> None:
     assert str(refused(box, job="tight").hint).startswith("give the record in responses.mic2.record or in the job's records")
 
 
+def test_a_record_that_is_not_there_is_measured_again(box: Folder) -> None:
+    """If every record belongs to another response: the file named holds the others of the hammer point."""
+    path = box.data / "tight.uff"
+    records = tuple(record for record in read_frf(path).records if record.name != "mic2")
+    write_frf(path, FrfSet(source="", records=records))
+    error = refused(box, job="tight")
+    assert (str(error.file), str(error.hint)) == (
+        str(path),
+        "measure or export it again, or remove mic2 from the campaign file; records with other names are given in the job's records",
+    )
+    parts = [box.data / f"tight_{name}.uff" for name in "abc"]
+    for part, own in zip(parts, (records[:1], records[1:2], records[2:]), strict=True):
+        write_frf(part, FrfSet(source="", records=own))
+    apart = refused(box, f"jobs.tight.frf=[{', '.join(f'data/{part.name}' for part in parts)}]", job="tight")
+    assert all(record.name in str(apart.found) for record in records)
+    # A stated record is another matter.
+    assert str(refused(box, "jobs.tight.records={mic2: nothing}", job="tight").hint).startswith("give the record in")
+
+
 @pytest.mark.parametrize("direction", [1, 2, 5])
 def test_another_direction_is_another_record(box: Folder, direction: int) -> None:
     rewrite(box, lambda r: replace(anonymous(r), response_direction=direction if r.name == "acc1" else 0), "tight.uff")

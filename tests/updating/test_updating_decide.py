@@ -430,6 +430,9 @@ class TestValidity:
             # The channels used are not explained either, or not known.
             ((changed(-2.0, 0.1),), {"used_misfit_db": 3.1}),
             ((changed(-2.0, 0.1),), {"used_misfit_db": None}),
+            # The misfit of the validation channels is no number.
+            ((changed(-2.0, 0.1),), {"misfit_db": np.inf}),
+            ((changed(-2.0, 0.1),), {"misfit_db": np.nan}),
             # There is no explained state to compare with.
             ((changed(-2.0, 0.1),), {"reference_used_misfit_db": 3.1}),
             ((changed(-2.0, 0.1),), {"reference_misfit_db": 3.1}),

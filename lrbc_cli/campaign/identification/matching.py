@@ -314,12 +314,13 @@ def _require_used(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRe
     stated = {*job.records, *(other.name for other in lacking if inputs.campaign.responses[other.name].record is not None)}
     spare = [] if response.name in stated else unmatched(records, frf)
     # If each record that there is belongs to another response, this one was not measured or not exported.
-    every = all(any(own is record for own in records) for record in frf.records)
+    every = response.name not in job.records and all(any(own is record for own in records) for record in frf.records)
     struck = [r for other, r in zip(inputs.responses, records, strict=True) if every and r is not None and other.input == response.input]
-    beside = replace(frf, records=tuple(record for record in frf.records if struck and record.file == struck[0].file))
+    files = {record.file for record in struck}
+    beside = replace(frf, records=tuple(record for record in frf.records if record.file in files))
     raise DataError(
         f"no record of response {response.name}" + (f", nor of {', '.join(other.name for other in lacking[1:])}" if lacking[1:] else ""),
-        file=(struck[0].file if struck else None) or job.first,
+        file=(files.pop() if len(files) == 1 else None) or job.first,
         place=f"job {name}",
         expected=_wanted_text(wanted) if wanted is not None else f"a record named {response.name}" + _place_text(response),
         found=listed(beside if struck else frf),
@@ -328,7 +329,7 @@ def _require_used(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRe
             [
                 *_of_another(inputs, job, name),
                 *frf.warnings,
-                _not_there(response) if struck else _which([response, *(o for o in lacking[1:] if o.name not in stated)], spare),
+                _not_there(lacking) if struck else _which([response, *(o for o in lacking[1:] if o.name not in stated)], spare),
             ]
         ),
     )
@@ -353,10 +354,10 @@ def unmatched(records: Sequence[FrfRecord | None], frf: FrfSet) -> list[str]:
     return [full.get(id(record), (record.name,))[0] for record in rest]
 
 
-def _not_there(response: Response) -> str:
+def _not_there(lacking: Sequence[Response]) -> str:
+    names, it = ", ".join(response.name for response in lacking), "them" if len(lacking) > 1 else "it"
     return (
-        f"measure or export it again, or remove {response.name} from the campaign file; if it has another name, give that in the job's "
-        "records"
+        f"measure or export {it} again, or remove {names} from the campaign file; records with other names are given in the job's records"
     )
 
 

@@ -81,6 +81,8 @@ def together(source: Looking, measurements: Mapping[str, Measurement], found: di
     if inputs.springs_doubt or (reference in found and Kind.UNLIKE in kinds_of(found[reference].told)):
         # With springs at wrong nodes a loosened bolt looks like exchanged sensors; far from any measurement some FRFs agree by chance.
         told = [each for each in told if each.kind is not Kind.EXCHANGED or each.job == reference]
+    if explained and not any(each.job == reference for each in told):
+        told += misplaced_sensor(source, measurements)
     doubted = {each.job for each in told}
     return told + [each for each in (removed_findings(source, measurements) if explained else []) if each.job not in doubted]
 
@@ -230,32 +232,39 @@ def _sign_findings(inputs: Inputs, found: _Reversed, count: int) -> list[Finding
     return told
 
 
-def of_one_sensor(
-    source: Looking, measurements: Mapping[str, Measurement], told: list[Finding], *, least: int = 4, most: int = 2
-) -> list[Finding]:
-    """Findings ``told`` of the reference job, with what else says something of its sensors.
+def of_one_sensor(source: Looking, measurements: Mapping[str, Measurement], told: list[Finding], *, least: int = 4) -> list[Finding]:
+    """Findings ``told`` of the reference job, with what ``least`` or more other jobs say about its sensors.
 
-    A response far from the model in the reference job that fits in ``least`` or more others was wrong in that job alone. Without findings,
-    other places of the ``most`` sensors that fit worst are tried, from ``NEAR`` on. On 12 right campaigns the stated place was the best one
-    of every sensor.
+    A response far from the model in the reference job that fits in the others was wrong in that job alone.
     """
     inputs, reference = source.inputs, source.inputs.campaign.update.reference or ""
-    seen = Seen.of(source, reference, measurements[reference])
-    every = apart(seen.measured, seen.model)
-    if not told:
-        sensors = sorted(sensors_of(inputs), key=lambda own: -float(np.mean(every[list(own)])))
-        worst = [own[0] for own in sensors[:most] if float(np.mean(every[list(own)])) > NEAR]
-        better = next(({i: text} for i in worst if (text := sensor_text(seen, i, share=NEARER))), {})
-        return single_responses(inputs, every, list(better), "the model", better=better)
-    if len(source.away) < least:
+    if len(source.away) < least or not told:
         return told
-    usual = np.median(list(source.away.values()), axis=0)
+    usual, seen = np.median(list(source.away.values()), axis=0), Seen.of(source, reference, measurements[reference])
+    every = apart(seen.measured, seen.model)
     single = [each for each in told if each.kind is Kind.ALONE and not each.detail]
     right = [i for each in single for i in each.responses if usual[i] < min(LEAST_DIFFERENCE, CLEARLY * every[i])]
     if not right:
         return told
     kept = [each for each in told if not set(right).issuperset(each.responses) or each not in single]
     return [*kept, *single_responses(inputs, every, right, "the model in this job alone", reference)]
+
+
+def misplaced_sensor(source: Looking, measurements: Mapping[str, Measurement], *, most: int = 2) -> list[Finding]:
+    """Findings of a sensor, of the ``most`` that fit worst in the reference job, at another place than stated; from ``NEAR`` on.
+
+    On 12 right campaigns the stated place was the best one of every sensor.
+    """
+    inputs, reference = source.inputs, source.inputs.campaign.update.reference or ""
+    seen = Seen.of(source, reference, measurements[reference])
+    every = apart(seen.measured, seen.model)
+    # Responses without values have no misfit.
+    away = {own: float(np.mean(every[list(own)][every[list(own)] > 0.0])) for own in sensors_of(inputs) if (every[list(own)] > 0.0).any()}
+    for own in sorted(away, key=away.__getitem__, reverse=True)[:most]:
+        if away[own] > NEAR and (text := sensor_text(seen, own[0], share=NEARER)):
+            found = single_responses(inputs, every, own, "the model", better=dict.fromkeys(own, text), few=len(own))
+            return [replace(each, job=reference) for each in found]
+    return []
 
 
 def of_sensors(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import inf
 from statistics import median
 from types import MappingProxyType
 from typing import Any
@@ -21,12 +22,13 @@ NO_CHANNELS = "no validation channel shows whether the model explains the measur
 
 @dataclass(frozen=True, kw_only=True)
 class BoltFinding:
-    """A bolt with its verdict, and its probability of being loose, change, threshold and groups of springs as in ``BoltVerdict``."""
+    """A bolt with its verdict, and probability of being loose, change, its std, threshold and groups of springs as in ``BoltVerdict``."""
 
     name: str
     verdict: str
     probability: float | None = None
     change: float | None = None
+    change_std: float | None = None
     threshold: float | None = None
     open_groups: Sequence[str] = ()
     unclear_groups: Sequence[str] = ()
@@ -40,6 +42,7 @@ class BoltFinding:
             verdict=bolt.verdict,
             probability=bolt.probability_loose,
             change=bolt.change,
+            change_std=bolt.change_std,
             threshold=bolt.threshold,
             open_groups=bolt.open_groups,
             unclear_groups=bolt.unclear_groups,
@@ -70,6 +73,8 @@ class JobFinding:
         Figures of the measured levels, independent of the file [dB]; empty if not known.
     coherence : sequence of float
         The same of the noise that the coherence states [dB]; zeros where it is constant or unknown.
+    identity, against : str
+        Digests of what its identification rests on, and of that of the reference job with which it is compared; empty if not known.
     content, copied_content : str
         Digests of its measurement, and of that of another job of which it is a copy in part, scaled or thinned out; empty if not known.
     copied_db : float
@@ -87,6 +92,8 @@ class JobFinding:
     missing: Sequence[str] = ()
     measurement: Sequence[float] = ()
     coherence: Sequence[float] = ()
+    identity: str = ""
+    against: str = ""
     content: str = ""
     copied_content: str = ""
     copied_db: float = 0.0
@@ -176,23 +183,31 @@ def loose_there(
     """Message on a reference job in which bolts were probably loose, by its name; empty if there are none.
 
     A loss that all comparisons share is seen in none of them, and a calibration takes it up, but the other jobs show the bolt stiffer. What
-    counts as a loss, the threshold, counts in the other direction, too: in the median of ``least`` or more jobs in which the bolt is not
-    loose. On 55 right campaigns this median was 0.17 decades or more below the threshold.
+    counts as a loss, the threshold, counts in the other direction, too: in the median of ``least`` or more jobs compared with this
+    reference job, of changes known to less than the threshold. A job in which the bolt is loose, or probably, does not show it stiffer. On
+    55 right campaigns this median was 0.17 decades or more below the threshold.
     """
     every = {**others, **jobs}
     there = next((name for name, job in every.items() if job.assumed == "reference"), None)
-    found = dict[str, list[tuple[float, float]]]()
-    for job in every.values():
-        for bolt in job.bolts if job.status in FINISHED and job.assumed != "reference" else ():
-            if bolt.change is not None and bolt.threshold is not None and bolt.verdict != "loose" and not probably(bolt.probability):
-                found.setdefault(bolt.name, []).append((bolt.change, bolt.change + bolt.threshold))
-    far = {name: told for name, told in found.items() if len(told) >= least and median(beyond for _, beyond in told) > 0.0}
-    if there is None or not far:
+    if there is None:
+        return {}
+    found = dict[str, dict[str, tuple[float, float]]]()
+    for name, job in every.items():
+        if job.status not in FINISHED or job.assumed == "reference" or job.against != every[there].identity:
+            continue
+        for bolt in job.bolts:
+            if bolt.change is None or bolt.change_std is None or bolt.threshold is None or bolt.change_std >= -bolt.threshold:
+                continue
+            loose = bolt.verdict == "loose" or probably(bolt.probability)
+            # The same measurement counts once.
+            found.setdefault(bolt.name, {})[job.content or name] = bolt.change, -inf if loose else bolt.change + bolt.threshold
+    far = {name: told.values() for name, told in found.items() if len(told) >= least and median(by for _, by in told.values()) > 0.0}
+    if not far:
         return {}
     bolts = ", ".join(f"{name} ({median(change for change, _ in told):+.2f} decades)" for name, told in far.items())
     return {
-        there: f"probably not all tight: most of the other jobs show bolts stiffer than here, by as much as counts as a loss: {bolts}. "
-        "Bolts that are as loose in other jobs come out tight against this one. Tighten them and measure this job again, or set "
+        there: f"probably not all tight: half of the other jobs, or more, show bolts stiffer than here, by as much as counts as a loss: "
+        f"{bolts}. Bolts that are as loose in other jobs come out tight against this one. Tighten them and measure this job again, or set "
         "update.reference to another job"
     }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from math import isfinite
 
 import numpy as np
 
@@ -167,6 +168,8 @@ def judge(
 def _by_channels_used(found: Validity, evidence: Evidence, rule: DecisionRule, reference: ReferenceState | None) -> Validity | None:
     """Validity of what the channels used say, if only the validation channels speak against it; None otherwise."""
     if found.explained or found.compared != VALIDATION or evidence.used_misfit_db is None or not evidence.against_reference:
+        return None
+    if found.misfit_db is None or not isfinite(found.misfit_db):
         return None
     if not validity(replace(evidence, misfit_db=0.0), rule, reference).explained:
         return None
