@@ -16,7 +16,7 @@ from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared import offsets
 from lrbc_cli.campaign.identification.compared.likeness import apart
 from lrbc_cli.campaign.identification.unknowns import parameterise
-from lrbc_cli.campaign.looking import first_look, unexplained
+from lrbc_cli.campaign.looking import all_jobs, first_look, unexplained
 from lrbc_cli.campaign.looking.all_jobs import OfJob, together
 from lrbc_cli.campaign.looking.fitted import _without_worst, expected_frf, fitted_theta, strike_text
 from lrbc_cli.campaign.looking.states import Looking, Seen
@@ -269,7 +269,9 @@ def test_with_springs_at_wrong_nodes_exchanged_sensors_of_other_jobs_are_not_tol
     assert [each.job for each in together(source, {}, found)] == ["tight"]
 
 
-def test_a_baseline_that_differs_from_a_reference_job_with_a_loose_bolt_is_not_told() -> None:
+def test_a_baseline_that_differs_from_a_reference_job_with_a_loose_bolt_is_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(all_jobs, "_levels", lambda *_: np.zeros(1))
+    monkeypatch.setattr(all_jobs, "misplaced_sensor", lambda *_: [])
     settings = SimpleNamespace(update=SimpleNamespace(reference="tight", baselines=("tight-2",)), calibration=None)
     inputs = SimpleNamespace(
         campaign=settings, springs_doubt=False, bolts=SimpleNamespace(name=["B1"], xyz=np.zeros((1, 3))), odd_bolts=(), responses=()

@@ -61,7 +61,7 @@ def together(source: Looking, measurements: Mapping[str, Measurement], found: di
     """Findings of all jobs, and those that only several jobs show if the reference job alone shows no fault."""
     inputs, reference = source.inputs, source.inputs.campaign.update.reference or ""
     explained = reference in found and not kinds_of(found[reference].told)
-    if explained and (text := risen_text(inputs, source.changes, _levels(source, measurements[reference]))):
+    if explained and (text := risen_text(inputs, source.changes, _levels(source, measurements))):
         found[reference] = OfJob(said(Kind.LOWERED, text), found[reference].offsets)
         # A tight job differs from one that is not.
         found.update({name: replace(of, told=[each for each in of.told if each.kind is not Kind.FREED]) for name, of in found.items()})
@@ -87,10 +87,10 @@ def together(source: Looking, measurements: Mapping[str, Measurement], found: di
     return told + [each for each in (removed_findings(source, measurements) if explained else []) if each.job not in doubted]
 
 
-def _levels(source: Looking, tight: Measurement) -> Floats | None:
+def _levels(source: Looking, measurements: Mapping[str, Measurement]) -> Floats | None:
     """Levels of the bolts in the model beside each other, see ``beside_others``; None without bolts."""
-    bolts = source.inputs.bolts
-    return None if bolts is None else beside_others(source.parameters(2j * np.pi * tight.frequency_hz), len(bolts.name))
+    bolts, reference = source.inputs.bolts, source.inputs.campaign.update.reference or ""
+    return None if bolts is None else beside_others(source.parameters(2j * np.pi * measurements[reference].frequency_hz), len(bolts.name))
 
 
 def tight_state(reference: Measurement | None, told: Sequence[Finding]) -> Measurement | None:
