@@ -142,7 +142,7 @@ def too_coarse(inputs: Inputs, record: CalibrationRecord) -> str:
     coarse = (
         inputs.method.rule.none_validated(misfit.final, misfit.held_out_final) if record.job == inputs.campaign.update.reference else ""
     )
-    return f"unless its identification leaves less of {record.job} than this calibration, {coarse}" if coarse else ""
+    return f"calibration: unless the identification of {record.job} leaves less, {coarse}" if coarse else ""
 
 
 def read_inputs(campaign: Campaign, *, calibration: bool) -> Inputs:

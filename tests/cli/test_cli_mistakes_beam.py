@@ -328,7 +328,11 @@ def warned(file: Path, cache: Path) -> str:
 def test_a_stored_calibration_is_compared_with_its_springs(tmp_path: Path, cache: Path) -> None:
     """Its factors hold with the springs that were found beside them, and not with those of the table."""
     file = soft(tmp_path, (0.06, 5.0, 0.05, 0.08, 4.0))
-    assert lrbc("calibrate", file, "--cache", cache).code == 0
+    coarse = "calibration: unless the identification of ref leaves less, no job will be validated, so none is an all-clear: a change from"
+    calibrated = lrbc("calibrate", file, "--cache", cache)
+    assert calibrated.code == 0
+    assert f"note: {coarse} the reference job (misfit 2.27 dB)" in calibrated.stdout
+    assert coarse in lrbc("check", file, "--cache", cache).stdout
     assert warned(file, cache).strip() == ""
     inputs, s = lrbc_cli.load(file, cache=cache).inputs, 2j * np.pi * beam.HZ
     assert inputs.calibration is not None
