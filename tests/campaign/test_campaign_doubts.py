@@ -23,7 +23,10 @@ from lrbc_cli.campaign.looking.unexplained import single_responses
 from lrbc_cli.campaign.reading.doubts import springs
 from lrbc_cli.config.settings import TextFormat
 from lrbc_cli.model.units import SI
+from lrbc_cli.results.job import JobRecord
+from lrbc_cli.results.store import read_job
 from lrbc_cli.updating.comparison.scale import Known, Offset
+from lrbc_cli.updating.judging.clearance import loose_there
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import DecisionRule
 from lrbc_cli.updating.statistics.saturation import Saturation
@@ -50,6 +53,23 @@ def test_a_power_that_explains_a_large_misfit_needs_no_narrow_interval() -> None
 def test_nothing_is_said_of_a_sound_campaign(frame_once: Folder) -> None:
     for job in ("tight", "loose-2", "loose-all"):
         assert frame_once.result(job)["warnings"] == []
+
+
+def test_results_tell_with_which_reference_job_they_are_compared(frame_once: Folder) -> None:
+    """What several jobs show together counts against the present reference job alone: stored results as they are, one stiffer bolt."""
+    found = {}
+    for name in ("tight", "loose-2", "loose-all"):
+        record = read_job(frame_once.out, name)
+        assert isinstance(record, JobRecord)
+        found[name] = record.finding
+    assert found["tight"].identity
+    assert {found[name].against for name in ("loose-2", "loose-all")} == {found["tight"].identity}
+    (bolt, *_) = [bolt for bolt in found["loose-2"].bolts if bolt.verdict == "tight"]
+    assert bolt.threshold is not None
+    stiffer = replace(found["loose-2"], bolts=[replace(bolt, change=0.2 - bolt.threshold, change_std=0.1)], content="")
+    jobs = {"tight": found["tight"], **dict.fromkeys("abc", stiffer)}
+    assert bolt.name in loose_there(jobs)["tight"]
+    assert loose_there(jobs | {"tight": replace(found["tight"], identity="measured again")}) == {}
 
 
 @pytest.mark.slow

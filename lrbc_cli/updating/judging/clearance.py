@@ -185,7 +185,7 @@ def loose_there(
     A loss that all comparisons share is seen in none of them, and a calibration takes it up, but the other jobs show the bolt stiffer. What
     counts as a loss, the threshold, counts in the other direction, too: in the median of ``least`` or more jobs compared with this
     reference job, of changes known to less than the threshold. A job in which the bolt is loose, or probably, does not show it stiffer. On
-    55 right campaigns this median was 0.17 decades or more below the threshold.
+    59 right campaigns this median was 0.17 decades or more below the threshold.
     """
     every = {**others, **jobs}
     there = next((name for name, job in every.items() if job.assumed == "reference"), None)
