@@ -79,7 +79,8 @@ def _verdicts(job: JobRecord) -> str:
     if not job.bolts:
         return ""
     if not job.explained:
-        return "no verdict: not explained by the model"
+        nearest = job.finding.nearest
+        return f"no verdict: check {_short(nearest, 4)} first" if nearest else "no verdict: not explained by the model"
     known = [bolt.probability_loose for bolt in job.bolts if bolt.verdict == "loose" and bolt.probability_loose is not None]
     undecided = job.names("undecided")
     # The lowest of the probabilities holds as a lower limit for all loose bolts.

@@ -151,7 +151,8 @@ class ValidityRecord(Record):
     """Whether the model explains the measurement.
 
     ``passed`` is null if bolts are judged but not validated; ``unvalidated`` states the reason. ``held_out_db`` is the misfit of the
-    validation channels, ``limit_db`` its upper limit [dB]: above it only loose bolts are named, or none.
+    validation channels, ``limit_db`` its upper limit [dB]: above it only loose bolts are named, or none. ``nearest``: bolts that
+    are loose, else those that probably are, in the state that fits best, if ``passed`` is false.
     """
 
     passed: bool | None
@@ -161,6 +162,7 @@ class ValidityRecord(Record):
     limit_db: float | None = None
     reason: str = ""
     unvalidated: str = ""
+    nearest: Many[str] = ()
 
 
 class NoiseRecord(Record):
@@ -397,6 +399,7 @@ class JobRecord(_JobBase):
             against=(self.provenance.parts or {}).get("reference", ""),
             validated=self.validity is not None and self.validity.passed is True,
             unvalidated="" if self.validity is None else self.validity.unvalidated,
+            nearest=() if self.validity is None else self.validity.nearest,
             assumed=None if tight is None else tight.role,
             doubtful=() if tight is None else tight.doubtful,
             missing=tuple(name for name, entry in self.misfit_db.responses.items() if entry.used and not math.isfinite(entry.final)),

@@ -10,10 +10,9 @@ from typing import Any
 import pytest
 
 from lrbc_cli.campaign.jobs import judging
-from lrbc_cli.campaign.jobs.judging import ComparedWith, _beside_baselines, final_judgement, fitted_text, softer
+from lrbc_cli.campaign.jobs.judging import ComparedWith, _beside_baselines, final_judgement, nearest_text, softer
 from lrbc_cli.updating.judging.bolt import BoltVerdict
 from lrbc_cli.updating.judging.decide import Judgement, Validity
-from lrbc_cli.updating.judging.evidence import USED, VALIDATION
 from lrbc_cli.updating.judging.rule import LOOSE, TIGHT, DecisionRule
 from lrbc_cli.updating.unknowns.springs import SpringsOf
 
@@ -61,29 +60,17 @@ def test_an_edge_is_not_asked() -> None:
     assert softer(state(-0.13, -0.2, -0.29, -0.31, -0.4, -0.1, -0.33, loose=(-0.85,)), set(), RULE) == []
 
 
-def test_what_an_unexplained_fit_has_loosened_is_named_where_only_validation_channels_disagree() -> None:
+def test_bolts_to_check_first_are_named_before_faults_of_the_measurement() -> None:
     """Three clean measurements of a loose joint had ended in "the fault is probably in this measurement"."""
-    far = replace(state(-0.1, -1.43, 0.02), validity=replace(VALID, passed=False, misfit_db=4.8, limit_db=3.1))
-    reference = SimpleNamespace(misfit_db=1.5)
-
-    def told(judgement: Judgement = far, used: float | None = 1.7, compared: str = VALIDATION, before: Any = reference) -> str:
-        evidence: Any = SimpleNamespace(used_misfit_db=used, compared=compared)
-        return fitted_text(judgement, evidence, RULE, before)
-
-    assert told().startswith(
-        "the channels used are explained (1.70 dB), with a loss at B1 (-1.43 decades), and the validation channels are not"
+    far = replace(state(-0.1, -1.43, 0.02), validity=replace(VALID, passed=False, nearest=("B1",)))
+    assert nearest_text(far) == (
+        "the nearest state has a loss at B1 (-1.43 decades): check this bolt first. A loose bolt that rattles or slips makes FRFs that no "
+        "linear model explains, and beside it the model errs most. If it is tight: "
     )
-    # Not they are the reason, but those of the reference job, for example.
-    within = replace(far, validity=replace(far.validity, misfit_db=2.5))
-    for nothing in (
-        told(within),
-        told(used=3.1),
-        told(used=None),
-        told(compared=USED),
-        told(before=None),
-        told(replace(far, bolts=state(-0.1).bolts)),
-    ):
-        assert nothing == ""
+    two = nearest_text(replace(far, validity=replace(far.validity, nearest=("B0", "B1"))))
+    assert two.startswith("the nearest state has a loss at B0 (-0.10 decades), B1 (-1.43 decades): check these bolts first.")
+    assert two.endswith("If they are tight: ")
+    assert nearest_text(replace(far, validity=VALID)) == ""
 
 
 @pytest.mark.parametrize(

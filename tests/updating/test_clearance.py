@@ -160,6 +160,10 @@ def test_nothing_compared_is_nothing_shown(jobs: dict[str, JobFinding]) -> None:
         (job("lluppp"), "B1, B2 loose, B4 to B6 probably; 1 inconclusive"),
         (job("lt" * 10 + "lll"), "B1, B3, B5, B7, B9, B11, B13, B15 and 5 more loose; 10 tight"),
         (job("tt", "unexplained"), "no verdict: the model does not explain the measurement"),
+        (
+            job("uuu", "unexplained", nearest=("B1", "B2")),
+            "no verdict: the model does not explain the measurement; check B1, B2 first (the nearest state has a loss there)",
+        ),
         (job("", "failed"), "no verdict: failed"),
         (job(""), "no verdict: no bolts to judge"),
         (job("oo"), "no verdict: no bolt is within reach of the parameters"),

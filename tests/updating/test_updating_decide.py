@@ -447,6 +447,33 @@ class TestValidity:
         assert not found.validity.contradicted
         assert {(bolt.verdict, bolt.probability_loose) for bolt in found.bolts} == {("undecided", None)}
 
+    def test_bolts_to_check_first_are_named_without_a_verdict(self):
+        """Simulated blows on a cover: B07 rattled, its nearest state had lost 1.4 decades, and the message sought a fault of the file."""
+        known = {"misfit_db": 4.8, "used_misfit_db": 4.3, "reference_misfit_db": 0.8, "reference_used_misfit_db": 0.7}
+        loose, likely, tight = (replace(changed(mean, 0.1), name=name) for mean, name in ((-1.4, "B07"), (-0.55, "B08"), (0.0, "B09")))
+
+        def nearest(*bolts: BoltEvidence, **other: Any) -> tuple[str, ...]:
+            found = against(*bolts, **(known | other))
+            assert {bolt.verdict for bolt in found.bolts} == {"undecided"} or found.validity.passed is not False
+            return found.validity.nearest
+
+        assert nearest(loose, likely, tight, tight) == ("B07",)
+        assert nearest(likely, tight) == ("B08",)
+        assert nearest(tight, tight) == ()
+        # Most of the structure differs: another file, perhaps.
+        assert nearest(loose, likely, loose) == ()
+        # An explained job has verdicts instead.
+        assert nearest(loose, tight, misfit_db=0.9, used_misfit_db=0.8) == ()
+
+    def test_bolts_to_check_first_need_an_explained_state_to_compare_with(self):
+        own = evidence(changed(-1.4, 0.1), replace(changed(0.0, 0.1), name="B2"), misfit_db=4.8, used_misfit_db=4.3, against_reference=True)
+        before = ReferenceState(job="tight", parameters={}, covariance=None, sigma_db=0.5, misfit_db=0.7, validation_db=0.8)
+        assert judge(own, RULE, reference=before).validity.nearest == ("B1",)
+        assert judge(own, RULE, reference=replace(before, explained=False)).validity.nearest == ()
+        assert judge(own, RULE, BASELINE, reference=before).validity.nearest == ()
+        assert judge(replace(own, against_reference=False), RULE, reference=before).validity.nearest == ()
+        assert judge(own, RULE).validity.nearest == ()
+
     def test_without_a_reference_job_and_in_a_baseline_too(self):
         own = evidence(changed(-2.0, 0.1), misfit_db=4.8, used_misfit_db=1.7)
         assert judge(own, RULE).validity.passed is False

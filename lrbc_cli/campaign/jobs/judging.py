@@ -128,7 +128,7 @@ def judged(
     name, update = evidence.job, campaign.update
     judgement, against = final_judgement(campaign, rule, evidence, tight, certificate)
     valid = judgement.validity
-    fitted = "" if valid.explained else f"{fitted_text(judgement, evidence, rule, tight.reference)}{evidence.setting}"
+    fitted = "" if valid.explained else f"{nearest_text(judgement)}{evidence.setting}"
     warnings = [] if valid.explained else [f"the model does not explain the measurement: {valid.reason}; {fitted}"]
     warnings += [contradicted_text(judgement, evidence)] if valid.contradicted else []
     warnings += [*evidence.warnings, *suspects(judgement), *against]
@@ -253,20 +253,16 @@ def softer(judgement: Judgement, joints: Collection[str], rule: DecisionRule) ->
     ]
 
 
-def fitted_text(judgement: Judgement, evidence: Evidence, rule: DecisionRule, reference: ReferenceState | None) -> str:
-    """What the fit of an unexplained job has loosened, as the beginning of a text, if only the validation channels speak against it."""
-    used, found = evidence.used_misfit_db, judgement.validity
-    if reference is None or used is None or evidence.compared != VALIDATION or used > rule.most_db(reference.misfit_db):
+def nearest_text(judgement: Judgement) -> str:
+    """Which bolts of an unexplained job are to be checked first, as the beginning of a text; empty if none."""
+    nearest = judgement.validity.nearest
+    if not nearest:
         return ""
-    if found.misfit_db is None or found.misfit_db <= found.limit_db:
-        return ""
-    changes = [(bolt.name, bolt.change, bolt.threshold) for bolt in judgement.bolts]
-    below = [f"{name} ({change:+.2f} decades)" for name, change, limit in changes if change is not None and change < (limit or -inf)]
-    if not below:
-        return ""
+    named = [f"{bolt.name} ({bolt.change or 0.0:+.2f} decades)" for bolt in judgement.bolts if bolt.name in nearest]
+    which, tight = ("this bolt", "it is") if len(nearest) == 1 else ("these bolts", "they are")
     return (
-        f"the channels used are explained ({used:.2f} dB), with a loss at {listing(below, 4)}, and the validation channels are not: check "
-        "these bolts, and place, direction and sensitivity of the validation channels; "
+        f"the nearest state has a loss at {listing(named, 4)}: check {which} first. A loose bolt that rattles or slips makes FRFs that no "
+        f"linear model explains, and beside it the model errs most. If {tight} tight: "
     )
 
 

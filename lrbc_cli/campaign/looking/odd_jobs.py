@@ -26,7 +26,8 @@ from lrbc_cli.updating.comparison.scale import LEAST_LINES
 #: What to check of a job that bolts do not explain.
 MORE = (
     "Check whether more changed than the bolts: something added, removed or in contact, other supports, another temperature, another "
-    "hammer point, or the file of another state or another structure. Until that is corrected, `lrbc update` may not explain this job"
+    "hammer point, or the file of another state or another structure. Until that is corrected, `lrbc update` may not explain this job. A "
+    "loose bolt that rattles may do the same: `lrbc update` then names the bolt to check first"
 )
 
 

@@ -120,7 +120,7 @@ def verdict_table(campaign: CampaignRecord, jobs: Sequence[Job], anchors: Mappin
 def _loose_cells(campaign: CampaignRecord, job: JobRecord) -> list[str | Cell]:
     """Cells with the bolts judged loose, and the inconclusive ones."""
     if not job.explained:
-        return [Cell("no verdict: the model does not explain the measurement", class_="reason"), fmt.MISSING]
+        return [Cell(job.sentence.removeprefix(f"{job.job}: "), class_="reason"), fmt.MISSING]
     if not job.bolts:
         return [fmt.MISSING, fmt.MISSING]
     loose, undecided = job.names("loose"), job.names("undecided")

@@ -63,6 +63,8 @@ class JobFinding:
         Whether the job is validated, see ``decide.Validity``.
     unvalidated : str
         Why it is not validated.
+    nearest : sequence of str
+        Bolts of an unexplained job that are loose, else those that probably are, in the state that fits best, see ``decide.Validity``.
     assumed : str or None
         ``reference`` or ``baseline`` if its bolts are taken as tight by assumption, else None.
     doubtful : sequence of str
@@ -87,6 +89,7 @@ class JobFinding:
     bolts: Sequence[BoltFinding] = ()
     validated: bool = True
     unvalidated: str = ""
+    nearest: Sequence[str] = ()
     assumed: str | None = None
     doubtful: Sequence[str] = ()
     missing: Sequence[str] = ()
@@ -312,7 +315,8 @@ def _unvalidated(job: JobFinding) -> str:
 
 def _no_verdict(job: JobFinding) -> str:
     if job.status == "unexplained":
-        return "no verdict: the model does not explain the measurement"
+        first = f"; check {_names(job.nearest)} first (the nearest state has a loss there)" if job.nearest else ""
+        return f"no verdict: the model does not explain the measurement{first}"
     if job.status not in FINISHED:
         return f"no verdict: {job.status}"
     if job.assumed is not None and not job.bolts:

@@ -12,7 +12,7 @@ from lrbc_cli.updating import robust
 from lrbc_cli.updating.judging.bolt import BASELINE, JOB, REFERENCE, BoltVerdict, Role, verdict_on
 from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Evidence
 from lrbc_cli.updating.judging.reference import ReferenceState
-from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, TIGHT, UNDECIDED, DecisionRule, TightScatter
+from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, OUTSIDE, TIGHT, UNDECIDED, DecisionRule, TightScatter, probably
 from lrbc_cli.updating.normal import normal_cdf
 
 #: Message on a bolt that was probably not tight in the tight state.
@@ -42,6 +42,8 @@ class Validity:
     reason : str
     unvalidated : str
         Why it is not validated, if ``passed`` is None.
+    nearest : tuple of str
+        Bolts that are loose, else those that probably are, in the state that fits best, if it is not explained: to be checked first.
     """
 
     passed: bool | None
@@ -50,6 +52,7 @@ class Validity:
     limit_db: float
     reason: str
     unvalidated: str = ""
+    nearest: tuple[str, ...] = ()
 
     @property
     def explained(self) -> bool:
@@ -152,7 +155,8 @@ def judge(
     Returns
     -------
     Judgement
-        If the job is not explained, or no stiffness of bolts was identified, every bolt within reach is undecided. If only the validation
+        If the job is not explained, or no stiffness of bolts was identified, every bolt within reach is undecided; the bolts that would be
+        loose, else those that probably are, are named (``Validity.nearest``) unless they are more than half. If only the validation
         channels are not explained, bolts that are loose by the channels used are called so, and no bolt is called tight: a loose bolt
         beside a sensor that was not fitted shows errors of the model there, while of a tight bolt these channels are the only proof.
     """
@@ -162,7 +166,13 @@ def judge(
         found = _judged(used, evidence, rule, role, scatter)
         if any(bolt.verdict == LOOSE for bolt in found.bolts):
             return replace(found, bolts=tuple(_unconfirmed(bolt) for bolt in found.bolts))
-    return _judged(valid, evidence, rule, role, scatter)
+    found = _judged(valid, evidence, rule, role, scatter)
+    if valid.explained or role != JOB or not evidence.against_reference or reference is None or not reference.explained:
+        return found
+    # A loose bolt that rattles or slips makes FRFs that no linear model explains, yet the nearest state mostly has it loose.
+    would = [bolt for bolt in _judged(replace(valid, passed=None), evidence, rule, role, scatter).bolts if bolt.verdict != OUTSIDE]
+    loose = [bolt.name for bolt in would if bolt.verdict == LOOSE] or [bolt.name for bolt in would if probably(bolt.probability_loose)]
+    return replace(found, validity=replace(valid, nearest=tuple(loose))) if 2 * len(loose) <= len(would) else found
 
 
 def _by_channels_used(found: Validity, evidence: Evidence, rule: DecisionRule, reference: ReferenceState | None) -> Validity | None:

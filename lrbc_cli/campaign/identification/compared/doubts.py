@@ -74,7 +74,7 @@ def own_fault_text(inputs: Inputs, misfits: Floats, reference: str, known: str =
         what += "was overloaded, moved, turned or exchanged."
     return (
         f"{reference} is explained, so the fault is probably in this measurement. {what} Measure it again. If the result is the same, the "
-        "structure changed by more than the model can follow: joints that hardly hold, a part that is missing or was added"
+        "structure changed by more than the model can follow: joints that rattle or hardly hold, a part that is missing or was added"
     )
 
 

@@ -203,7 +203,7 @@ def differing_blows(
     """Message on an average of blows that differ from each other; None if they do not, or if the coherence is unknown.
 
     Noise that lowers the coherence differs from line to line, so neighbouring lines scatter by as much. Averages of two states, or of two
-    hammer points, have a low coherence although their lines are smooth.
+    hammer points, and bolts that rattle, have a low coherence although their lines are smooth.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def differing_blows(
         f"by the coherence, {noise.coherence:.2f} at the noisier half of the lines, each of these has noise of {noise.stated:.0%} of its "
         f"size, but neighbouring lines agree within {noise.stated / spread:.0%}: the blows probably differ from each other. Check whether "
         "the average still held blows of another state or of another hammer point, or a sensor came loose between them. Reset the average, "
-        "and measure it again"
+        "and measure it again. If it stays so, a loose bolt probably rattles: then FRFs depend on the force of the blow"
     )
 
 
