@@ -13,6 +13,7 @@ import numpy as np
 from lrbc_cli.campaign.beside import passed_over, taken_twice, unnamed
 from lrbc_cli.campaign.findings import Effect, Finding, Kind, kinds_of, once
 from lrbc_cli.campaign.identification.compared.copies import Earlier, Levels, pasted
+from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
@@ -21,15 +22,19 @@ from lrbc_cli.campaign.looking.causes.damped import uncalibrated_text
 from lrbc_cli.campaign.looking.exchanges import exchanged_files, foreign_titles, mistitled
 from lrbc_cli.campaign.looking.first_look import FirstLook, first_look
 from lrbc_cli.campaign.looking.measured import of_file, other_chains, other_runs, unclear, without_phases
+from lrbc_cli.campaign.looking.trials import NEAR
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import loss_factor, undamped_text
+from lrbc_cli.campaign.reading.places import extents
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import GB, limit_of, reduction_cost
 from lrbc_cli.config.settings import EveryLine
 from lrbc_cli.errors import LrbcError, NumericalError, listing
 from lrbc_cli.model.coupling import asymmetry, coupling_of
-from lrbc_cli.model.dofs import COMPONENTS
+from lrbc_cli.model.dofs import COMPONENTS, DofTable
+from lrbc_cli.model.units import UnitSystem
 from lrbc_cli.reduction.solve import pardiso
+from lrbc_cli.updating.calibration.apart import far_factors
 from lrbc_cli.updating.statistics.lines import few_resonances, interpolated, missed, normalised
 
 
@@ -52,6 +57,8 @@ class Findings:
         Whether measured and computed FRFs were compared.
     far : float
         Level misfit that is left between the reference job and the model, if it is more than usual; else 0 [dB].
+    away : dict of str to float
+        Level misfits of other jobs that no state of the bolts explains [dB].
     """
 
     sections: dict[str, list[str]] = field(default_factory=dict)
@@ -62,6 +69,7 @@ class Findings:
     predicted: dict[str, Any] | None = None
     compared: bool = False
     far: float = 0.0
+    away: dict[str, float] = field(default_factory=dict)
 
     def warn(self, *texts: str) -> None:
         """Add findings that no other place shares."""
@@ -122,6 +130,7 @@ def check(
         out.warn(f"calibration: {use.text}")
     if use is not None and (use.used or not use.stale):
         add("calibration", [use.text, *(f"{name} = {value:.6g}" for name, value in use.factors.items())])
+        out.warn(*(far_factors(use.factors) if use.used else ()))
     add("method", inputs.method.choices)
     out.warn(*inputs.method.warnings, *_unvalidated(inputs), *filter(None, ["" if use is None else use.coarse]))
     add("jobs", _jobs(inputs, folder, parts, out, detailed, progress))
@@ -186,11 +195,24 @@ def _model(inputs: Inputs) -> list[str]:
                 masses.append(f"{component} {float(m.M[index][:, index].sum()):.4g} kg")
         if masses:
             lines.append("mass sum over translations: " + ", ".join(masses) + " (free DOFs only; compare with the weight of the structure)")
+        lines += _fixed(inputs.dofs, inputs.campaign.unit_system)
     symmetric = "same left and right vectors" if m.terms.symmetric else "left and right vectors differ"
     lines.append(
         f"{m.terms.size} rank-one terms ({symmetric}), {m.B.shape[1]} excitation(s), {m.L.shape[0]} response(s), {inputs.used.size} used"
     )
     return lines
+
+
+def _fixed(dofs: DofTable, units: UnitSystem) -> list[str]:
+    """Components that most nodes of the structure have and some lack, as those that the model holds: a line each."""
+    found, structural = list[str](), ~dofs.is_acoustic
+    nodes, first = np.unique(dofs.node[structural], return_index=True)
+    places = dofs.xyz[structural][first]
+    for component in COMPONENTS:
+        lacking = ~np.isin(nodes, dofs.node[dofs.component == component])
+        if 0 < 2 * lacking.sum() < nodes.size:
+            found.append(f"fixed: {component} of {lacking.sum()} nodes, {extents(places[lacking], units.length, units.length_name)}")
+    return found
 
 
 def _reduction(inputs: Inputs, decision: cache.CacheDecision, out: Findings) -> list[str]:
@@ -296,7 +318,9 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     """Add findings from comparing measurements with each other and with the model; returns why they were not compared, if so."""
     usable = {name: found for name, found in readable.items() if not normalised(found.values)}
     look = _looks(inputs, folder, usable, progress)
-    out.compared, out.far, reference = look.compared, look.far, inputs.campaign.update.reference or ""
+    reference = inputs.campaign.update.reference or ""
+    far = {name: left for name, left in look.left.items() if left > (NEAR if name == reference else LEAST_DIFFERENCE)}
+    out.compared, out.far, out.away = look.compared, far.pop(reference, 0.0), far
     of_tight = kinds_of(each for each in look.found if reference and each.job == reference)
     # Peaks of an inverse FRF are the zeros of the FRF, and phases read as imaginary parts jump.
     misread = {each.job for each in look.found if each.kind is Kind.READ}

@@ -16,7 +16,7 @@ from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
 from lrbc_cli.cli.terminal import complain, say
 from lrbc_cli.config import Campaign, load_unfilled
-from lrbc_cli.errors import LrbcError
+from lrbc_cli.errors import LrbcError, listing
 
 
 @click.command()
@@ -59,6 +59,12 @@ def _nothing_found(findings: Findings) -> str:
         return (
             f"no warnings, but the reference job is {findings.far:.1f} dB from the model (1 to 2 dB are usual after a calibration; see "
             "jobs): an error of the model may hide loose bolts"
+        )
+    if findings.away:
+        named = listing([f"{name} ({left:.1f} dB)" for name, left in findings.away.items()], 4)
+        return (
+            f"no warnings, but no state of the bolts that was tried comes nearer than this to {named}: an error of the model, or more than "
+            "bolts changed"
         )
     return "no warnings"
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
 from helpers.systems import duct
+from looking import seen
 
+from lrbc_cli.campaign.looking.causes.rescaled import air_text
 from lrbc_cli.campaign.reading.doubts.coupled import coupled_doubt, opposed_text, uncoupled_doubt
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.fem import FeModel
@@ -112,6 +117,51 @@ def test_frequencies_show_which_sign_conserves_energy(mass: float) -> None:
     M[np.ix_(air, ~air)] *= 50.0
     squared = np.linalg.eigvals(np.linalg.solve(M, K))
     assert (np.abs(squared.imag).max() < 1e-6 * np.abs(squared).max()) == (mass > 0.0)
+
+
+@pytest.mark.parametrize(
+    ("density", "said"),
+    [
+        (10.0, "the density of the air in the model is probably 10 times too large: corrected, the level misfit falls from "),
+        (1e-3, "the density of the air in the model is probably 1000 times too small: corrected"),
+        (1.05, ""),
+        (3.0, ""),
+    ],
+)
+def test_the_density_of_the_air(density: float, said: str) -> None:
+    """Of a chain of masses on the flank of a duct, the density given over the true one."""
+    hz, (K, M, air) = np.linspace(20.0, 400.0, 60), duct(12, 30, 1.2, coupling=0.2)
+    own = sp.diags_array(air.astype(float))
+    heard, none = np.flatnonzero(air)[[3, 20]], sp.csc_array((air.size, 0))
+    L = sp.csc_array((np.ones(6), (np.arange(6), [2, 5, 8, 11, *heard])), (6, air.size))
+
+    def of(ratio: float) -> FeModel:
+        lighter = [sp.csc_array(matrix + (1.0 / ratio - 1.0) * (own @ matrix @ own)) for matrix in (K, M)]
+        return FeModel(
+            K=lighter[0],
+            C=sp.csc_array(2e-5 * lighter[0]),
+            M=lighter[1],
+            B=sp.csc_array((np.ones(1), ([4], [0])), (air.size, 1)),
+            L=L,
+            output_power=np.array([2, 2, 2, 2, 0, 0]),
+            is_acoustic=air,
+            terms=LowRankTerms(left=none, right=none, power=np.zeros(0, dtype=np.int64), baseline=np.zeros(0)),
+        )
+
+    def frf(model: FeModel) -> np.ndarray:
+        s = 2j * np.pi * hz
+        solved = [np.linalg.solve((model.K + at * model.C + at**2 * model.M).toarray(), model.B.toarray()[:, 0]) for at in s]
+        return np.array([at**model.output_power * (model.L @ x) for at, x in zip(s, solved, strict=True)])
+
+    given = of(density)
+    campaign = SimpleNamespace(reduction=SimpleNamespace(band=(10.0, 420.0), backend="superlu"))
+    inputs: Any = SimpleNamespace(model=given, campaign=campaign, input_of=np.zeros(6, dtype=np.int64))
+    parameters = SimpleNamespace(initial=np.zeros(0), dynamic=lambda _, s: np.zeros((len(s), 0), dtype=complex))
+    source = SimpleNamespace(inputs=inputs, known={b"work": 1.0})
+    job = seen(frf(of(1.0)), frf(given)[None], hz=hz, source=source, parameters=parameters)
+    text = air_text(job, job.misfit)
+    assert text.startswith(said)
+    assert bool(text) == bool(said)
 
 
 def test_coupling_one_way_is_no_matter_of_signs() -> None:

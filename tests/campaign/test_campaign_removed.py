@@ -10,6 +10,7 @@ import pytest
 from looking import measurement
 from samples import reduced_cache, sample
 
+from lrbc_cli.campaign.identification.compared.likeness import apart
 from lrbc_cli.campaign.looking.causes import removed
 from lrbc_cli.campaign.looking.causes.removed import removed_findings
 from lrbc_cli.campaign.looking.states import Looking, Seen
@@ -18,8 +19,8 @@ from lrbc_cli.campaign.reduced.stage import obtain_reduction
 HZ = np.arange(40.0, 500.0, 2.0)
 
 
-def told(jobs: dict[str, tuple[tuple[str, ...], tuple[str, ...]]]) -> list[str]:
-    """Texts about jobs of the plate that state removed bolts, and have other ones loose."""
+def told(jobs: dict[str, tuple[tuple[str, ...], tuple[str, ...]]], near: tuple[str, ...] = ()) -> list[str]:
+    """Texts about jobs of the plate that state removed bolts, and have other ones loose; some are known as ``near`` the tight state."""
     inputs = sample("plate")
     first = next(iter(inputs.campaign.jobs.values()))
     stated = {name: first.model_copy(update={"removed": removed}) for name, (removed, _) in jobs.items()}
@@ -40,6 +41,7 @@ def told(jobs: dict[str, tuple[tuple[str, ...], tuple[str, ...]]]) -> list[str]:
         return measurement(HZ, y * (1.0 + 0.02 * (noise[0] + 1j * noise[1])))
 
     measured = {"tight-1": frfs(())} | {name: frfs(loose) for name, (_, loose) in jobs.items()}
+    source.near.update({name: apart(measured[name].values, measured["tight-1"].values) for name in near})
     return [finding.text for finding in removed_findings(source, measured)]
 
 
@@ -57,6 +59,27 @@ def test_a_single_job_with_other_bolts_than_it_states() -> None:
     (text,) = told({"one": ((), ONE), "two": (TWO, ONE)})
     assert text.startswith("B2, B3 are stated as removed, but the measurement is fitted best with B1 loose instead. Check the names")
     assert "whether they are numbered from the other end, and jobs.two.removed" in text
+
+
+def test_a_job_measured_before_the_bolts_were_removed() -> None:
+    """A lid over a cavity, S08 stated as removed: it is fitted best as the tight state."""
+    (text,) = told({"one": (ONE, ())}, near=("one",))
+    assert text.startswith("B1 is stated as removed, but the measurement is 0.")
+    assert "dB from the nearest state without them (mean level of each response removed). Check whether it was made before" in text
+    # As far from the tight state as from the other one: the bolt may hardly change the FRFs.
+    assert told({"one": (ONE, ONE)}, near=("one",)) == []
+
+
+def test_files_exchanged_with_a_job_that_states_nothing() -> None:
+    """A lid over a cavity: S08 was removed in one job, and S05 half loose in the other."""
+    (text,) = told({"one": (ONE, ()), "two": ((), ONE)})
+    assert text == (
+        "the files of one and two are probably exchanged: B1 is stated as removed in one and fitted best as tight, but loose in two. "
+        "Exchange jobs.one.frf and jobs.two.frf, or correct `removed`"
+    )
+    # It is not the only one, or has other bolts loose.
+    assert told({"one": (ONE, ()), "two": ((), ("B4",))}) == []
+    assert told({"one": (ONE, ()), "two": ((), ONE), "three": ((), ONE)}) == []
 
 
 def test_files_of_two_jobs_exchanged() -> None:

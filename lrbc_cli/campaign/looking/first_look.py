@@ -108,15 +108,15 @@ class FirstLook:
         False if nothing was compared.
     doubted : frozenset of str
         Jobs with faults of numbers or responses that the reference job does not have; other comparisons with it are meaningless.
-    far : float
-        Level misfit of the reference job, with a rough calibration if there was one, where it is more than usual; else 0 [dB].
+    left : dict of str to float
+        Level misfit of each job with the nearest of the states compared, with a rough calibration if there was one [dB].
     """
 
     found: list[Finding] = field(default_factory=list)
     note: str = ""
     doubted: frozenset[str] = frozenset()
     compared: bool = True
-    far: float = 0.0
+    left: dict[str, float] = field(default_factory=dict)
 
 
 def first_look(
@@ -175,7 +175,7 @@ def first_look(
             told,
             note="; ".join(filter(None, (source.note, later, _left_text(source, found)))),
             doubted=_doubted(told, found, reference or ""),
-            far=left if (left := source.left.get(reference or "", 0.0)) > NEAR else 0.0,
+            left=source.left,
         )
     except LrbcError as error:
         return FirstLook(note=f"measured and computed FRFs were not compared: {error.problem}", compared=False)

@@ -30,7 +30,7 @@ from lrbc_cli.campaign.looking.causes.coordinates import coordinates_texts
 from lrbc_cli.campaign.looking.causes.held import held_text, idle_text, supports_text, tied_text
 from lrbc_cli.campaign.looking.causes.moved import hammer_text, sensor_text
 from lrbc_cli.campaign.looking.causes.parts import lump_text, part_cause, part_text
-from lrbc_cli.campaign.looking.causes.rescaled import rescaled_text, softness_text
+from lrbc_cli.campaign.looking.causes.rescaled import air_text, rescaled_text, softness_text
 from lrbc_cli.campaign.looking.causes.tables import unit_text
 from lrbc_cli.campaign.looking.causes.tightness import looser, tighter_text
 from lrbc_cli.campaign.looking.causes.together import together_text
@@ -99,7 +99,7 @@ def _blow_text(seen: Seen, away: Mapping[int, float], at: int, what: str) -> str
     return (
         f"FRFs of {name} differ from {what} by {away[at]:.1f} dB (median over its responses, mean level of each removed), those of "
         f"other excitations by {rest:.1f} dB at most. Check the place and the direction of excitation.{name}"
-        f"{'' if seen.reference else ' in this job'}, and that its records are not those of another hammer point"
+        f"{'' if seen.reference else ' in this job'}, and that its records are not those of another hammer point or state of the bolts"
     )
 
 
@@ -155,6 +155,7 @@ def little_in_common(seen: Seen, measurements: Mapping[str, Measurement], explai
     told = list[Finding]()
     if typical > LEAST_DIFFERENCE and (
         cause := said(Kind.RESCALED, "" if explained() else rescaled_text(seen, typical))
+        or said(Kind.MATERIAL, "" if explained() else air_text(seen, typical))
         or said(Kind.IDLE, idle_text(seen))
         or said(Kind.SPRINGS, unit_text(seen, typical))
         or said(Kind.MATERIAL, "" if explained() else lump_text(seen, typical) or part_text(seen, typical))

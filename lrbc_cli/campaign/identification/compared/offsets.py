@@ -225,7 +225,8 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
             f"known here (then {own})"
         )
     if not causes:
-        return text, f"{likely} {_unknown_text(offset, own, some=some)}"
+        air = all(inputs.responses[i].quantity == "pressure" for i in common.responses) and not inputs.model.is_acoustic.all()
+        return text, f"{likely} {_unknown_text(offset, own, some=some, air=air)}"
     known, every = next(known for known in recognised if known.cause), len(common.responses) == count
     return text, _known_text(inputs, common, job, known, causes, likely=likely, unit=unit if every else None, gain=own if some else None)
 
@@ -256,12 +257,14 @@ def _uncalibrated_text(offset: Offset) -> str:
     )
 
 
-def _unknown_text(offset: Offset, own: str, *, some: bool) -> str:
+def _unknown_text(offset: Offset, own: str, *, some: bool, air: bool) -> str:
     """Causes of a factor that no unit explains, and the fix (``own``: for a sensitivity), of all responses in all jobs unless ``some``."""
     unknown = "a sensitivity, a gain or a unit that is not known here"
+    times = f"{10.0 ** (abs(offset.db) / 20.0):.2g} times too {'large' if offset.db > 0.0 else 'small'}"
+    if air:
+        unknown += f"; if all microphones show it alike, a closed volume of air (its depth) that is {times} in the model"
     if some:
         return f"{unknown}. Check it, then write {own}"
-    times = f"{10.0 ** (abs(offset.db) / 20.0):.2g} times too {'large' if offset.db > 0.0 else 'small'}"
     return (
         f"{unknown}, or modulus and density of the structure, both about {times} (steel and aluminium differ by 2.9). Compare the mass sum "
         "with the weight of the structure: if it is wrong by this factor, correct the material in the FE model and export it again; "

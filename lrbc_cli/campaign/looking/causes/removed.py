@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -35,7 +35,14 @@ def removed_findings(source: Looking, measurements: Mapping[str, Measurement]) -
     stated = {name: removed for name, removed in stated.items() if removed}
     if tight is None or bolts is None or not stated:
         return []
-    other = [found for name in stated if (found := _other_bolts(source, name, stated[name], measurements[name]))]
+    changes = {name: _changes(source, name, measurements[name], tight) for name in measurements if name != reference}
+    other = _swapped(changes, stated) or [
+        found
+        for name in stated
+        if (
+            found := _other_bolts(source, name, stated[name], changes[name]) or _none(source, name, stated[name], measurements[name], tight)
+        )
+    ]
     if len(stated) < 2:
         return other
     opposite = dict(zip(bolts.name, bolts.name[::-1], strict=True))
@@ -52,23 +59,50 @@ def removed_findings(source: Looking, measurements: Mapping[str, Measurement]) -
     return _numbering(far, stated, turned, file) or _exchanges(far, stated) or other
 
 
-def _other_bolts(
-    source: Looking, name: str, removed: frozenset[str], measurement: Measurement, *, lost: float = 1.0, kept: float = 0.3
-) -> Finding | None:
-    """Finding if a job is fitted best with other bolts loose than those stated as removed, and with these as tight as before.
+#: Least and largest loss of bolts that count as loose and as tight [decades].
+LOST, KEPT = 1.0, 0.3
 
-    ``lost`` and ``kept``: least and largest loss of bolts that count as loose and as tight [decades].
-    """
+#: Changes of the bolts in the state fitted coarsely to a job [decades].
+_Changes = Mapping[str, float]
+
+
+def _changes(source: Looking, name: str, measurement: Measurement, tight: Measurement) -> _Changes:
+    """Changes of the bolts of a job, NaN for those without values."""
     bolts, change = source.inputs.bolts, source.changes.get(name)
-    if bolts is None:
-        return None
+    assert bolts is not None
     if change is None:
         # One of the states that are tried is near enough: no fit was needed.
-        names, _, _ = freed(Seen.of(source, name, measurement))
-        change = np.where(np.isin(bolts.name, names), -lost, 0.0)
-    known = dict(zip(bolts.name, change.tolist(), strict=True))
-    loose = [bolt for bolt, own in known.items() if own <= -lost]
-    if not loose or not all(known.get(bolt, np.nan) >= -kept for bolt in removed):
+        nearest = freed(Seen.of(source, name, measurement, tight))
+        change = np.where(np.isin(bolts.name, nearest.names), max(nearest.change, -LOST), 0.0)
+    return dict(zip(bolts.name, change.tolist(), strict=True))
+
+
+def _loose(changes: _Changes) -> frozenset[str]:
+    return frozenset(bolt for bolt, own in changes.items() if own <= -LOST)
+
+
+def _tight(changes: _Changes, bolts: frozenset[str]) -> bool:
+    return all(changes.get(bolt, np.nan) >= -KEPT for bolt in bolts)
+
+
+def _swapped(changes: Mapping[str, _Changes], stated: Mapping[str, frozenset[str]]) -> list[Finding]:
+    """Finding of a job whose removed bolts are tight, while they and no others are loose in one other job, which does not state them."""
+    for name, removed in stated.items():
+        there = [other for other, own in changes.items() if stated.get(other) != removed and _loose(own) == removed]
+        if len(there) == 1 and _tight(changes[name], removed):
+            bolts, are = ", ".join(sorted(removed)), "is" if len(removed) == 1 else "are"
+            text = (
+                f"the files of {name} and {there[0]} are probably exchanged: {bolts} {are} stated as removed in {name} and fitted best as "
+                f"tight, but loose in {there[0]}. Exchange jobs.{name}.frf and jobs.{there[0]}.frf, or correct `removed`"
+            )
+            return [Finding(text=text, kind=Kind.REMOVED, detail=f"{name} {there[0]}")]
+    return []
+
+
+def _other_bolts(source: Looking, name: str, removed: frozenset[str], changes: _Changes) -> Finding | None:
+    """Finding if a job is fitted best with other bolts loose than those stated as removed, and with these as tight as before."""
+    loose = sorted(_loose(changes))
+    if not loose or not _tight(changes, removed):
         return None
     file = "the bolts file" if source.inputs.campaign.bolts is None else source.inputs.campaign.bolts.name
     text = (
@@ -79,7 +113,24 @@ def _other_bolts(
     return Finding(text=text, kind=Kind.REMOVED, job=name)
 
 
-def _distances(seen: Seen, sets: list[frozenset[str]]) -> Floats:
+def _none(source: Looking, name: str, removed: frozenset[str], measurement: Measurement, tight: Measurement) -> Finding | None:
+    """Finding if the measurement of a job is clearly nearer to the tight state than to that without the bolts stated as removed."""
+    seen, known = Seen.of(source, name, measurement, tight), source.inputs.bolts
+    if name not in source.near or seen.tight is None or known is None or not removed.issubset(known.name):
+        return None
+    near = float(np.median(source.near[name][source.inputs.used]))
+    away = float(_distances(seen, [removed], [level for level in LEVELS if level <= -LOST])[0])
+    if near > NEARER * away:
+        return None
+    text = (
+        f"{', '.join(sorted(removed))} {'is' if len(removed) == 1 else 'are'} stated as removed, but the measurement is {near:.1f} dB from "
+        f"the tight state, and {away:.1f} dB from the nearest state without them (mean level of each response removed). Check whether it "
+        f"was made before they were removed, or is another file, and jobs.{name}.removed"
+    )
+    return Finding(text=text, kind=Kind.REMOVED, job=name)
+
+
+def _distances(seen: Seen, sets: Sequence[frozenset[str]], levels: Sequence[float] = LEVELS) -> Floats:
     """Level misfits of a job with each set of bolts removed, at the loss that fits best: median over the responses used [dB]."""
     inputs, prior = seen.inputs, seen.parameters.initial
     assert inputs.bolts is not None
@@ -88,10 +139,10 @@ def _distances(seen: Seen, sets: list[frozenset[str]]) -> Floats:
     columns = [np.isin(inputs.bolts.name, list(removed)) & known for removed in sets]
     # Hats of neighbouring bolts overlap.
     lost = np.array([np.minimum(shapes.T[:, shapes.bolts[own]].sum(axis=1), 1.0) for own in columns])
-    states = np.clip(prior + np.array(LEVELS)[:, None, None] * lost, *seen.parameters.bounds.T)
+    states = np.clip(prior + np.array(levels)[:, None, None] * lost, *seen.parameters.bounds.T)
     expected = expected_frfs(seen, states.reshape(-1, prior.size))
     every = np.median(apart(seen.measured, expected)[:, inputs.used], axis=1)
-    return np.asarray(every.reshape(len(LEVELS), -1).min(axis=0))
+    return np.asarray(every.reshape(len(levels), -1).min(axis=0))
 
 
 def _numbering(

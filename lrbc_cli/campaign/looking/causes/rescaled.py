@@ -345,6 +345,31 @@ def overdamped_text(seen: Seen, most: float) -> str | None:
     return f"{text}. This reduces the level misfit to {left:.1f} dB (mean level of each response removed)"
 
 
+def air_text(seen: Seen, before: float, *, factors: Sequence[float] = (0.1, 10.0, 1e-3, 1e3)) -> str:
+    """Warning that the density of the air is wrong by a power of ten; empty if none of ``factors`` explains the misfit ``before`` [dB].
+
+    The density multiplies what the air does to the structure, and the pressures: all matrix entries of the air against the coupling.
+    """
+    model, few, found = seen.inputs.model, seen.few(FEWEST), list[tuple[float, float]]()
+    air = sp.diags_array(model.is_acoustic.astype(float))
+    alone = model.is_acoustic.all() or not model.is_acoustic.any()
+    if alone or before <= LEAST_DIFFERENCE or len(factors) * seen.work(few.s.size) > MOST_WORK:
+        return ""
+    for factor in factors:
+        changed = {name: sp.csc_array(own + (factor - 1.0) * (air @ own @ air)) for name in "KCM" for own in [getattr(model, name)]}
+        with suppress(LrbcError):
+            left, off = left_of(few, ported(few, replace(model, **changed)).evaluate(few.dynamic))
+            found += [(left, factor)] if explains(left, off, before, 1.0) else []
+    if not found:
+        return ""
+    left, factor = min(found)
+    return (
+        f"the density of the air in the model is probably {max(factor, 1.0 / factor):g} times too {'large' if factor > 1.0 else 'small'}: "
+        f"corrected, the level misfit falls from {before:.1f} to {left:.1f} dB (mean level of each response removed). Air has 1.2 kg/m3. "
+        "Correct it in the FE model, and export it again"
+    )
+
+
 def softness_text(seen: Seen) -> str:
     """Clause that the model is too stiff or too soft, if its number of resonances differs much from the measured one; else empty.
 

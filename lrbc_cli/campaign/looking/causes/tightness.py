@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -57,7 +58,7 @@ def tighter_text(seen: Seen, measurements: Mapping[str, Measurement], *, as_well
         near |= {name: own for name, own in far.items() if name not in {reference, *assumed} and own < min(UNLIKE, NEARER * far[reference])}
     order = sorted(near.items(), key=lambda each: (each[0] in assumed, each[1]))
     judged = [name for name in near if name not in assumed]
-    loose, how, left = freed(seen)
+    loose, how, left, _ = freed(seen)
     bolts = () if seen.inputs.bolts is None else seen.inputs.bolts.name
     if len(loose) == 1 and loose[0] in bolts and left <= min([NEARER * far[reference], *(as_well * near[name] for name in judged)]):
         tight = [name for name, _ in order if name in assumed]
@@ -151,17 +152,26 @@ def looser(seen: Seen, typical: float) -> str:
 
     ``typical`` is the level misfit of the tight state [dB].
     """
-    names, how, left = freed(seen)
+    names, how, left, _ = freed(seen)
     if not names or left > CLEARLY * typical:
         return ""
     return f". With {', '.join(names)} {how} the level misfit is {left:.1f} dB: check whether all bolts were tight"
 
 
-def freed(seen: Seen) -> tuple[list[str], str, float]:
-    """Bolts, or values of an edge in words, with which loosened the model fits best, how far they are loosened, and the misfit [dB].
+class Freed(NamedTuple):
+    """The nearest state with something loosened: bolts, or values of an edge in words, how far in words and [decades], misfit [dB].
 
     There are no names if the tight state fits best.
     """
+
+    names: list[str]
+    how: str
+    left: float
+    change: float = -np.inf
+
+
+def freed(seen: Seen) -> Freed:
+    """The state of the model, tight or with something loosened, that fits best."""
     inputs, loosened = seen.inputs, seen.loosened
     distances = np.median(apart(seen.measured, seen.states[: len(loosened)]), axis=1)
     best = int(np.argmin(distances))
@@ -174,10 +184,10 @@ def freed(seen: Seen) -> tuple[list[str], str, float]:
             names = list(dict.fromkeys(owners)) or [values]
             several = sum(each.bolt is not None for each, *_ in seen.parameters.placed) > 1
             how = f"free in {group.name}" if owners and several else "free"
-    return min([(names, how, left), *_partly_loose(seen)], key=lambda each: each[2])
+    return min([Freed(names, how, left), *_partly_loose(seen)], key=lambda each: each.left)
 
 
-def _partly_loose(seen: Seen) -> Iterator[tuple[list[str], str, float]]:
+def _partly_loose(seen: Seen) -> Iterator[Freed]:
     """As ``freed``, for each joint, and for each of its groups if it has several, at each of the levels that a search tries."""
     parameters, bolts = seen.parameters, seen.inputs.bolts
     if bolts is None:
@@ -201,7 +211,7 @@ def _partly_loose(seen: Seen) -> Iterator[tuple[list[str], str, float]]:
     distances = np.median(apart(seen.measured, seen.source.known[key]), axis=1).reshape(len(owned), -1)
     for (name, group, _), away in zip(owned, distances, strict=True):
         best = int(np.argmin(away))
-        yield [name], f"at {10.0 ** LEVELS[best]:.1g} of its stiffness{group}", float(away[best])
+        yield Freed([name], f"at {10.0 ** LEVELS[best]:.1g} of its stiffness{group}", float(away[best]), LEVELS[best])
 
 
 def loose_text(seen: Seen, loose: str) -> str:
