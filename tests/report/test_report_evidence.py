@@ -153,8 +153,16 @@ def test_the_head_takes_no_job_for_clear(rich: Path, tmp_path: Path) -> None:
     )
     write_report(tmp_path, workers=1)
     head = head_of(page_text(tmp_path))
-    assert "No verdict in 3 tested jobs." in head
+    assert "No verdict in 3 tested jobs. " in head
+    assert "check first" not in head
     assert "3 jobs without verdict" in head
+    spoil(tmp_path / "bolts-04" / "result.json", "validity", "nearest", value=["B08", "B09"])
+    write_report(tmp_path, workers=1)
+    page = page_text(tmp_path)
+    assert "No verdict in 3 tested jobs. Without verdict, check first: B08, B09." in head_of(page)
+    assert "check B08, B09 first (the nearest state has a loss there)" in " ".join(
+        cell for row in rows_of(page, "Results job by job") for cell in row
+    )
     spoil(tmp_path / "campaign.json", "jobs", value=["bolts-00"])
     spoil(tmp_path / "bolts-00" / "result.json", "status", value="converged")
     write_report(tmp_path, workers=1)

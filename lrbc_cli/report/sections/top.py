@@ -103,7 +103,7 @@ def campaign_sentence(content: Content) -> str:
     count = len(compared) + len(missing)
     of = f"{count} tested job{'' if count == 1 else 's'}"
     if not judged:
-        return f"No verdict in {of}."
+        return f"No verdict in {of}.{_first(content)}"
     text = f"Loose bolts in {len(loose)} of {of}" if loose else f"No loose bolt found in {len(judged)} of {of}"
     if likely:
         text = f"{text}, probably in {likely} more" if loose else f"Probably loose bolts in {likely} of {of}"
@@ -124,7 +124,13 @@ def campaign_sentence(content: Content) -> str:
         "with the measurement of another job": len(content.copies),
     }
     open_points = [f"{what}: {count}" for what, count in counts.items() if count]
-    return text + (f" Jobs {', '.join(open_points)}." if open_points else "")
+    return text + (f" Jobs {', '.join(open_points)}." if open_points else "") + _first(content)
+
+
+def _first(content: Content) -> str:
+    """The bolts to check first in jobs without a verdict."""
+    nearest = list(dict.fromkeys(name for job in content.done for name in job.finding.nearest))
+    return f" Without verdict, check first: {tables.names_of(nearest, content.campaign.bolt_names)}." if nearest else ""
 
 
 def _in_words(judged: Sequence[JobRecord]) -> str:
