@@ -63,8 +63,8 @@ def _nothing_found(findings: Findings) -> str:
     if findings.away:
         named = listing([f"{name} ({left:.1f} dB)" for name, left in findings.away.items()], 4)
         return (
-            f"no warnings, but no state of the bolts that was tried comes nearer than this to {named}: an error of the model, or more than "
-            "bolts changed"
+            f"no warnings, but the coarse fit of the bolts leaves much of {named}: many loose bolts (`lrbc update` fits more closely), an "
+            "error of the model, or more than bolts changed"
         )
     return "no warnings"
 

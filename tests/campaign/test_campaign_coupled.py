@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,6 +14,7 @@ from looking import seen
 
 from lrbc_cli.campaign.looking.causes.rescaled import air_text
 from lrbc_cli.campaign.reading.doubts.coupled import coupled_doubt, opposed_text, uncoupled_doubt
+from lrbc_cli.campaign.reading.doubts.numbering import numbering_doubts
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import LowRankTerms
@@ -117,6 +119,21 @@ def test_frequencies_show_which_sign_conserves_energy(mass: float) -> None:
     M[np.ix_(air, ~air)] *= 50.0
     squared = np.linalg.eigvals(np.linalg.solve(M, K))
     assert (np.abs(squared.imag).max() < 1e-6 * np.abs(squared).max()) == (mass > 0.0)
+
+
+def test_coupling_in_the_mass_alone_is_no_other_numbering() -> None:
+    """The stiffness couples the other way, or was exported without its coupling, of which another warning tells."""
+    K, M, air = duct(150, 151, 1.2)
+    K = sp.csc_array(sp.block_diag([K[:150, :150], K[150:, 150:]]))
+    none = sp.csc_array((air.size, 0))
+    model = FeModel(
+        K=K, C=sp.csc_array(K.shape), M=M, B=none, L=sp.csc_array(none.T), output_power=np.zeros(0, dtype=np.int64), is_acoustic=air,
+        terms=LowRankTerms(left=none, right=none, power=np.zeros(0, dtype=np.int64), baseline=np.zeros(0)),
+    )  # fmt: skip
+    assert list(numbering_doubts(model, None)) == []
+    order = np.random.default_rng(1).permutation(air.size)
+    (text,) = numbering_doubts(replace(model, M=sp.csc_array(M[order][:, order]), is_acoustic=air[order]), None)
+    assert text.startswith("model.mass: the mass matrix connects nodes that the stiffness matrix does not")
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import scipy.sparse as sp
 
-from lrbc_cli.arrays import Integers, spaced
+from lrbc_cli.arrays import Bools, Integers, spaced
 from lrbc_cli.campaign.reading.dof_source import LEAST_DOFS, MOST_FILLED
 from lrbc_cli.config import Campaign
 from lrbc_cli.errors import DataError
@@ -71,7 +71,7 @@ def numbering_doubts(model: FeModel, dofs: DofTable | None, *, own_damping: bool
         return
     known = reached.row * np.int64(reached.shape[1]) + reached.col
     for name, matrix in (("mass", model.M), *((("damping", model.C),) if own_damping else ())):
-        joined = _graph(matrix, node)[some].tocoo()
+        joined = _graph(_of_one_field(matrix, model.is_acoustic), node)[some].tocoo()
         # The flat index of each pair of nodes.
         pairs = joined.row * np.int64(joined.shape[1]) + joined.col
         beyond = (joined.col != some[joined.row]) & stiff[joined.col] & ~np.isin(pairs, known)
@@ -91,6 +91,13 @@ def node_of_rows(size: int, dofs: DofTable | None) -> Integers:
     of = np.column_stack([dofs.node, dofs.component == ACOUSTIC_COMPONENT])
     found: Integers = np.unique(of, axis=0, return_inverse=True)[1].ravel()
     return found
+
+
+def _of_one_field(matrix: sp.csc_array, air: Bools) -> sp.csc_array:
+    """The matrix without what couples structure and air, which may stand in one of the matrices only."""
+    entries = matrix.tocoo()
+    own = air[entries.row] == air[entries.col]
+    return sp.csc_array((entries.data[own], (entries.row[own], entries.col[own])), entries.shape)
 
 
 def _graph(matrix: sp.csc_array, node: Integers) -> sp.csr_array:
