@@ -40,7 +40,7 @@ def astray(inputs: Inputs, result: Identification) -> tuple[str, str]:
         )
     else:
         who = f"hammer point {inputs.excitations[inputs.responses[int(at[0])].input]}"
-        fault = "the hammer hit elsewhere or in another direction"
+        fault = "the hammer hit elsewhere, in another direction or twice"
     told = f"the FRFs of {who} do not fit: misfit {sizes(at)}"
     beside = ", except perhaps one that is loose right beside it" if kind == "sensor" else ""
     return told, f"{told}; the others fit ({sizes(rest)}), so no bolt explains it{beside}. Check whether {fault}, and measure again"

@@ -86,7 +86,7 @@ def _one_end(inputs: Inputs, misfits: Floats, *, least: int = 3, times: float = 
     """
     advice = {
         "sensor": "check whether it was overloaded, moved, turned or exchanged",
-        "hammer point": "check whether the hammer hit elsewhere",
+        "hammer point": "check whether the hammer hit elsewhere or twice",
     }
     known = np.isfinite(misfits)
     for kind, responses in ends_of(inputs):

@@ -9,7 +9,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.findings import Finding, Kind
-from lrbc_cli.campaign.identification.compared.likeness import apart
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.causes.tightness import freed
 from lrbc_cli.campaign.looking.fitted import expected_frfs
@@ -120,7 +120,8 @@ def _none(source: Looking, name: str, removed: frozenset[str], measurement: Meas
         return None
     near = float(np.median(source.near[name][source.inputs.used]))
     away = float(_distances(seen, [removed], [level for level in LEVELS if level <= -LOST])[0])
-    if near > NEARER * away:
+    # Where bolts hardly change the FRFs, both states are near.
+    if away <= LEAST_DIFFERENCE or near > CLEARLY * away:
         return None
     text = (
         f"{', '.join(sorted(removed))} {'is' if len(removed) == 1 else 'are'} stated as removed, but the measurement is {near:.1f} dB from "
