@@ -35,8 +35,8 @@ from lrbc_cli.results.job import Lines, NoiseRecord, Provenance
 from lrbc_cli.results.model import Boundary, CalibrationRecord, Factor, FactorCertificate, HeldOutRecord, RoundRecord, StageRecord
 from lrbc_cli.results.store import unwritable, versions, write_sealed
 from lrbc_cli.results.tables import write_csv
-from lrbc_cli.updating.calibration.apart import far_factors
 from lrbc_cli.updating.calibration.calibrate import FactorFit, FactorProblem, fit_factors
+from lrbc_cli.updating.calibration.far import far_factors
 from lrbc_cli.updating.misfit.cost import mean_misfit
 from lrbc_cli.updating.statistics.decibels import decibel
 
@@ -228,7 +228,8 @@ def calibrate(
     heard = replace(measurement, values=without_noise(inputs, settings.job, measurement))
     fit = fit.wider(ratio_of(inputs, heard, inputs.campaign.jobs[settings.job], problem.selected, updated))
     misfits = (_misfit(inputs, compared, initial), rounds[-1].misfit_db)
-    doubted = calibration_doubts(inputs, measurement, (initial, plain), settings.job, misfits, gains) + far_factors(fit.factors)
+    doubted = calibration_doubts(inputs, measurement, (initial, plain), settings.job, misfits, gains)
+    doubted += far_factors(fit.factors, inputs.recipe)
     for doubt in doubted:
         log.warning("calibration from %s: %s", settings.job, doubt)
     return CalibrationOutcome(

@@ -34,7 +34,7 @@ from lrbc_cli.model.coupling import asymmetry, coupling_of
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
 from lrbc_cli.model.units import UnitSystem
 from lrbc_cli.reduction.solve import pardiso
-from lrbc_cli.updating.calibration.apart import far_factors
+from lrbc_cli.updating.calibration.far import far_factors
 from lrbc_cli.updating.statistics.lines import few_resonances, interpolated, missed, normalised
 
 
@@ -130,7 +130,6 @@ def check(
         out.warn(f"calibration: {use.text}")
     if use is not None and (use.used or not use.stale):
         add("calibration", [use.text, *(f"{name} = {value:.6g}" for name, value in use.factors.items())])
-        out.warn(*(far_factors(use.factors) if use.used else ()))
     add("method", inputs.method.choices)
     out.warn(*inputs.method.warnings, *_unvalidated(inputs), *filter(None, ["" if use is None else use.coarse]))
     add("jobs", _jobs(inputs, folder, parts, out, detailed, progress))
@@ -166,6 +165,7 @@ def _tree(inputs: Inputs, out: Findings, decision: cache.CacheDecision) -> dict[
         "decision_rule": asdict(inputs.method.rule),
         "calibration": None if use is None else {"used": use.used, "text": use.text, "factors": use.factors},
         "jobs": {p.name: {"run": p.run, "judge": p.judge, "reason": p.reason} for p in out.jobs},
+        "far_db": {inputs.campaign.update.reference: out.far, **out.away} if out.far else out.away,
         "errors": {name: error.message for name, error in out.errors.items()},
         "warnings": out.warnings,
         "text": out.sections,
@@ -204,14 +204,17 @@ def _model(inputs: Inputs) -> list[str]:
 
 
 def _fixed(dofs: DofTable, units: UnitSystem) -> list[str]:
-    """Components that most nodes of the structure have and some lack, as those that the model holds: a line each."""
-    found, structural = list[str](), ~dofs.is_acoustic
-    nodes, first = np.unique(dofs.node[structural], return_index=True)
-    places = dofs.xyz[structural][first]
-    for component in COMPONENTS:
-        lacking = ~np.isin(nodes, dofs.node[dofs.component == component])
-        if 0 < 2 * lacking.sum() < nodes.size:
-            found.append(f"fixed: {component} of {lacking.sum()} nodes, {extents(places[lacking], units.length, units.length_name)}")
+    """Components that most nodes with translations, or with rotations, have and some lack, as those that the model holds: a line each."""
+    found = list[str]()
+    for kind in (COMPONENTS[:3], COMPONENTS[3:6]):
+        # Solids have no rotations; nodes that are held in all components are not in the table.
+        own = np.isin(dofs.component, kind) & np.isfinite(dofs.xyz).all(axis=1)
+        nodes, first = np.unique(dofs.node[own], return_index=True)
+        for component in kind:
+            lacking = ~np.isin(nodes, dofs.node[dofs.component == component])
+            if 0 < 2 * lacking.sum() < nodes.size:
+                where = extents(dofs.xyz[own][first[lacking]], units.length, units.length_name)
+                found.append(f"partly held: {lacking.sum()} node{'' if lacking.sum() == 1 else 's'} without {component}, {where}")
     return found
 
 
@@ -319,7 +322,8 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     usable = {name: found for name, found in readable.items() if not normalised(found.values)}
     look = _looks(inputs, folder, usable, progress)
     reference = inputs.campaign.update.reference or ""
-    far = {name: left for name, left in look.left.items() if left > (NEAR if name == reference else LEAST_DIFFERENCE)}
+    lefts = {} if look.source is None else look.source.left
+    far = {name: left for name, left in lefts.items() if left > (NEAR if name == reference else LEAST_DIFFERENCE)}
     out.compared, out.far, out.away = look.compared, far.pop(reference, 0.0), far
     of_tight = kinds_of(each for each in look.found if reference and each.job == reference)
     # Peaks of an inverse FRF are the zeros of the FRF, and phases read as imaginary parts jump.
@@ -342,6 +346,10 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     if not titled and Kind.REMOVED not in kinds_of(told) and (text := exchanged_files(inputs, compared)):
         titled = [text]
     out.warn(*titled)
+    use = inputs.calibration
+    if look.source is not None and not any(each.job == reference for each in told):
+        # Beside another finding they may be its consequence.
+        out.warn(*far_factors(use.factors if use is not None and use.used else look.source.factors, inputs.recipe))
     if Kind.RESCALED in kinds_of(look.found):
         out.found = [each for each in out.found if each.kind is not Kind.GUESSED]
     out.found += told

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from lrbc_cli.errors import listing
 from lrbc_cli.report.reading import read_results
 from lrbc_cli.results.job import FailedJob, Job, JobRecord
 from lrbc_cli.updating.judging.clearance import JobFinding, sentence
@@ -80,7 +81,8 @@ def _verdicts(job: JobRecord) -> str:
         return ""
     if not job.explained:
         nearest = job.finding.nearest
-        return f"no verdict: check {_short(nearest, 4)} first" if nearest else "no verdict: not explained by the model"
+        first = f"check {listing(nearest, 4)} first" if nearest else "not explained by the model"
+        return f"no verdict: {first}"
     known = [bolt.probability_loose for bolt in job.bolts if bolt.verdict == "loose" and bolt.probability_loose is not None]
     undecided = job.names("undecided")
     # The lowest of the probabilities holds as a lower limit for all loose bolts.

@@ -53,17 +53,25 @@ class Contact:
     def __str__(self) -> str:
         return "one-sided" if self.one_sided else f"play {self.play:g}"
 
-    def force(self, stiffness: float, gap: float, motion: Floats) -> Floats:
-        """Force of the spring [N] at a motion [m]."""
-        closed = np.minimum(motion + gap, 0.0) if self.one_sided else np.sign(motion) * np.maximum(np.abs(motion) - gap, 0.0)
-        return np.asarray(stiffness * (LEFT * motion + (1.0 - LEFT) * closed))
+    def taken(self, gap: float, motion: Floats) -> Floats:
+        """What of a motion the spring does not resist, as a motion: its part within the gap, or to the open side."""
+        return np.maximum(motion, -gap) if self.one_sided else np.clip(motion, -gap, gap)
+
+    def settled(self, gap: float, free: Floats, share: float) -> Floats:
+        """The motion x with ``x = free + share taken(x)``, ``share`` below 1."""
+        within, beyond = free / (1.0 - share), free - share * gap
+        if self.one_sided:
+            return np.where(free >= -gap * (1.0 - share), within, beyond)
+        return np.where(np.abs(free) <= gap * (1.0 - share), within, free + np.sign(free) * share * gap)
 
 
+#: Never closed; and what is tried.
+FREE = Contact(one_sided=False, play=1e9)
 CONTACTS = (Contact(one_sided=True, play=0.0), *(Contact(one_sided=False, play=play) for play in (0.1, 0.5, 1.5)))
 
 
 class Bench:
-    """A rig in one state as modes with viscous damping, stepped exactly between the instants at which forces change.
+    """A rig in one state as modes with viscous damping, stepped exactly under forces that are held for a step.
 
     Parameters
     ----------
@@ -106,15 +114,21 @@ class Bench:
         """Accelerations (steps, sensors, blows) and motions of the contact (steps, blows), forces (steps, blows) at points (blows,)."""
         q, v = (np.zeros((self.square.size, points.size)) for _ in range(2))
         found, motions = np.empty((steps, self.sensors.shape[1], points.size)), np.zeros((steps, points.size))
-        hit = self.hammers[:, points]
+        hit, lost, reach = self.hammers[:, points], (1.0 - LEFT) * self.stiffness, float((self.axial**2 * self.push[0]).sum())
         for i in range(steps):
+            # The force of a blow is that of the middle of the step, that of the contact the mean of both ends: no delay, hence no damping.
             load = hit * blows[i]
-            if contact is not None:
-                motions[i] = self.axial[:, 0] @ q
-                # What takes the closed spring away.
-                load += self.axial * (self.stiffness * motions[i] - contact.force(self.stiffness, gap, motions[i]))
-            found[i] = self.sensors.T @ (load - self.square * q - self.rate * v)
             q, v = self.keep[0] * q + self.keep[1] * v + self.push[0] * load, self.keep[2] * q + self.speed * v + self.push[1] * load
+            if contact is not None:
+                before = contact.taken(gap, motions[i - 1]) if i else 0.0
+                free = self.axial[:, 0] @ q + 0.5 * reach * lost * before
+                motions[i] = contact.settled(gap, free, 0.5 * reach * lost)
+                mean = self.axial * (0.5 * lost * (before + contact.taken(gap, motions[i])))
+                q, v = q + self.push[0] * mean, v + self.push[1] * mean
+                load = hit * (0.5 * (blows[i] + blows[min(i + 1, steps - 1)])) + self.axial * (lost * contact.taken(gap, motions[i]))
+            else:
+                load = hit * (0.5 * (blows[i] + blows[min(i + 1, steps - 1)]))
+            found[i] = self.sensors.T @ (load - self.square * q - self.rate * v)
         return found, motions
 
 
@@ -125,14 +139,15 @@ def measured(rig: Rig, state: State, bolt: str | None, contact: Contact | None, 
     points = np.repeat(np.arange(len(design.hammers)), chain.hits)
     start = rng.uniform(0.01, 0.02, points.size)
     duration, peak = (nominal * np.exp(rng.normal(0.0, s, points.size)) for nominal, s in ((chain.duration, 0.05), (chain.peak, 0.25)))
-    phase = (np.arange(steps)[:, None] * STEP - start) / duration
+    # In the middle of each step; motions are those of its end.
+    phase = ((np.arange(steps)[:, None] + 0.5) * STEP - start) / duration
     blows = np.where((phase > 0.0) & (phase < 1.0), peak * np.sin(np.pi * phase), 0.0)
     gap = 0.0
     if contact is not None and contact.play:
-        free = bench.run(blows, points, Contact(one_sided=False, play=np.inf), np.inf, steps // 10)[1]
+        free = bench.run(blows, points, FREE, FREE.play, steps // 10)[1]
         gap = contact.play * float(np.sqrt(np.mean(free**2)))
-    spectra = (np.fft.rfft(each, axis=0)[lines] for each in (blows, bench.run(blows, points, contact, gap, steps)[0]))
-    force, response = spectra
+    force, response = (np.fft.rfft(each, axis=0)[lines] for each in (blows, bench.run(blows, points, contact, gap, steps)[0]))
+    response *= np.exp(-1j * np.pi * design.frequencies * STEP)[:, None, None]
 
     def noisy(spectrum: Complexes, level: Floats | float) -> Complexes:
         noise = rng.standard_normal(spectrum.shape) + 1j * rng.standard_normal(spectrum.shape)

@@ -41,7 +41,7 @@ def told(jobs: dict[str, tuple[tuple[str, ...], tuple[str, ...]]], near: tuple[s
         return measurement(HZ, y * (1.0 + 0.02 * (noise[0] + 1j * noise[1])))
 
     measured = {"tight-1": frfs(())} | {name: frfs(loose) for name, (_, loose) in jobs.items()}
-    source.near.update({name: apart(measured[name].values, measured["tight-1"].values) for name in near})
+    source.left.update({name: float(np.median(apart(measured[name].values, measured["tight-1"].values))) for name in near})
     return [finding.text for finding in removed_findings(source, measured)]
 
 
@@ -65,7 +65,7 @@ def test_a_job_measured_before_the_bolts_were_removed(monkeypatch: pytest.Monkey
     """A lid over a cavity, S08 stated as removed: it is fitted best as the tight state."""
     (text,) = told({"one": (ONE, ())}, near=("one",))
     assert text.startswith("B1 is stated as removed, but the measurement is 0.")
-    assert "dB from the nearest state without them (mean level of each response removed). Check whether it was made before" in text
+    assert "dB from the nearest one without these (mean level of each response removed). Check if it was made before" in text
     # As far from the tight state as from the other one.
     assert told({"one": (ONE, ONE)}, near=("one",)) == []
     # The bolt hardly changes the FRFs: the lid of a box, 0.2 and 0.4 dB.
@@ -80,6 +80,8 @@ def test_files_exchanged_with_a_job_that_states_nothing() -> None:
         "the files of one and two are probably exchanged: B1 is stated as removed in one and fitted best as tight, but loose in two. "
         "Exchange jobs.one.frf and jobs.two.frf, or correct `removed`"
     )
+    both = told({"one": (ONE, ()), "two": ((), ONE), "three": (THREE, ()), "four": ((), THREE)})
+    assert [text[:40] for text in both] == ["the files of one and two are probably ex", "the files of three and four are probably"]
     # It is not the only one, or has other bolts loose.
     assert told({"one": (ONE, ()), "two": ((), ("B4",))}) == []
     assert told({"one": (ONE, ()), "two": ((), ONE), "three": ((), ONE)}) == []

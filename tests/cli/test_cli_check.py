@@ -11,7 +11,10 @@ import scipy.io
 from campaigns import Folder, Matrices, box, chain_folder, frame, spoil
 
 from lrbc_cli import load
+from lrbc_cli.campaign.check import _fixed
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.model.dofs import DofTable
+from lrbc_cli.model.units import SI
 
 
 def section(text: str, title: str) -> list[str]:
@@ -642,3 +645,18 @@ def test_the_last_line_says_whether_frfs_were_compared(tmp_path: Path, monkeypat
     monkeypatch.setattr("lrbc_cli.campaign.looking.first_look.BUILT_WORK", 0.0)
     last = folder.run("check").stdout.splitlines()[-1]
     assert last == "no warnings, but measured and computed FRFs were not compared: see jobs"
+
+
+def test_components_that_the_model_holds_are_listed() -> None:
+    """Shells with a held edge and a held corner, beside a solid, which has no rotations; a node without coordinates."""
+    names = ("UX", "UY", "UZ", "ROTX", "ROTY", "ROTZ")
+    held = {(1, "UZ"), (2, "UZ"), (3, "ROTX")}
+    rows = [(node, name) for node in range(1, 11) for name in names if (node, name) not in held]
+    rows += [(node, name) for node in range(11, 14) for name in names[:3]]
+    xyz = np.array([[0.1 * node, 0.2, 0.0] for node, _ in rows])
+    xyz[[node == 10 for node, _ in rows]] = np.nan
+    dofs = DofTable(node=np.array([node for node, _ in rows]), component=np.array([name for _, name in rows]), xyz=xyz)
+    assert _fixed(dofs, SI) == [
+        "partly held: 2 nodes without UZ, x 0.1 to 0.2, y 0.2, z 0 m",
+        "partly held: 1 node without ROTX, x 0.3, y 0.2, z 0 m",
+    ]

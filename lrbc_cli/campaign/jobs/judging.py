@@ -258,11 +258,13 @@ def nearest_text(judgement: Judgement) -> str:
     nearest = judgement.validity.nearest
     if not nearest:
         return ""
-    named = [f"{bolt.name} ({bolt.change or 0.0:+.2f} decades)" for bolt in judgement.bolts if bolt.name in nearest]
-    which, tight = ("this bolt", "it is") if len(nearest) == 1 else ("these bolts", "they are")
+    known = {bolt.name: bolt.change for bolt in judgement.bolts if bolt.change is not None and bolt.change < (bolt.threshold or -inf)}
+    # One group of springs may be lost without a loss on the whole.
+    named = [f"{name} ({known[name]:+.2f} decades)" if name in known else name for name in nearest]
+    which = "this bolt" if len(nearest) == 1 else "these bolts"
     return (
         f"the nearest state has a loss at {listing(named, 4)}: check {which} first. A loose bolt that rattles or slips makes FRFs that no "
-        f"linear model explains, and beside it the model errs most. If {tight} tight: "
+        "linear model explains, and beside it the model errs most. If tight, see what else may be wrong: "
     )
 
 

@@ -28,7 +28,6 @@ from lrbc_cli.campaign.looking.trials import NEAR, NEARER
 from lrbc_cli.campaign.looking.unexplained import single_responses
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import listing
-from lrbc_cli.updating.calibration.apart import far_factors
 from lrbc_cli.updating.comparison.scale import (
     ALIKE,
     LEAST_ALIKE,
@@ -84,7 +83,6 @@ def together(source: Looking, measurements: Mapping[str, Measurement], found: di
         told = [each for each in told if each.kind is not Kind.EXCHANGED or each.job == reference]
     if explained and not any(each.job == reference for each in told):
         told += misplaced_sensor(source, measurements)
-        told += [Finding(job=reference, text=text) for text in far_factors(source.factors)]
     doubted = {each.job for each in told}
     return told + [each for each in (removed_findings(source, measurements) if explained else []) if each.job not in doubted]
 

@@ -108,15 +108,15 @@ class FirstLook:
         False if nothing was compared.
     doubted : frozenset of str
         Jobs with faults of numbers or responses that the reference job does not have; other comparisons with it are meaningless.
-    left : dict of str to float
-        Level misfit of each job with the nearest of the states compared, with a rough calibration if there was one [dB].
+    source : Looking or None
+        The model that was compared, with a rough calibration if there was one, and how far the jobs are from it; None without a comparison.
     """
 
     found: list[Finding] = field(default_factory=list)
     note: str = ""
     doubted: frozenset[str] = frozenset()
     compared: bool = True
-    left: dict[str, float] = field(default_factory=dict)
+    source: Looking | None = None
 
 
 def first_look(
@@ -175,7 +175,7 @@ def first_look(
             told,
             note="; ".join(filter(None, (source.note, later, _left_text(source, found)))),
             doubted=_doubted(told, found, reference or ""),
-            left=source.left,
+            source=source,
         )
     except LrbcError as error:
         return FirstLook(note=f"measured and computed FRFs were not compared: {error.problem}", compared=False)

@@ -1,14 +1,13 @@
-"""Identifiability of calibration factors: groups of which a measurement determines only a combination, factors at bounds or far from 1."""
+"""Identifiability of calibration factors: groups of which a measurement determines only a combination, factors at bounds, notes on both."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.model.factors import SOUND_SPEED
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.misfit.nuisances import Nuisance
 from lrbc_cli.updating.normal import NORMAL_95
@@ -146,56 +145,6 @@ def at_bounds(P: Parameterisation, scalars: Sequence[Nuisance], theta: Floats, h
                 "start value is too far away (then give one nearer to it)"
             )
     found += [] if hold else [*damping_at_bounds(P, theta), *overdamped(P, theta, hz)]
-    return found
-
-
-def far_factors(
-    factors: Mapping[str, float],
-    prior: CalibrationPrior = CALIBRATION_PRIOR,
-    *,
-    stiff: float = 3.0,
-    damping: float = 2.0,
-    speed: float = 0.03,
-    room: float = 293.0,
-) -> list[str]:
-    """Warnings on factors so far from 1 that the FE model is probably wrong there, however well a calibration then fits.
-
-    Parameters
-    ----------
-    factors : mapping of str to float
-        By name. Only a sum of alpha and beta is determined, so they are not asked.
-    prior : CalibrationPrior
-    stiff, damping : float
-        Largest deviation of factors of stiffness or mass, and of loss factors, in standard deviations of their prior. A choice.
-    speed : float
-        Largest relative deviation of the speed of sound: a room 18 K warmer or colder. A choice.
-    room : float
-        Temperature at which the speed of sound of a model mostly holds [K].
-    """
-    found = []
-    for name, value in factors.items():
-        kind, _, of = name.partition(".")
-        size = float(np.log(value))
-        more = size > 0.0
-        if name == SOUND_SPEED:
-            kelvin = f"{room * abs(value**2 - 1.0):.0f} K {'warmer' if more else 'colder'}"
-            if abs(size) > speed:
-                found.append(
-                    f"the calibration multiplies the speed of sound by {value:.3g}, as of air {kelvin}: check the speed of sound (or bulk "
-                    "modulus and density) of the air in the FE model, and its temperature"
-                )
-        elif kind == "loss_factor" and abs(size) > damping * prior.damping_factor_std:
-            found.append(
-                f"the calibration multiplies the loss factor of {of} by {value:.2g}: in model.damping, or in the FE model, it is probably "
-                f"{max(value, 1 / value):.2g} times too {'small' if more else 'large'}"
-            )
-        elif (kind in ("stiffness", "mass") or not of) and of != "acoustic" and abs(size) > stiff * prior.stiff_std:
-            what, first = (f"the {kind} of {of}" if of else kind), "density" if kind == "mass" else "modulus"
-            found.append(
-                f"the calibration multiplies {what} by {value:.3g}, more than materials scatter: in the FE model it is probably too "
-                f"{'small' if more else 'large'}. Check {first} and thickness there, and whether "
-                f"{'a stiffener, another part or a mass is missing' if more else 'the structure has cut-outs'}"
-            )
     return found
 
 

@@ -169,6 +169,9 @@ def judge(
     found = _judged(valid, evidence, rule, role, scatter)
     if valid.explained or role != JOB or not evidence.against_reference or reference is None or not reference.explained:
         return found
+    if any(doubt.kind in ("copy", "exchanged", "gain", "factor") for doubt in evidence.doubts):
+        # A fault of the records that is known comes first.
+        return found
     # A loose bolt that rattles or slips makes FRFs that no linear model explains, yet the nearest state mostly has it loose.
     would = [bolt for bolt in _judged(replace(valid, passed=None), evidence, rule, role, scatter).bolts if bolt.verdict != OUTSIDE]
     loose = [bolt.name for bolt in would if bolt.verdict == LOOSE] or [bolt.name for bolt in would if probably(bolt.probability_loose)]

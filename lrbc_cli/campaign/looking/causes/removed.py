@@ -36,13 +36,12 @@ def removed_findings(source: Looking, measurements: Mapping[str, Measurement]) -
     if tight is None or bolts is None or not stated:
         return []
     changes = {name: _changes(source, name, measurements[name], tight) for name in measurements if name != reference}
-    other = _swapped(changes, stated) or [
-        found
-        for name in stated
-        if (
-            found := _other_bolts(source, name, stated[name], changes[name]) or _none(source, name, stated[name], measurements[name], tight)
-        )
-    ]
+    swapped = _swapped(changes, stated)
+    other = list(swapped.values())
+    for name in stated.keys() - {each for pair in swapped for each in pair}:
+        seen = Seen.of(source, name, measurements[name], tight)
+        alone = _other_bolts(source, name, stated[name], changes[name]) or _none(seen, stated[name], changes[name])
+        other += [] if alone is None else [alone]
     if len(stated) < 2:
         return other
     opposite = dict(zip(bolts.name, bolts.name[::-1], strict=True))
@@ -85,18 +84,19 @@ def _tight(changes: _Changes, bolts: frozenset[str]) -> bool:
     return all(changes.get(bolt, np.nan) >= -KEPT for bolt in bolts)
 
 
-def _swapped(changes: Mapping[str, _Changes], stated: Mapping[str, frozenset[str]]) -> list[Finding]:
-    """Finding of a job whose removed bolts are tight, while they and no others are loose in one other job, which does not state them."""
+def _swapped(changes: Mapping[str, _Changes], stated: Mapping[str, frozenset[str]]) -> dict[tuple[str, str], Finding]:
+    """Findings of jobs whose removed bolts are tight, while they and no others are loose in one other job, which does not state them."""
+    found = dict[tuple[str, str], Finding]()
     for name, removed in stated.items():
         there = [other for other, own in changes.items() if stated.get(other) != removed and _loose(own) == removed]
-        if len(there) == 1 and _tight(changes[name], removed):
+        if len(there) == 1 and _tight(changes[name], removed) and not {name, *there} & {each for pair in found for each in pair}:
             bolts, are = ", ".join(sorted(removed)), "is" if len(removed) == 1 else "are"
             text = (
                 f"the files of {name} and {there[0]} are probably exchanged: {bolts} {are} stated as removed in {name} and fitted best as "
                 f"tight, but loose in {there[0]}. Exchange jobs.{name}.frf and jobs.{there[0]}.frf, or correct `removed`"
             )
-            return [Finding(text=text, kind=Kind.REMOVED, detail=f"{name} {there[0]}")]
-    return []
+            found[name, there[0]] = Finding(text=text, kind=Kind.REMOVED, detail=f"{name} {there[0]}")
+    return found
 
 
 def _other_bolts(source: Looking, name: str, removed: frozenset[str], changes: _Changes) -> Finding | None:
@@ -113,22 +113,21 @@ def _other_bolts(source: Looking, name: str, removed: frozenset[str], changes: _
     return Finding(text=text, kind=Kind.REMOVED, job=name)
 
 
-def _none(source: Looking, name: str, removed: frozenset[str], measurement: Measurement, tight: Measurement) -> Finding | None:
-    """Finding if the measurement of a job is clearly nearer to the tight state than to that without the bolts stated as removed."""
-    seen, known = Seen.of(source, name, measurement, tight), source.inputs.bolts
-    if name not in source.near or seen.tight is None or known is None or not removed.issubset(known.name):
+def _none(seen: Seen, removed: frozenset[str], changes: _Changes, *, kept: float = 0.5) -> Finding | None:
+    """Finding if a job is clearly nearer to a state with the bolts stated as removed, which lost less than ``kept``, than without them."""
+    near = seen.source.left.get(seen.job)
+    if near is None or seen.tight is None or _loose(changes) or not all(changes.get(bolt, np.nan) > -kept for bolt in removed):
         return None
-    near = float(np.median(source.near[name][source.inputs.used]))
     away = float(_distances(seen, [removed], [level for level in LEVELS if level <= -LOST])[0])
     # Where bolts hardly change the FRFs, both states are near.
     if away <= LEAST_DIFFERENCE or near > CLEARLY * away:
         return None
     text = (
         f"{', '.join(sorted(removed))} {'is' if len(removed) == 1 else 'are'} stated as removed, but the measurement is {near:.1f} dB from "
-        f"the tight state, and {away:.1f} dB from the nearest state without them (mean level of each response removed). Check whether it "
-        f"was made before they were removed, or is another file, and jobs.{name}.removed"
+        f"a state with all bolts, and {away:.1f} dB from the nearest one without these (mean level of each response removed). Check if "
+        f"it was made before they were removed, or is another file, and jobs.{seen.job}.removed"
     )
-    return Finding(text=text, kind=Kind.REMOVED, job=name)
+    return Finding(text=text, kind=Kind.REMOVED, job=seen.job)
 
 
 def _distances(seen: Seen, sets: Sequence[frozenset[str]], levels: Sequence[float] = LEVELS) -> Floats:
