@@ -462,10 +462,10 @@ class TestValidity:
         assert nearest(tight, tight) == ()
         # Most of the structure differs: another file, perhaps.
         assert nearest(loose, likely, loose) == ()
-        # An explained job has verdicts instead, and a fault of the records that is known comes first.
+        # An explained job has verdicts instead, and records of another sensor come first.
         assert nearest(loose, tight, misfit_db=0.9, used_misfit_db=0.8) == ()
         assert nearest(loose, tight, doubts=(Doubt(kind="exchanged", text="a1 and a2"),)) == ()
-        assert nearest(loose, tight, doubts=(Doubt(kind="astray", text="a2 does not fit"),)) == ("B07",)
+        assert nearest(loose, tight, doubts=(Doubt(kind="gain", text="all are higher"), Doubt(kind="astray", text="a2"))) == ("B07",)
 
     def test_bolts_to_check_first_need_an_explained_state_to_compare_with(self):
         own = evidence(changed(-1.4, 0.1), replace(changed(0.0, 0.1), name="B2"), misfit_db=4.8, used_misfit_db=4.3, against_reference=True)

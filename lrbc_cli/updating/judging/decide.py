@@ -169,8 +169,8 @@ def judge(
     found = _judged(valid, evidence, rule, role, scatter)
     if valid.explained or role != JOB or not evidence.against_reference or reference is None or not reference.explained:
         return found
-    if any(doubt.kind in ("copy", "exchanged", "gain", "factor") for doubt in evidence.doubts):
-        # A fault of the records that is known comes first.
+    if any(doubt.kind in ("copy", "exchanged") for doubt in evidence.doubts):
+        # Records of another job or sensor come first.
         return found
     # A loose bolt that rattles or slips makes FRFs that no linear model explains, yet the nearest state mostly has it loose.
     would = [bolt for bolt in _judged(replace(valid, passed=None), evidence, rule, role, scatter).bolts if bolt.verdict != OUTSIDE]
