@@ -18,6 +18,7 @@ from lrbc_cli.campaign.looking.trials import (
     EXPLAINED,
     FEWEST,
     LINES,
+    NEAR,
     NEARER,
     UNLIKE,
     Cause,
@@ -272,7 +273,7 @@ def loaded_text(seen: Seen, *, least: float = 0.005, most: float = 0.5, steps: i
     steps : int
         Number of them, a factor of 1.5 apart.
     falls : float
-        Least share by which the misfit must fall. A calibration has taken up a part of it.
+        Least share by which the misfit must fall, to ``NEAR`` at most. A calibration has taken up a part of it.
     others : float
         Largest share of this fall that a mass at another sensor may reach.
     """
@@ -301,7 +302,7 @@ def loaded_text(seen: Seen, *, least: float = 0.005, most: float = 0.5, steps: i
         found += [(float(own), float(mass), sensor) for own, mass in zip(away, masses, strict=True)]
     left, mass, sensor = min(found)
     fall, rest = before - left, before - min((one for one, _, other in found if other != sensor), default=before)
-    if fall < falls * before or rest > others * fall or not least < mass < most:
+    if left > NEAR or fall < falls * before or rest > others * fall or not least < mass < most:
         return ""
     name, grams = seen.inputs.responses[sensor].name, float(f"{1e3 * mass:.2g}")
     return (
