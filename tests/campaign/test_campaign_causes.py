@@ -11,9 +11,11 @@ import pytest
 from rods import rod
 
 from lrbc_cli import load
-from lrbc_cli.campaign.jobs.evidence import evidence_of
+from lrbc_cli.campaign.jobs import evidence as evidence_module
+from lrbc_cli.campaign.jobs.evidence import _chain, evidence_of
 from lrbc_cli.campaign.looking.axes import other_lines, without_coherence
 from lrbc_cli.updating.judging.evidence import Evidence
+from lrbc_cli.updating.statistics.chain.modal import ChainFault
 
 #: Jobs: changes of bolts in decades, and a factor on the damping.
 Jobs = dict[str, tuple[dict[str, float], float]]
@@ -31,6 +33,38 @@ def test_an_end_bolt_that_was_tightened_is_no_second_blow(tmp_path: Path) -> Non
     (doubt,) = found.doubts
     assert (doubt.kind, doubt.explained) == ("chain", True)
     assert "the hammer probably hit a second time" in doubt.text
+
+
+BLOW, CLOCK = ChainFault("blow", "hit twice"), ChainFault("clock", "another clock")
+
+
+@pytest.mark.parametrize(
+    ("told", "beside", "found"),
+    [
+        (BLOW, None, ("hit twice", True)),
+        (BLOW, BLOW, ("hit twice", False)),
+        (CLOCK, BLOW, ("another clock", False)),
+        # A lid with a loose screw: beside its change alone the second blow at one point shows.
+        (None, BLOW, ("hit twice", False)),
+        # What is left of a change that is hardly known may look like another clock.
+        (None, CLOCK, None),
+        (None, None, None),
+    ],
+)
+def test_a_second_blow_that_a_loose_bolt_hides(
+    monkeypatch: pytest.MonkeyPatch, told: ChainFault | None, beside: ChainFault | None, found: tuple[str, bool] | None
+) -> None:
+    tight: Any = SimpleNamespace(values="measured")
+    result: Any = SimpleNamespace(name="one", expected="expected")
+    monkeypatch.setattr(evidence_module, "chain_doubt", lambda _, own, other, *a, **k: told if other.values == "measured" else beside)
+    monkeypatch.setattr(evidence_module, "replace", lambda _, values: SimpleNamespace(values=values))
+    inputs: Any = SimpleNamespace()
+    doubt = _chain(inputs, tight, tight, result, "tight")
+    assert (None if doubt is None else (doubt.text, doubt.explained)) == found
+    # Without an identified change nothing else is compared.
+    result.expected = None
+    alone = _chain(inputs, tight, tight, result, "tight")
+    assert (None if alone is None else (alone.text, alone.explained)) == (None if told is None else (told.text, False))
 
 
 def test_pieces_that_came_apart_are_no_sensors_that_are_off(tmp_path: Path) -> None:

@@ -178,18 +178,22 @@ def _doubts(inputs: Inputs, result: Identification) -> Iterator[Doubt]:
     wide = too_wide(*zip(axes, (values[:, inputs.used] for values in quiet), strict=True), rule=inputs.statistics.resolution)
     if wide is not None:
         yield Doubt(kind="resolution", text=f"in {result.name} and {reference.job} {wide.text}")
-    if (told := chain_doubt(inputs, own, tight, reference.job, job=result.name)) is not None:
-        yield Doubt(kind="chain", text=told.text, explained=_explained(inputs, own, tight, result, reference.job))
+    if (chain := _chain(inputs, own, tight, result, reference.job)) is not None:
+        yield chain
 
 
-def _explained(inputs: Inputs, own: Measurement, tight: Measurement, result: Identification, reference: str) -> bool:
-    """Whether the sign of another measuring chain disappears once the identified change is taken into account.
+def _chain(inputs: Inputs, own: Measurement, tight: Measurement, result: Identification, reference: str) -> Doubt | None:
+    """Another measuring chain, by comparison with the reference job and with what the identified change makes of it; else None.
 
-    Bolts that change much, or that hold a structure of few modes, move all resonances nearly alike.
+    Bolts that change much, or that hold a structure of few modes, move all resonances nearly alike; their change explains such a sign. It
+    may also hide a second blow, which then shows in what is left.
     """
-    if result.expected is None:
-        return False
-    return chain_doubt(inputs, own, replace(tight, values=result.expected), reference, job=result.name) is None
+    told, beside = chain_doubt(inputs, own, tight, reference, job=result.name), None
+    if result.expected is not None:
+        beside = chain_doubt(inputs, own, replace(tight, values=result.expected), reference, job=result.name)
+    if told is not None:
+        return Doubt(kind="chain", text=told.text, explained=result.expected is not None and beside is None)
+    return Doubt(kind="chain", text=beside.text) if beside is not None and beside.kind == "blow" else None
 
 
 def _stored(reference: ReferenceState | None, group: ParameterGroup, key: str) -> Floats | None:
