@@ -58,7 +58,7 @@ class Findings:
     far : float
         Level misfit that is left between the reference job and the model, if it is more than usual; else 0 [dB].
     away : dict of str to float
-        Level misfits of other jobs that no state of the bolts explains [dB].
+        Level misfits of other jobs that a coarse fit of the bolts leaves far from the measurement [dB].
     """
 
     sections: dict[str, list[str]] = field(default_factory=dict)
@@ -195,7 +195,7 @@ def _model(inputs: Inputs) -> list[str]:
                 masses.append(f"{component} {float(m.M[index][:, index].sum()):.4g} kg")
         if masses:
             lines.append("mass sum over translations: " + ", ".join(masses) + " (free DOFs only; compare with the weight of the structure)")
-        lines += _fixed(inputs.dofs, inputs.campaign.unit_system)
+        lines += _partly_held(inputs.dofs, inputs.campaign.unit_system)
     symmetric = "same left and right vectors" if m.terms.symmetric else "left and right vectors differ"
     lines.append(
         f"{m.terms.size} rank-one terms ({symmetric}), {m.B.shape[1]} excitation(s), {m.L.shape[0]} response(s), {inputs.used.size} used"
@@ -203,7 +203,7 @@ def _model(inputs: Inputs) -> list[str]:
     return lines
 
 
-def _fixed(dofs: DofTable, units: UnitSystem) -> list[str]:
+def _partly_held(dofs: DofTable, units: UnitSystem) -> list[str]:
     """Components that most nodes with translations, or with rotations, have and some lack, as those that the model holds: a line each."""
     found = list[str]()
     for kind in (COMPONENTS[:3], COMPONENTS[3:6]):

@@ -11,7 +11,7 @@ import scipy.io
 from campaigns import Folder, Matrices, box, chain_folder, frame, spoil
 
 from lrbc_cli import load
-from lrbc_cli.campaign.check import _fixed
+from lrbc_cli.campaign.check import _partly_held
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.units import SI
@@ -656,7 +656,7 @@ def test_components_that_the_model_holds_are_listed() -> None:
     xyz = np.array([[0.1 * node, 0.2, 0.0] for node, _ in rows])
     xyz[[node == 10 for node, _ in rows]] = np.nan
     dofs = DofTable(node=np.array([node for node, _ in rows]), component=np.array([name for _, name in rows]), xyz=xyz)
-    assert _fixed(dofs, SI) == [
+    assert _partly_held(dofs, SI) == [
         "partly held: 2 nodes without UZ, x 0.1 to 0.2, y 0.2, z 0 m",
         "partly held: 1 node without ROTX, x 0.3, y 0.2, z 0 m",
     ]

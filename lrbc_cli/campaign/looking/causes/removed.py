@@ -38,7 +38,8 @@ def removed_findings(source: Looking, measurements: Mapping[str, Measurement]) -
     changes = {name: _changes(source, name, measurements[name], tight) for name in measurements if name != reference}
     swapped = _swapped(changes, stated)
     other = list(swapped.values())
-    for name in stated.keys() - {each for pair in swapped for each in pair}:
+    told = {each for pair in swapped for each in pair}
+    for name in (name for name in stated if name not in told):
         seen = Seen.of(source, name, measurements[name], tight)
         alone = _other_bolts(source, name, stated[name], changes[name]) or _none(seen, stated[name], changes[name])
         other += [] if alone is None else [alone]
