@@ -23,6 +23,7 @@ from lrbc_cli.campaign.looking.exchanges import exchanged_files, foreign_titles,
 from lrbc_cli.campaign.looking.first_look import FirstLook, first_look
 from lrbc_cli.campaign.looking.measured import of_file, other_chains, other_runs, unclear, without_phases
 from lrbc_cli.campaign.looking.trials import NEAR
+from lrbc_cli.campaign.reading.doubts.idle import partly_held
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import loss_factor, undamped_text
 from lrbc_cli.campaign.reading.places import extents
@@ -204,18 +205,11 @@ def _model(inputs: Inputs) -> list[str]:
 
 
 def _partly_held(dofs: DofTable, units: UnitSystem) -> list[str]:
-    """Components that most nodes with translations, or with rotations, have and some lack, as those that the model holds: a line each."""
-    found = list[str]()
-    for kind in (COMPONENTS[:3], COMPONENTS[3:6]):
-        # Solids have no rotations; nodes that are held in all components are not in the table.
-        own = np.isin(dofs.component, kind) & np.isfinite(dofs.xyz).all(axis=1)
-        nodes, first = np.unique(dofs.node[own], return_index=True)
-        for component in kind:
-            lacking = ~np.isin(nodes, dofs.node[dofs.component == component])
-            if 0 < 2 * lacking.sum() < nodes.size:
-                where = extents(dofs.xyz[own][first[lacking]], units.length, units.length_name)
-                found.append(f"partly held: {lacking.sum()} node{'' if lacking.sum() == 1 else 's'} without {component}, {where}")
-    return found
+    """Components that the model holds at some nodes: a line each."""
+    return [
+        f"partly held: {len(xyz)} node{'' if len(xyz) == 1 else 's'} without {component}, {extents(xyz, units.length, units.length_name)}"
+        for component, xyz in partly_held(dofs).items()
+    ]
 
 
 def _reduction(inputs: Inputs, decision: cache.CacheDecision, out: Findings) -> list[str]:

@@ -111,6 +111,14 @@ def test_a_coherence_that_ends_before_the_band() -> None:
     assert found[1] == pytest.approx(0.1)
 
 
+def test_resonances_may_rise_above_the_noise_of_a_soft_tip() -> None:
+    at = np.arange(HZ.size) / HZ.size
+    falling = (at >= 0.7) | ((at >= 0.5) & (at < 0.58))
+    found = soft_tip(along(np.where(falling, 0.1, 0.99)))
+    assert found is not None
+    assert found[0] == pytest.approx(HZ[0] + 0.7 * (HZ[-1] - HZ[0]), rel=0.01)
+
+
 @pytest.mark.parametrize("part", [(0.0, 1.0), (0.3, 0.6), (0.0, 0.3), (0.95, 1.0), (1.0, 1.0)])
 def test_a_coherence_that_is_low_elsewhere_is_no_soft_tip(part: tuple[float, float]) -> None:
     at = np.arange(HZ.size) / HZ.size

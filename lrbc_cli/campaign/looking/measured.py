@@ -162,7 +162,8 @@ def other_chains(
             found.append(Finding(job=name, text=noise, kind=Kind.NOISE))
         if incoherent := coherence_doubt(inputs, own, tight, reference):
             found.append(Finding(job=name, text=incoherent))
-        if not blows_doubt(inputs, name, own) and (differing := blows_doubt(inputs, name, own, tight)):
+        # Noise of a part of the band lowers the coherence there, too.
+        if not noise and not blows_doubt(inputs, name, own) and (differing := blows_doubt(inputs, name, own, tight)):
             found.append(Finding(job=name, text=differing))
     return found
 

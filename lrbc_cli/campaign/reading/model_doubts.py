@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lrbc_cli.campaign.reading.dof_source import MANY
 from lrbc_cli.campaign.reading.doubts.chosen import part_of_stiffness
 from lrbc_cli.campaign.reading.doubts.coupled import one_way_text, opposed_text
-from lrbc_cli.campaign.reading.doubts.cut import cut_edges
+from lrbc_cli.campaign.reading.doubts.idle import clamped_beside, cut_edges
 from lrbc_cli.campaign.reading.doubts.materials import massless_part, too_heavy
 from lrbc_cli.campaign.reading.doubts.names import sorted_names
 from lrbc_cli.campaign.reading.doubts.numbering import numbering_doubts
@@ -184,6 +184,7 @@ def slips(
     yield from held_springs(campaign, model, groups, dofs)
     yield from exceeding_springs(model, groups, dofs, bolts)
     yield from half_grounded(model, groups, dofs)
+    yield from clamped_beside(model, groups, bolts, dofs, campaign.unit_system)
     yield from massless_part(model, dofs)
     yield from too_heavy(model, dofs, campaign.unit_system)
     yield from _out_of_reach(campaign, groups, bolts, dofs, misnamed)

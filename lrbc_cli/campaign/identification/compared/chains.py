@@ -162,7 +162,7 @@ def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference:
     return other_chain(own.frequency_hz, own.values, tight.values, reference, names, inputs.statistics.modal, air=air, loosened=loosened)
 
 
-def soft_tip(own: Measurement, *, low: float = 0.75, share: float = 0.9, least: float = 0.1) -> tuple[float, float] | None:
+def soft_tip(own: Measurement, *, low: float = 0.75, share: float = 0.8, least: float = 0.1) -> tuple[float, float] | None:
     """Frequency above which the coherence of a job is low [Hz], and its median there; None if there is none, or if it is unknown.
 
     Parameters

@@ -1,16 +1,20 @@
-"""Detects a box that ends in the middle of an edge, so that bolts beyond its end have no terms."""
+"""Detects bolts without effect in the model: beyond the end of a box in the middle of an edge, or beside nodes that the model holds."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.reading.groups import TermGroup
+from lrbc_cli.campaign.reading.places import extents
 from lrbc_cli.errors import listing
-from lrbc_cli.model.dofs import DofTable, PointTable
-from lrbc_cli.model.selection import arc_length, edges_of, in_box
+from lrbc_cli.model.dofs import COMPONENTS, DofTable, PointTable
+from lrbc_cli.model.fem import FeModel
+from lrbc_cli.model.selection import arc_length, edges_of, in_box, pitch
+from lrbc_cli.model.units import UnitSystem
 from lrbc_cli.updating.unknowns.places import Edge, places
 
 
@@ -52,6 +56,56 @@ def cut_edges(groups: Sequence[TermGroup], bolts: PointTable, lost: Sequence[int
             text = _text(group.name, bolts, reached, box / unit, wider / unit)
             found |= dict.fromkeys(reached, text)
     return found
+
+
+def partly_held(dofs: DofTable) -> dict[str, Floats]:
+    """Places (k, 3) of the nodes of the structure that lack a component which most of them have, by component.
+
+    Solids have no rotations; nodes that are held in all components are not in the table.
+    """
+    found = dict[str, Floats]()
+    for kind in (COMPONENTS[:6], COMPONENTS[3:6]):
+        own = np.isin(dofs.component, kind) & np.isfinite(dofs.xyz).all(axis=1)
+        nodes, first = np.unique(dofs.node[own], return_index=True)
+        for component in kind[:3]:
+            lacking = ~np.isin(nodes, dofs.node[dofs.component == component])
+            if 0 < 2 * lacking.sum() < nodes.size:
+                found[component] = dofs.xyz[own][first[lacking]]
+    return found
+
+
+def clamped_beside(
+    model: FeModel, groups: Sequence[TermGroup], bolts: PointTable | None, dofs: DofTable | None, unit: UnitSystem, *, share: float = 0.5
+) -> Iterator[str]:
+    """Warnings about bolts whose springs to ground act beside nodes that the model holds in the same component.
+
+    A loss of such springs changes little in the model, whatever it changes in the structure. ``share``: of the distance of neighbouring
+    bolts, within which a node is beside a bolt.
+    """
+    held = {} if dofs is None or bolts is None else partly_held(dofs)
+    beside = dict[str, dict[str, float]]()
+    for group in groups if held else ():
+        assert dofs is not None
+        assert bolts is not None
+        if group.bolt is None:
+            continue
+        left = model.terms.left[:, group.terms].tocsc()
+        reach = share * pitch(bolts.xyz)
+        for k, owner in enumerate(group.bolt[group.parameter].tolist()):
+            rows = left.indices[left.indptr[k] : left.indptr[k + 1]]
+            component = str(dofs.component[rows[0]]) if rows.size == 1 else ""
+            if owner >= 0 and component in held and np.isfinite(reach):
+                away = float(cKDTree(held[component]).query(dofs.xyz[rows[0]])[0])
+                if away < reach:
+                    beside.setdefault(component, {})[bolts.name[owner]] = away
+    for component, own in beside.items():
+        at, nodes = held[component], f"{len(held[component])} node{'s' if len(held[component]) > 1 else ''}"
+        farthest = f"{max(own.values()) / unit.length:.3g} {unit.length_name}"
+        yield (
+            f"the model holds {component} of {nodes} ({extents(at, unit.length, unit.length_name)}), {farthest} or less from bolts whose "
+            f"springs act along it ({listing(list(own), 6)}): their loss changes little there. "
+            "If the structure is not clamped at these nodes, remove the boundary condition from the FE model and export the matrices again"
+        )
 
 
 def _edge(xyz: Floats) -> Edge:
