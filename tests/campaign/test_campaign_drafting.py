@@ -18,6 +18,7 @@ from campaigns import ROOT, Folder, Result, box, lrbc
 from systems import chain, csc
 
 from lrbc_cli import load
+from lrbc_cli.campaign.drafting.channels import measured_band
 from lrbc_cli.campaign.drafting.draft import Draft, draft, quoted
 from lrbc_cli.campaign.drafting.recognise import recognise
 from lrbc_cli.campaign.drafting.roles import edge_near, tight_states
@@ -275,6 +276,23 @@ def test_files_of_one_channel_each_are_a_job_together(tmp_path: Path, pattern: s
     assert list(tree["responses"]) == ["acc1", "acc2"]
     assert tree["update"]["reference"] == "tight"
     assert tree["reduction"]["band"] == [20, 89]
+
+
+def test_a_band_ends_where_the_coherence_does() -> None:
+    axis = np.arange(0.0, 501.0)
+
+    def records(coherence: np.ndarray | None, count: int = 3) -> list[FrfRecord]:
+        return [FrfRecord(name="", frequency_hz=axis, values=np.ones(axis.size, dtype=complex), coherence=coherence) for _ in range(count)]
+
+    good = np.where((axis < 30) | (axis > 400) | (axis % 20 == 0), 0.3, 0.98)
+    band, why = measured_band(records(good))
+    assert band == (30.0, 399.0)
+    assert why == "30 to 399 Hz, where the coherence is mostly 0.75 or more; the lines reach from 1 to 500 Hz"
+    # Two of three records decide.
+    assert measured_band([*records(good, 2), *records(np.ones(axis.size), 1)])[0] == band
+    assert measured_band(records(None)) == measured_band(records(np.ones(axis.size))) == ((1.0, 500.0), "")
+    assert measured_band(records(np.zeros(axis.size))) == ((1.0, 500.0), "")
+    assert measured_band([]) == ((20.0, 400.0), "")
 
 
 STATES, SENSORS = ("fest", "lose-2"), ("acc1", "acc2", "acc3")

@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from lrbc_cli.campaign.drafting.recognise import FilesFound
 from lrbc_cli.campaign.drafting.roles import BOLTS, HAMMER, PointFound, names_loose, tight_states
 from lrbc_cli.config.fields import job_name, plain_name
@@ -265,3 +267,42 @@ def _state_of(path: Path, records: Sequence[FrfRecord]) -> str:
         return path.stem
     at = path.stem.lower().index(channel.lower())
     return (path.stem[:at] + path.stem[at + len(channel) :]).strip("-_. ") or path.parent.name
+
+
+def measured_band(
+    records: Sequence[FrfRecord], *, least: float = 0.75, usual: tuple[float, float] = (20.0, 400.0)
+) -> tuple[tuple[float, float], str]:
+    """Band of records [Hz], and in words why it is not the whole range of their lines; empty if it is.
+
+    With coherence it is the part of the range in which lines with a good one most outnumber others: hammer and sensors reach no further.
+
+    Parameters
+    ----------
+    records : sequence of FrfRecord
+    least : float
+        Good coherence, median over the records.
+    usual : (float, float)
+        The band without records.
+    """
+    lines = np.concatenate([record.frequency_hz for record in records]) if records else np.zeros(0)
+    above = lines[lines > 0]
+    if above.size < 2:
+        return usual, ""
+    whole = low, high = float(above.min()), float(above.max())
+    known = [record for record in records if record.coherence is not None and np.array_equal(record.frequency_hz, records[0].frequency_hz)]
+    if not known:
+        return whole, ""
+    axis = records[0].frequency_hz
+    typical = np.median([record.coherence for record in known], axis=0)
+    # Sums up to each line, of which the largest rise is looked for.
+    sums = np.concatenate([[0.0], np.cumsum(np.where((typical >= least) & (axis > 0), 1.0, -1.0))])
+    rise = sums - np.minimum.accumulate(sums)
+    last = int(np.argmax(rise))
+    first = int(np.argmin(sums[: last + 1])) if rise[last] > 0 else last
+    if last - first < 2 or (axis[first] <= low and axis[last - 1] >= high):
+        return whole, ""
+    part = float(axis[first]), float(axis[last - 1])
+    return (
+        part,
+        f"{part[0]:g} to {part[1]:g} Hz, where the coherence is mostly {least:g} or more; the lines reach from {low:g} to {high:g} Hz",
+    )

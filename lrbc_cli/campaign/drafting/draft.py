@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 from collections import Counter
@@ -12,9 +13,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from lrbc_cli.campaign.drafting.channels import NamedFile, Struck, address, ends, hammers, jobs_of, name_after_files, other_names, struck_at
+from lrbc_cli.campaign.drafting.channels import (
+    NamedFile,
+    Struck,
+    address,
+    ends,
+    hammers,
+    jobs_of,
+    measured_band,
+    name_after_files,
+    other_names,
+    struck_at,
+)
 from lrbc_cli.campaign.drafting.recognise import FilesFound, MatrixFound
 from lrbc_cli.campaign.drafting.roles import (
     HAMMER,
@@ -101,7 +111,7 @@ class Draft:
         driven = self._driven(record)
         kept = {number: one for number, one in enumerate(record, start=1) if driven or struck_at(one) == struck_at(record[0])}
         responses, names, sensors = self._responses(kept, driven)
-        band = self._band(record)
+        band, why = measured_band(record)
         sections = [
             self._model(band),
             [
@@ -118,7 +128,7 @@ class Draft:
         said = [line for section in sections[1:] for line in section if not line.startswith("#")]
         if NO_DOFS in sections[0] and not any(key in line for key in ("near:", "component:", "bushings:") for line in said):
             sections[0].remove(NO_DOFS)
-        self.todo += self.roles.doubts
+        self.todo += [*([f"reduction.band: {why}"] if why else []), *self.roles.doubts]
         self.todo += [f"{name} has no role yet" for name in self.roles.spare]
         self.todo += [f"{self.found.called(path)} was not read: {why}" for path, why in self.found.rest.items()]
         name = ["campaign: " + quoted(self.folder.resolve().name or "campaign"), "output: output"]
@@ -173,7 +183,7 @@ class Draft:
                 lines.append(f"  {role}: model/{role}.mtx         # not found among the files")
                 self.todo.append(f"model.{role}: no square matrix was found; `lrbc guide export` says how to export it")
         if "damping" not in operators:
-            beta = 2.0 * ASSUMED_RATIO / (np.pi * (band[0] + band[1]))
+            beta = 2.0 * ASSUMED_RATIO / (math.pi * (band[0] + band[1]))
             self.todo.append(f"model.damping: no file contains it; {ASSUMED_RATIO:.0%} of critical at mid-band is assumed")
             lines.append(f"  damping:                          # assumed: {ASSUMED_RATIO:.0%} of critical at mid-band; calibration fits it")
             fields = ["structure", *(["acoustic"] if self._acoustic else [])]
@@ -360,11 +370,6 @@ class Draft:
             "parameters.edge: the line of nodes nearest to the row of bolts, rotating about it; check that this is the bolted edge"
         )
         return "edge", f"{{component: {component}, box: [{', '.join(f'[{low:.6g}, {high:.6g}]' for low, high in box)}]}}"
-
-    def _band(self, records: Sequence[FrfRecord]) -> tuple[float, float]:
-        lines = np.concatenate([r.frequency_hz for r in records]) if records else np.array([20.0, 400.0])
-        above = lines[lines > 0]
-        return (float(above.min()), float(above.max())) if above.size > 1 else (20.0, 400.0)
 
     def _update(self, reference: str | None, names: Sequence[str], baselines: Sequence[str], sensors: Mapping[str, str]) -> list[str]:
         tight = f"  reference: {quoted(reference)}" if reference else "  # reference: tight               # the job with all bolts tight"

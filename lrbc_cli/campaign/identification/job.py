@@ -94,7 +94,8 @@ class Job:
         told = self.told(name, self.measurement)
         self.selected, self.near = select_lines(inputs, replace(self.measurement, values=told), name)
         self.model = source.model(self.s, self.parameters, self.selected, inputs.used)
-        self.sharp = too_wide((self.measurement.frequency_hz, told[:, inputs.used]), rule=self.statistics.resolution) is not None
+        quiet = self.told(name, self.measurement, known=True)[:, inputs.used]
+        self.sharp = too_wide((self.measurement.frequency_hz, quiet), rule=self.statistics.resolution) is not None
         self.error = self._change_error()
         self.gains: Floats | None = None
         self.sharers: Sharers | None = None

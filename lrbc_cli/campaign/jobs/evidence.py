@@ -172,8 +172,8 @@ def _doubts(inputs: Inputs, result: Identification) -> Iterator[Doubt]:
     for noisy in (noise_doubt(own, tight, reference.job), coherence_doubt(inputs, own, tight, reference.job)):
         if noisy:
             yield Doubt(kind="noise", text=noisy, explained=True)
-    # What is mostly noise is not compared, so its peaks do not count.
-    quiet = [without_noise(inputs, *each) for each in ((result.name, own, tight), (reference.job, tight))]
+    # What is mostly noise has little weight or none, so its peaks do not count.
+    quiet = [without_noise(inputs, *each, known=True) for each in ((result.name, own, tight), (reference.job, tight))]
     axes = (own.frequency_hz, tight.frequency_hz)
     wide = too_wide(*zip(axes, (values[:, inputs.used] for values in quiet), strict=True), rule=inputs.statistics.resolution)
     if wide is not None:

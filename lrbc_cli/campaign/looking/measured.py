@@ -12,6 +12,7 @@ from lrbc_cli.campaign.identification.compared.chains import blows_doubt, chain_
 from lrbc_cli.campaign.identification.compared.doubts import phaseless_text
 from lrbc_cli.campaign.identification.compared.sensors import sensors_of
 from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.identification.weights import without_noise
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import listing
 from lrbc_cli.updating.knots import evenly
@@ -88,7 +89,14 @@ def unclear(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[Finding
             "Measure with a harder tip, or let reduction.band end there"
         )
         told.append(Finding(place=_jobs(list(soft)), text=text))
-    peaks = {name: (found.frequency_hz, found.values[:, inputs.used]) for name, found in readable.items() if name not in soft}
+    reference = inputs.campaign.update.reference
+    tight = readable.get(reference or "")
+
+    def quiet(name: str, found: Measurement) -> Complexes:
+        return without_noise(inputs, name, found, None if name == reference else tight, known=True)[:, inputs.used]
+
+    # Noise that the coherence or repeats give is weighted down.
+    peaks = {name: (found.frequency_hz, quiet(name, found)) for name, found in readable.items() if name not in soft}
     for name, own in peaks.items():
         # If the lines cover part of the band only, another warning says so, and consequences (as of rad/s for Hz) are omitted.
         if covers(own[0], inputs.campaign.reduction.band) and (wide := too_wide(own, rule=rule)):
