@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable
+from collections.abc import Collection, Hashable, Iterable
 from dataclasses import dataclass
 from enum import Enum, Flag, auto, unique
 
@@ -146,6 +146,15 @@ def said(kind: Kind, text: str | None) -> list[Finding]:
 def kinds_of(findings: Iterable[Finding]) -> set[Kind | None]:
     """Kinds of findings."""
     return {finding.kind for finding in findings}
+
+
+def without_responses(findings: Iterable[Finding], responses: Collection[int]) -> list[Finding]:
+    """Findings without those about some of the responses alone, which another finding explains."""
+
+    def about(finding: Finding) -> set[int]:
+        return {*finding.responses, *(i for cycle in finding.cycles for i in cycle)}
+
+    return [each for each in findings if not about(each) or not about(each) <= set(responses)]
 
 
 def once(findings: Iterable[Finding]) -> list[str]:

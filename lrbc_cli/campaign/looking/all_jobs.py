@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.campaign.findings import Effect, Finding, Kind, kinds_of, said
+from lrbc_cli.campaign.findings import Effect, Finding, Kind, kinds_of, said, without_responses
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart
 from lrbc_cli.campaign.identification.compared.offsets import offset_findings, sign_tail
 from lrbc_cli.campaign.identification.compared.sensors import same_sensor, sensors_of, standing_out
@@ -25,6 +25,7 @@ from lrbc_cli.campaign.looking.fitted import closely_fitted
 from lrbc_cli.campaign.looking.odd_jobs import odd_jobs
 from lrbc_cli.campaign.looking.states import Looking, Seen
 from lrbc_cli.campaign.looking.trials import NEAR, NEARER
+from lrbc_cli.campaign.looking.turned import turned_sensors
 from lrbc_cli.campaign.looking.unexplained import single_responses
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import listing
@@ -71,6 +72,11 @@ def together(source: Looking, measurements: Mapping[str, Measurement], found: di
                 found[name] = replace(found[name], told=[*found[name].told, Finding(text=text, kind=Kind.FREED)])
     if reference in found:
         found[reference] = replace(found[reference], told=of_one_sensor(source, measurements, found[reference].told))
+    if reference in found and (turned := turned_sensors(source, measurements[reference], reference)):
+        wrong = {i for each in turned for i in each.responses}
+        for name, of in list(found.items()):
+            offsets = tuple(offset for offset in of.offsets if offset.response not in wrong)
+            found[name] = OfJob([*(turned if name == reference else []), *without_responses(of.told, wrong)], offsets)
     closer = partial(closely_fitted, source, measurements)
     found.update(of_sensors(inputs, found, source, reference, closer))
     if explained:
