@@ -25,7 +25,7 @@ from lrbc_cli.campaign.looking.fitted import closely_fitted
 from lrbc_cli.campaign.looking.odd_jobs import odd_jobs
 from lrbc_cli.campaign.looking.states import Looking, Seen
 from lrbc_cli.campaign.looking.trials import NEAR, NEARER
-from lrbc_cli.campaign.looking.turned import turned_sensors
+from lrbc_cli.campaign.looking.turned import of_several_axes
 from lrbc_cli.campaign.looking.unexplained import single_responses
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import listing
@@ -72,7 +72,7 @@ def together(source: Looking, measurements: Mapping[str, Measurement], found: di
                 found[name] = replace(found[name], told=[*found[name].told, Finding(text=text, kind=Kind.FREED)])
     if reference in found:
         found[reference] = replace(found[reference], told=of_one_sensor(source, measurements, found[reference].told))
-    if reference in found and (turned := turned_sensors(source, measurements[reference], reference)):
+    if reference in found and (turned := of_several_axes(source, measurements[reference], reference)):
         wrong = {i for each in turned for i in each.responses}
         for name, of in list(found.items()):
             offsets = tuple(offset for offset in of.offsets if offset.response not in wrong)

@@ -1,4 +1,4 @@
-"""Finds jobs whose files are exchanged, by titles in the files and by the stated removed bolts.
+"""Finds exchanged channels with other factors and phases, and jobs whose files are exchanged, by their titles and the stated removed bolts.
 
 The more bolts are removed, the more a measurement differs from that of the tight state.
 """
@@ -8,13 +8,19 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations, pairwise
 
 import numpy as np
 
-from lrbc_cli.campaign.identification.compared.likeness import apart
+from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.campaign.findings import Finding, Kind
+from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, apart, by_sensors, exchanged, exchanged_text, turned
+from lrbc_cli.campaign.identification.compared.offsets import factors_of, late_together, offset_findings, trusted
 from lrbc_cli.campaign.identification.records import Measurement, unlike
+from lrbc_cli.campaign.looking.states import Seen, nearest_states
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.updating.comparison.scale import Offset
 
 #: Least contradiction of distances and order that is reported [dB], and the share of it that one exchange may leave. Choices: if nearly
 #: all bolts are removed, distances differ by tenths of a decibel.
@@ -132,3 +138,35 @@ def _exchange(far: Sequence[float]) -> tuple[int, int] | None:
         return None
     # If several exchanges restore the order, the right one is unknown.
     return best if sum(left <= LEFT * before for left in ways.values()) == 1 else None
+
+
+def channel_findings(
+    seen: Seen, near: list[Complexes], movable: Floats | float, cycles: Sequence[tuple[int, ...]], *, backwards: bool, nearest: int = 4
+) -> tuple[list[Finding], tuple[Offset, ...]]:
+    """Exchanged channels, and factors and phases of the others relative to the nearest states.
+
+    A factor is reported only if it exceeds the change of level by one loosened bolt, ``movable`` ((R,) or one value for all) [dB]. If the
+    FRFs are complex conjugates (``backwards``), other findings from phases are dropped. Exchanged sensors are looked for beside the
+    ``nearest`` states.
+    """
+    inputs = seen.inputs
+    exchanges = exchanged(inputs, seen.measured, nearest_states(seen, nearest), cycles)
+    offsets = factors_of(inputs, seen.measurement, near)
+    involved = {i for cycle in exchanges for i in cycle}
+    by_bolt = np.broadcast_to(movable, len(inputs.responses))
+    if backwards:
+        offsets = tuple(replace(o, conjugate=True, reversed=False) for o in offsets)
+    offsets = tuple(
+        replace(o, named=o.named and trusted(o, offsets) and (o.power != 0 or abs(o.db) > by_bolt[o.response]))
+        for o in offsets
+        if o.response not in involved
+    )
+    # A power of the frequency, a delay and complex conjugation also rotate phases.
+    if not any(o.power or o.delay or o.conjugate or o.reversed for o in offsets):
+        opposite = turned(seen.measured, seen.states)
+        offsets = tuple(replace(o, reversed=o.response in opposite) for o in offsets)
+    # Phases of a model that is not near agree with a delay by chance.
+    offsets = offsets if seen.misfit <= LEAST_DIFFERENCE else late_together(inputs, offsets)
+    cycled = by_sensors(inputs, exchanges)
+    found = [Finding(text=exchanged_text(inputs, cycles, seen.job), kind=Kind.EXCHANGED, cycles=cycles) for cycles in cycled]
+    return [*offset_findings(inputs, offsets, seen.job), *found], offsets

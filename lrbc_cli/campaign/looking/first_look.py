@@ -13,28 +13,20 @@ from pathlib import Path
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.arrays import Complexes
 from lrbc_cli.campaign.findings import Effect, Finding, Kind, kinds_of, said
 from lrbc_cli.campaign.identification.compared.chains import soft_tip
 from lrbc_cli.campaign.identification.compared.likeness import (
     CLEARLY,
     LEAST_DIFFERENCE,
     apart,
-    by_sensors,
-    exchanged,
-    exchanged_text,
     other_reading,
     run_backwards,
     sideways,
-    turned,
 )
 from lrbc_cli.campaign.identification.compared.offsets import (
     LEAST_BAND,
-    factors_of,
-    late_together,
-    offset_findings,
     sideways_finding,
-    trusted,
 )
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.weights import without_noise
@@ -58,6 +50,7 @@ from lrbc_cli.campaign.looking.causes.tightness import (
     tighter_text,
     within_scatter,
 )
+from lrbc_cli.campaign.looking.exchanges import channel_findings
 from lrbc_cli.campaign.looking.fitted import (
     as_exported,
     at_bounds_text,
@@ -70,6 +63,7 @@ from lrbc_cli.campaign.looking.fitted import (
 from lrbc_cli.campaign.looking.states import BUILT_WORK, Looking, Seen, coarsely_reduced, nearest_states, on_lines, reach_of_one
 from lrbc_cli.campaign.looking.trials import NEAR, UNLIKE
 from lrbc_cli.campaign.looking.unexplained import (
+    badly_calibrated,
     beside_fit,
     beside_tight,
     gains_by_chance,
@@ -90,9 +84,6 @@ from lrbc_cli.updating.comparison.scale import Offset
 
 #: Misfit of the reference job after a rough calibration up to which no other part of the model is looked for [dB].
 USUAL = 1.5
-
-#: Number of nearest states for which exchanged sensors are looked for.
-NEAREST = 4
 
 
 @dataclass(frozen=True)
@@ -258,14 +249,12 @@ def _looked_at(
     how = sideways(seen.measured, seen.states)
     backwards = not how and run_backwards(measurements[name].frequency_hz, measurements[name].values)
     near = [*nearest_states(seen), *(state for state in (held, fitted) if state is not None)]
-    told, offsets = _channels(seen, near, reach[0], cycles, backwards=backwards)
+    told, offsets = channel_findings(seen, near, reach[0], cycles, backwards=backwards)
     # A factor of all FRFs may be the material of the model.
     shared = seen.reference and any(len(each.responses) == len(offsets) for each in told if each.kind is Kind.UNITS)
     if shared and (text := material_text(seen, measurements[name], offsets)):
         return OfJob(said(Kind.MATERIAL, text))
-    by_chance = _of_model(seen, measurements) if gains_by_chance(seen, told, offsets) else []
-    if far := [one for one in by_chance if one.kind is not Kind.ALONE]:
-        told, offsets = far, tuple(replace(offset, named=False) for offset in offsets)  # not shared with the other jobs, either
+    told, offsets = _by_chance(seen, measurements, told, offsets)
     # Places are looked for below; without a better finding these remain.
     uneven = [each for each in told if each.kind is Kind.PLACES]
     told = [each for each in told if each.kind is not Kind.PLACES]
@@ -287,6 +276,19 @@ def _looked_at(
     if not told and held is not None:
         told = beside_tight(seen, held, reach) or beside_fit(seen, held, fitted)
     return OfJob(told or uneven, offsets)
+
+
+def _by_chance(
+    seen: Seen, measurements: Mapping[str, Measurement], told: list[Finding], offsets: tuple[Offset, ...]
+) -> tuple[list[Finding], tuple[Offset, ...]]:
+    """Findings and factors of a job, without factors that a reference job far from the model may show by chance."""
+    if not gains_by_chance(seen, told, offsets):
+        return told, offsets
+    if far := [one for one in _of_model(seen, measurements) if one.kind is not Kind.ALONE]:
+        # Not shared with the other jobs, either.
+        return far, tuple(replace(offset, named=False) for offset in offsets)
+    # A calibration may show more.
+    return [replace(each, kind=Kind.PLACES) for each in told], offsets
 
 
 def _of_all(seen: Seen, fitted: Complexes | None, assumed: bool, measurements: Mapping[str, Measurement]) -> list[Finding]:
@@ -374,10 +376,12 @@ def _calibrated(
     far = Kind.UNLIKE in kinds | kinds_of(again.told) and after.misfit > LEAST_DIFFERENCE
     if far and (part := of_a_part(seen, measurements[name], after.misfit, lump=False)):
         return source, OfJob(part)
-    # Nothing found is no all-clear while the FRFs of another excitation are not fitted.
-    if not again.told and (Kind.COORDINATES in kinds or any(db > LEAST_DIFFERENCE for db in after.by_excitation.values())):
+    # Nothing found is no all-clear while the FRFs of another excitation are not fitted; levels of some responses may be off by the model.
+    unsure = after.misfit > LEAST_DIFFERENCE and kinds_of(again.told) == {Kind.PLACES}
+    if (not again.told or unsure) and (Kind.COORDINATES in kinds or any(db > LEAST_DIFFERENCE for db in after.by_excitation.values())):
         told = said(Kind.MATERIAL, loaded_text(after)) or of_a_part(seen, measurements[name], after.misfit)
-        return calibrated, OfJob(told) if told else first
+        rest = badly_calibrated(after, seen.misfit) if after.misfit > LEAST_DIFFERENCE else first.told
+        return calibrated, OfJob(told or rest)
     if unit := of_other_unit_text(seen, after):
         return calibrated, OfJob(said(Kind.SPRINGS, unit))
     if not kinds_of(again.told) and after.misfit > NEAR and (bound := at_bounds_text(calibrated, after.misfit)):
@@ -413,34 +417,3 @@ def _of_one(source: Looking, measurements: Mapping[str, Measurement], name: str)
         if not all(each.has(Effect.IS_FAR) for each in found.told):
             return first, found
     return _seen_and_calibrated(source, measurements, name)
-
-
-def _channels(
-    seen: Seen, near: list[Complexes], movable: Floats | float, cycles: Sequence[tuple[int, ...]], *, backwards: bool
-) -> tuple[list[Finding], tuple[Offset, ...]]:
-    """Exchanged channels, and factors and phases of the others relative to the nearest states.
-
-    A factor is reported only if it exceeds the change of level by one loosened bolt, ``movable`` ((R,) or one value for all) [dB]. If the
-    FRFs are complex conjugates (``backwards``), other findings from phases are dropped.
-    """
-    inputs = seen.inputs
-    exchanges = exchanged(inputs, seen.measured, nearest_states(seen, NEAREST), cycles)
-    offsets = factors_of(inputs, seen.measurement, near)
-    involved = {i for cycle in exchanges for i in cycle}
-    by_bolt = np.broadcast_to(movable, len(inputs.responses))
-    if backwards:
-        offsets = tuple(replace(o, conjugate=True, reversed=False) for o in offsets)
-    offsets = tuple(
-        replace(o, named=o.named and trusted(o, offsets) and (o.power != 0 or abs(o.db) > by_bolt[o.response]))
-        for o in offsets
-        if o.response not in involved
-    )
-    # A power of the frequency, a delay and complex conjugation also rotate phases.
-    if not any(o.power or o.delay or o.conjugate or o.reversed for o in offsets):
-        opposite = turned(seen.measured, seen.states)
-        offsets = tuple(replace(o, reversed=o.response in opposite) for o in offsets)
-    # Phases of a model that is not near agree with a delay by chance.
-    offsets = offsets if seen.misfit <= LEAST_DIFFERENCE else late_together(inputs, offsets)
-    cycled = by_sensors(inputs, exchanges)
-    found = [Finding(text=exchanged_text(inputs, cycles, seen.job), kind=Kind.EXCHANGED, cycles=cycles) for cycles in cycled]
-    return [*offset_findings(inputs, offsets, seen.job), *found], offsets

@@ -227,11 +227,11 @@ class Seen:
     def least_of(self, at: int, *, times: float = 2.0, calibrated: float = 1.0) -> float:
         """Misfit of the responses of excitation ``at`` up to which they count as explained [dB].
 
-        After a rough calibration, an excitation may be wrong by less than ``LEAST_DIFFERENCE``, if its misfit is more than ``times`` that
+        After a calibration, an excitation may be wrong by less than ``LEAST_DIFFERENCE``, if its misfit is more than ``times`` that
         of the others and above that of a calibrated model. On right campaigns it was 1.3 times as large at most.
         """
         others = [db for other, db in self.by_excitation.items() if other != at]
-        if not others or not self.source.start:
+        if not others or self.source.fitted_to is None:
             return LEAST_DIFFERENCE
         return min(LEAST_DIFFERENCE, max(times * max(others), calibrated))
 

@@ -1,8 +1,8 @@
-"""Sensors with several axes that are mounted turned against the directions in the campaign file, by all axes together."""
+"""Sensors with several axes that are mounted turned, or at another place, than the campaign file says, by all axes together."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, apart
 from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.looking.causes.moved import sensor_text
 from lrbc_cli.campaign.looking.fitted import roughly_calibrated
 from lrbc_cli.campaign.looking.states import Looking, Seen
 from lrbc_cli.campaign.looking.trials import NEAR
@@ -75,11 +76,47 @@ def turn_of(measured: Complexes, computed: Complexes) -> Floats:
     return np.asarray(left @ right)
 
 
-def turned_sensors(source: Looking, measurement: Measurement, job: str) -> list[Finding]:
-    """Findings of ``turned_findings`` for the reference job, beside a rough calibration where there is one."""
+def of_several_axes(source: Looking, measurement: Measurement, job: str) -> list[Finding]:
+    """Findings of sensors with several axes that are mounted turned, or at another place, in the reference job.
+
+    Beside a rough calibration where there is one: what its axes say one by one may look like a reversed sign or a wrong unit.
+    """
     if not bodies_of(source.inputs):
         return []
-    return turned_findings(Seen.of(roughly_calibrated(source, measurement) or source, job, measurement))
+    seen = Seen.of(roughly_calibrated(source, measurement) or source, job, measurement)
+    turned = turned_findings(seen)
+    return turned + moved_findings(seen, {i for each in turned for i in each.responses})
+
+
+def moved_findings(seen: Seen, known: Collection[int], *, farther: float = 2.0) -> list[Finding]:
+    """Findings of sensors of which several axes fit the model at another place.
+
+    Parameters
+    ----------
+    seen : Seen
+        The reference job.
+    known : collection of int
+        Responses of sensors with other findings.
+    farther : float
+        Least level misfit of the records of a sensor, median, over that of all records.
+    """
+    every, found = apart(seen.measured, seen.model), []
+    least = max(NEAR, farther * float(np.median(every)))
+    for body in bodies_of(seen.inputs):
+        own = body.responses.ravel().tolist()
+        away = float(np.median(every[own]))
+        if away <= least or set(own) & set(known):
+            continue
+        places = {seen.inputs.responses[i].name: text for i in body.responses[0].tolist() if (text := sensor_text(seen, i))}
+        if len(places) > 1:
+            text = (
+                f"{listing([seen.inputs.responses[i].name for i in own], 9)} differ from the model by {away:.1f} dB (median, mean level of "
+                f"each removed), all records by {np.median(every):.1f} dB: the sensor was probably at another place than stated. "
+                + "; ".join(f"{name}: {place.removeprefix('; ')}" for name, place in places.items())
+                + ". Check where it was, and correct its responses"
+            )
+            found.append(Finding(text=text, kind=Kind.COORDINATES, responses=tuple(own)))
+    return found
 
 
 def turned_findings(seen: Seen, *, plain: float = 0.97) -> list[Finding]:

@@ -56,7 +56,7 @@ def placed(seen: Seen, told: list[Finding]) -> list[Finding]:
     # In the reference job no bolt is loose, so a smaller misfit is examined already.
     # With a calibrated model a single hammer point may be wrong.
     uneven = {at for at, db in seen.by_excitation.items() if seen.reference and db > seen.least_of(at)}
-    calibrated = seen.reference and bool(seen.source.start)
+    calibrated = seen.reference and seen.source.fitted_to is not None
     far = bool(uneven) if calibrated else float(every.min()) > (LEAST_DIFFERENCE if seen.reference else UNLIKE)
     # Single responses stand out, too, if their hammer point is wrong.
     struck_there = [each for each in told if each.kind is Kind.ALONE and calibrated and uneven.issuperset(_struck(seen, each.responses))]
@@ -121,7 +121,7 @@ def _stated(seen: Seen, told: list[Finding]) -> list[Finding]:
     every = apart(seen.measured, seen.model)
     better = {i: text for i in alone if (text := sensor_text(seen, i))}
     # After a calibration, a response with small motion stands out by errors of the model alone.
-    kept = [i for i in alone if i in better or not seen.source.start or every[i] > UNLIKE]
+    kept = [i for i in alone if i in better or seen.source.fitted_to is None or every[i] > UNLIKE]
     told = [each for each in told if each.kind is not Kind.ALONE]
     return told + single_responses(seen.inputs, every, kept, "the model", better=better)
 
@@ -176,6 +176,17 @@ def little_in_common(seen: Seen, measurements: Mapping[str, Measurement], explai
         told = [Finding(text=text, fix=causes[:1].upper() + causes[1:], kind=Kind.UNLIKE)]
     # Each on its own: ``placed`` looks for the place of each.
     return told + single_responses(inputs, every, outlying(every), "the model", few=every.size)
+
+
+def badly_calibrated(seen: Seen, before: float) -> list[Finding]:
+    """Finding of the reference job, from which a rough calibration leaves the model far, of ``before`` [dB], for no known cause."""
+    text = (
+        f"a rough calibration leaves {seen.misfit:.1f} dB between measured and computed FRFs, of {before:.1f} dB (mean level of each "
+        "removed; 1 to 2 dB are usual): the FE model is probably wrong. A stiffener, another part or a support may be missing, a part may "
+        "have another thickness or be joined otherwise, or the mesh may be too coarse or its elements too stiff"
+    )
+    fix = _usual(seen)
+    return [Finding(text=text, fix=fix[:1].upper() + fix[1:], kind=Kind.UNLIKE)]
 
 
 def uncalibrated(seen: Seen, measurements: Mapping[str, Measurement], told: list[Finding]) -> list[Finding]:

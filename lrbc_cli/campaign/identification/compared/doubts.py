@@ -14,7 +14,6 @@ from lrbc_cli.campaign.identification.compared.offsets import (
     by_hammer,
     factor_text,
     factors_of,
-    largest_text,
     offset_findings,
     quantities_of,
     sizes_text,
@@ -26,7 +25,7 @@ from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.errors import DataError, listing
-from lrbc_cli.updating.comparison.scale import grouped, misses_unit
+from lrbc_cli.updating.comparison.scale import Offset, grouped, misses_unit
 from lrbc_cli.updating.judging.evidence import Doubt
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import DecisionRule
@@ -202,7 +201,7 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     if gains is not None and gains.shared is not None and gains.shared.kind != "all":
         # The gain says it better.
         units = [each for each in units if each.kind is not Kind.UNITS or not set(each.responses) <= set(gains.shared.responses)]
-    compared = f"{compared_text(inputs, result)}; {largest_text(inputs, offsets, result.misfit_final)}"
+    compared = f"{compared_text(inputs, result)}; {_largest_text(inputs, offsets, result.misfit_final)}"
     job = inputs.campaign.jobs[result.name]
     noise = noise_level(inputs, result.measurement, job)
     if reference is not None and reference.explained:
@@ -238,6 +237,29 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
         untrusted += [Doubt(kind="astray", text=text)] if text else []
         found += [f"{job.first.name}: {remedy}"] if text else []
     return found + [text for text in further if text is not None], compared, untrusted
+
+
+def _largest_text(inputs: Inputs, offsets: Sequence[Offset], misfits: Floats) -> str:
+    """Whether a constant factor explains the misfit, and which responses stand out by their mean misfits (R,) [dB], in a clause."""
+    if not offsets:
+        return "too few lines, or too little of the band, to look for a constant factor"
+    groups = grouped(offsets, quantities_of(inputs))
+    if groups:
+        worst = max(groups, key=lambda common: common.offset.before - common.offset.after).offset
+        what = f"{worst.db:+.2f} dB" + (f" and (2 pi f)^{worst.power}" if worst.power else "")
+        left = f"{worst.before:.1f} dB, {worst.after:.1f} dB without it"
+        return f"a constant factor explains most of the misfit of {inputs.responses[worst.response].name}: {what} ({left})"
+    constant = [offset for offset in offsets if not offset.power]
+    text = "the misfit is not a constant factor"
+    if constant:
+        worst = max(constant, key=lambda offset: abs(offset.db))
+        text += f": the largest, {worst.db:+.2f} dB of {inputs.responses[worst.response].name}, would reduce the misfit of this response "
+        text += f"from {worst.before:.1f} to {worst.after:.1f} dB only"
+    if alone := outlying(misfits):
+        names = ", ".join(inputs.responses[i].name for i in alone)
+        text += f"; {names} {'stands' if len(alone) == 1 else 'stand'} out ({misfits[alone].min():.1f} dB and more, "
+        text += f"{float(np.nanmedian(misfits)):.1f} dB in the median of all): check these sensors, or leave them out of update.responses"
+    return text
 
 
 def _always(inputs: Inputs, result: Identification, units: Sequence[Finding]) -> set[int]:

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.arrays import Complexes
 from lrbc_cli.campaign.findings import Finding, Kind
-from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, MOST_LEFT, outlying
+from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, MOST_LEFT
 from lrbc_cli.campaign.identification.compared.sensors import same_sensor, sensors_among, sensors_of
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -156,9 +156,21 @@ def sizes_text(inputs: Inputs, responses: Collection[int], db: Mapping[int, floa
 
 def causes_of(inputs: Inputs, common: Common, compared: Sequence[int]) -> bool:
     """Whether a unit, a derivative or a digit too many or too few explains a factor that some of the compared responses share."""
-    offset = common.offset
-    tenfold = abs(abs(offset.db) - 20.0) <= min(max(offset.half, LEAST_REACH), MOST_REACH)
-    return bool(offset.power or tenfold or any(known.cause for known in _recognised(inputs, common, compared)))
+    return _tenfold(common.offset) or any(known.cause for known in _recognised(inputs, common, compared))
+
+
+def _of_chain(inputs: Inputs, common: Common, compared: Sequence[int], differing: set[int]) -> bool:
+    """Whether a unit, a sensitivity or a derivative explains a factor of some responses, of which some are ``differing`` (``by_hammer``).
+
+    One sensor has no unit at one hammer point alone: such a factor is a known one by chance.
+    """
+    alone = set(common.responses) <= differing and sensors_among(inputs, common.responses) == 1
+    return _tenfold(common.offset) if alone else causes_of(inputs, common, compared)
+
+
+def _tenfold(offset: Offset) -> bool:
+    """Whether a factor is a power of the frequency, or a digit too many or too few."""
+    return bool(offset.power) or abs(abs(offset.db) - 20.0) <= min(max(offset.half, LEAST_REACH), MOST_REACH)
 
 
 def _recognised(inputs: Inputs, common: Common, compared: Sequence[int]) -> list[Known]:
@@ -328,7 +340,8 @@ def offset_findings(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list
     # A factor without which most of the misfit remains is neither unit nor gain.
     shared = [common for common in grouped(offsets, quantities_of(inputs)) if firm.intersection(common.responses)]
     shared = [_with_sensor(inputs, common, known, shared) for common in shared]
-    placed = [common for common in shared if not causes_of(inputs, common, compared) and differing.intersection(common.responses)]
+    uneven = [common for common in shared if differing.intersection(common.responses)]
+    placed = [common for common in uneven if not _of_chain(inputs, common, compared, differing)]
     struck = [] if placed else _of_one_hammer(inputs, shared, offsets, job)
     found = struck or [
         Finding(
@@ -423,26 +436,3 @@ def sideways_finding(inputs: Inputs, how: str, job: str) -> Finding:
         f"an integration of phases alone. Export the FRFs as real and imaginary parts of response over force{tail}",
         kind=Kind.SIDEWAYS,
     )
-
-
-def largest_text(inputs: Inputs, offsets: Sequence[Offset], misfits: Floats) -> str:
-    """Whether a constant factor explains the misfit, and which responses stand out by their mean misfits (R,) [dB], in a clause."""
-    if not offsets:
-        return "too few lines, or too little of the band, to look for a constant factor"
-    groups = grouped(offsets, quantities_of(inputs))
-    if groups:
-        worst = max(groups, key=lambda common: common.offset.before - common.offset.after).offset
-        what = f"{worst.db:+.2f} dB" + (f" and (2 pi f)^{worst.power}" if worst.power else "")
-        left = f"{worst.before:.1f} dB, {worst.after:.1f} dB without it"
-        return f"a constant factor explains most of the misfit of {inputs.responses[worst.response].name}: {what} ({left})"
-    constant = [offset for offset in offsets if not offset.power]
-    text = "the misfit is not a constant factor"
-    if constant:
-        worst = max(constant, key=lambda offset: abs(offset.db))
-        text += f": the largest, {worst.db:+.2f} dB of {inputs.responses[worst.response].name}, would reduce the misfit of this response "
-        text += f"from {worst.before:.1f} to {worst.after:.1f} dB only"
-    if alone := outlying(misfits):
-        names = ", ".join(inputs.responses[i].name for i in alone)
-        text += f"; {names} {'stands' if len(alone) == 1 else 'stand'} out ({misfits[alone].min():.1f} dB and more, "
-        text += f"{float(np.nanmedian(misfits)):.1f} dB in the median of all): check these sensors, or leave them out of update.responses"
-    return text

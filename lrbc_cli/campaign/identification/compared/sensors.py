@@ -11,10 +11,10 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 
 
 def sensors_of(inputs: Inputs) -> list[tuple[int, ...]]:
-    """Responses of each sensor: those at one DOF; a response without a DOF is a sensor of its own."""
+    """Responses of each sensor: those at one DOF, or of one row or vector; a response without a place is a sensor of its own."""
     found: dict[tuple[object, ...], list[int]] = {}
     for i, own in enumerate(inputs.responses):
-        found.setdefault((i,) if own.node is None else (own.node, own.direction), []).append(i)
+        found.setdefault((own.text or i,) if own.node is None else (own.node, own.direction), []).append(i)
     return [tuple(own) for own in found.values()]
 
 

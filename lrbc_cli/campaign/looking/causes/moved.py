@@ -62,7 +62,7 @@ def _hammer_text(seen: Seen, at: int, lacking: float, least: float) -> str | Non
     assert dofs is not None
     before, after, dof, own = 0.0, np.inf, -1, -1
     # Where as much remains as of the other hammer points, which a calibrated model fits, it is errors of that model.
-    as_others = _AS_MUCH * lacking if seen.source.start and lacking <= LEAST_DIFFERENCE else 0.0
+    as_others = _AS_MUCH * lacking if seen.source.fitted_to is not None and lacking <= LEAST_DIFFERENCE else 0.0
     for few, wider in gradually(seen):
         before, after, dof, own = _nearest_place(few, dofs, at)
         # One of three directions at its own node fits by chance less often than one of a thousand places.
