@@ -328,13 +328,22 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     # Beside a reference job that is not tight, the others differ by its loose bolts.
     other_quantity = {each.job for each in look.found if each.kind is Kind.UNITS and each.detail}
     turned = {each.job for each in look.found if each.kind is Kind.REVERSED}
-    out.found += [] if Kind.NOT_TIGHT in of_tight else other_chains(inputs, compared, other_quantity, turned)
+    unlike = {name: kinds_of(each for each in look.found if each.job == name) for name in usable.keys() & look.doubted}
+    # What differs from the state that fits best may differ by a window or a second blow, which show without a model.
+    apart = {name for name, kinds in unlike.items() if kinds <= {Kind.HAMMER, Kind.ALONE}}
+    asked = {name: found for name, found in usable.items() if name in compared.keys() | apart}
+    chains = [] if Kind.NOT_TIGHT in of_tight else other_chains(inputs, asked, other_quantity, turned)
+    chains = [each for each in chains if each.job not in apart or each.detail in ("window", "blow")]
+    out.found += chains
+    struck = {each.job for each in chains if each.job in apart}
     out.found += other_runs(inputs, usable)
     out.warn(*foreign_titles(inputs, readable))
     pairs = mistitled(inputs, readable)
     titled = list(pairs.values())
     # Beside another state in place of the reference job, jobs that are tight seem not to be.
-    told = [each for each in look.found if not (titled and each.kind is Kind.REMOVED)]
+    told = [
+        each for each in look.found if not (titled and each.kind is Kind.REMOVED) and not (each.kind is Kind.HAMMER and each.job in struck)
+    ]
     if any(reference in pair for pair in pairs):
         told = [each for each in told if not each.has(Effect.NOT_TIGHT)]
     if not titled and Kind.REMOVED not in kinds_of(told) and (text := exchanged_files(inputs, compared)):

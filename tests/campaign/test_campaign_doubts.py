@@ -331,7 +331,7 @@ def test_lines_from_zero_that_end_before_the_band(frame: Folder, first: int, las
     hz = every[(every >= low) & (every <= high)]
     left_out = (int((every < low).sum()), int((every > high).sum()))
     values, unknown = np.ones((hz.size, len(inputs.responses)), dtype=complex), np.full((hz.size, len(inputs.responses)), np.nan)
-    one: Any = SimpleNamespace(frequency_hz=hz, left_out=left_out, values=values, coherence=unknown)
+    one: Any = SimpleNamespace(frequency_hz=hz, left_out=left_out, values=values, coherence=unknown, sigma_db=None, files=1)
     found = [each.text for each in unclear(inputs, {"tight": one}) if "begin at 0 Hz" in each.text]
     assert len(found) == told
     assert not told or "end at 395 Hz, 5 Hz below the end of reduction.band" in found[0]

@@ -260,7 +260,9 @@ def test_nothing_is_compared_beyond_a_soft_tip() -> None:
 def test_with_springs_at_wrong_nodes_exchanged_sensors_of_other_jobs_are_not_told(doubt: bool) -> None:
     campaign = SimpleNamespace(update=SimpleNamespace(reference="tight"))
     responses = [SimpleNamespace(node=i, direction="UZ") for i in range(4)]
-    source: Any = SimpleNamespace(inputs=SimpleNamespace(campaign=campaign, springs_doubt=doubt, responses=responses), away={}, near={})
+    source: Any = SimpleNamespace(
+        inputs=SimpleNamespace(campaign=campaign, springs_doubt=doubt, responses=responses), away={}, near={}, left={}
+    )
     exchanged = [Finding(text="exchanged", kind=Kind.EXCHANGED, cycles=((0, 1),))]
     found = {"tight": OfJob([Finding(text="alone", kind=Kind.ALONE, responses=(3,))]), "loose": OfJob(exchanged)}
     assert [each.job for each in together(source, {}, found)] == ["tight", *([] if doubt else ["loose"])]
@@ -280,7 +282,7 @@ def test_a_baseline_that_differs_from_a_reference_job_with_a_loose_bolt_is_not_t
 
     def told(change: float) -> list[str]:
         found = {"tight": OfJob(), "tight-2": OfJob([freed])}
-        source: Any = SimpleNamespace(inputs=inputs, changes={f"job-{k}": np.array([change]) for k in range(5)}, away={}, near={})
+        source: Any = SimpleNamespace(inputs=inputs, changes={f"job-{k}": np.array([change]) for k in range(5)}, away={}, near={}, left={})
         return [each.job for each in together(source, {}, found)]
 
     assert told(0.9) == ["tight"]

@@ -88,8 +88,8 @@ def test_where_the_model_feels_nothing_nothing_is_near() -> None:
 def test_a_hammer_point_beside_others_that_fit(calibrated: bool, second: float, least: float) -> None:
     """A point 7 cm off left 3 dB beside half a decibel at the other one, and nothing was said."""
     away = np.where(np.arange(40)[:, None] % 2, 1.0, -1.0) * np.array([2.9, 2.9, second, second])
-    start = {"joints": np.zeros(1)} if calibrated else {}
-    source: Any = SimpleNamespace(inputs=SimpleNamespace(input_of=np.array([0, 0, 1, 1])), known={}, start=start)
+    fitted_to = "tight" if calibrated else None
+    source: Any = SimpleNamespace(inputs=SimpleNamespace(input_of=np.array([0, 0, 1, 1])), known={}, fitted_to=fitted_to)
     job = seen(10.0 ** (away / 20.0) + 0j, np.ones((1, 40, 4), dtype=complex), source=source)
     assert job.by_excitation[0] == pytest.approx(2.9)
     assert job.least_of(0) == pytest.approx(least)

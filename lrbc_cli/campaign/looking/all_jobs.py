@@ -24,7 +24,7 @@ from lrbc_cli.campaign.looking.causes.tightness import beside_others, fallen_tex
 from lrbc_cli.campaign.looking.fitted import closely_fitted
 from lrbc_cli.campaign.looking.odd_jobs import odd_jobs
 from lrbc_cli.campaign.looking.states import Looking, Seen
-from lrbc_cli.campaign.looking.trials import NEAR, NEARER
+from lrbc_cli.campaign.looking.trials import NEAR, NEARER, UNLIKE
 from lrbc_cli.campaign.looking.turned import of_several_axes
 from lrbc_cli.campaign.looking.unexplained import single_responses
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -72,7 +72,7 @@ def together(source: Looking, measurements: Mapping[str, Measurement], found: di
                 found[name] = replace(found[name], told=[*found[name].told, Finding(text=text, kind=Kind.FREED)])
     if reference in found:
         found[reference] = replace(found[reference], told=of_one_sensor(source, measurements, found[reference].told))
-    if reference in found and (turned := of_several_axes(source, measurements[reference], reference)):
+    if reference in found.keys() & measurements.keys() and (turned := of_several_axes(source, measurements[reference], reference)):
         wrong = {i for each in turned for i in each.responses}
         for name, of in list(found.items()):
             offsets = tuple(offset for offset in of.offsets if offset.response not in wrong)
@@ -84,9 +84,13 @@ def together(source: Looking, measurements: Mapping[str, Measurement], found: di
         quiet = [name for name, of in found.items() if kinds_of(of.told) <= {Kind.FOREIGN} and name != reference]
         found.update({name: replace(found[name], told=[odd]) for name, odd in odd_jobs(source, measurements, quiet, closer).items()})
     told = pooled(of_all_jobs(inputs, found, reference), reference)
-    if inputs.springs_doubt or (reference in found and Kind.UNLIKE in kinds_of(found[reference].told)):
-        # With springs at wrong nodes a loosened bolt looks like exchanged sensors; far from any measurement some FRFs agree by chance.
-        told = [each for each in told if each.kind is not Kind.EXCHANGED or each.job == reference]
+    own = kinds_of(found[reference].told) if reference in found else set()
+    if inputs.springs_doubt or own & {Kind.UNLIKE, Kind.SPRINGS} or source.left.get(reference, 0.0) > UNLIKE:
+        # With springs at wrong nodes a loosened bolt looks like exchanged sensors; far from any measurement some FRFs agree by chance, and
+        # levels and phases of others are off.
+        wrong = {Kind.EXCHANGED, Kind.UNITS, Kind.LATE, Kind.EARLY}
+        known = {each.cause for each in told if each.job == reference}
+        told = [each for each in told if each.kind not in wrong or each.job == reference or each.cause in known]
     if explained and not any(each.job == reference for each in told):
         told += misplaced_sensor(source, measurements)
     doubted = {each.job for each in told}

@@ -380,15 +380,18 @@ def _calibrated(
     unsure = after.misfit > LEAST_DIFFERENCE and kinds_of(again.told) == {Kind.PLACES}
     if (not again.told or unsure) and (Kind.COORDINATES in kinds or any(db > LEAST_DIFFERENCE for db in after.by_excitation.values())):
         told = said(Kind.MATERIAL, loaded_text(after)) or of_a_part(seen, measurements[name], after.misfit)
-        rest = badly_calibrated(after, seen.misfit) if after.misfit > LEAST_DIFFERENCE else first.told
-        return calibrated, OfJob(told or rest)
+        if told or Kind.UNLIKE in kinds or after.misfit <= LEAST_DIFFERENCE:
+            return calibrated, OfJob(told) if told else first
+        return calibrated, OfJob(badly_calibrated(after, seen.misfit))
     if unit := of_other_unit_text(seen, after):
         return calibrated, OfJob(said(Kind.SPRINGS, unit))
     if not kinds_of(again.told) and after.misfit > NEAR and (bound := at_bounds_text(calibrated, after.misfit)):
         return calibrated, OfJob(said(Kind.MATERIAL, bound))
     moved = [*said(Kind.LOWERED, or_held(seen, lowered_text(seen, after))), *said(Kind.SPRINGS, raised_text(seen, after))]
-    if not again.told and not moved and after.misfit > USUAL:
-        moved = of_a_part(seen, measurements[name], after.misfit)
+    # Single responses stand out by a wrong part or joint, too.
+    if kinds_of(again.told) <= {Kind.ALONE, Kind.PLACES} and not moved and after.misfit > USUAL:
+        part = of_a_part(seen, measurements[name], after.misfit)
+        return calibrated, replace(again, told=part or again.told)
     return calibrated, replace(again, told=[*again.told, *moved])
 
 

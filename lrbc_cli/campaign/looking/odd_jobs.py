@@ -17,7 +17,7 @@ from lrbc_cli.campaign.looking.causes.added import left_on_text
 from lrbc_cli.campaign.looking.causes.moved import hammer_text
 from lrbc_cli.campaign.looking.fitted import fitted_frf, multiplied
 from lrbc_cli.campaign.looking.states import Looking, Seen
-from lrbc_cli.campaign.looking.trials import NEARER
+from lrbc_cli.campaign.looking.trials import NEAR, NEARER
 from lrbc_cli.campaign.reduced.stage import affine_model
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.factors import SOUND_SPEED
@@ -68,7 +68,7 @@ def odd_jobs(
     found, tried = dict[str, Finding](), list[float]()
     for name in (name for name in far if name in names):
         usual = min((left for other, left in source.left.items() if other not in (name, reference)), default=np.inf)
-        limit = max(LEAST_DIFFERENCE, times * usual)
+        limit = max(NEAR, times * usual)
         if far[name] <= limit and not _airborne(source, name, source.away[name], air, aside):
             continue
         away = closer(name)

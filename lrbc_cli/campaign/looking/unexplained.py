@@ -222,7 +222,7 @@ def of_a_part(seen: Seen, whole: Measurement, calibrated: float, *, lump: bool =
     if cause.left > NEAR and (part := part_cause(seen, whole, calibrated=calibrated)).left < cause.left:
         cause = part
     text = cause.text
-    elsewhere = "" if text or calibrated <= LEAST_DIFFERENCE else displaced_text(seen, whole, calibrated)
+    elsewhere = "" if text else displaced_text(seen, whole, calibrated)
     return said(Kind.MATERIAL, text) or said(Kind.SPRINGS, elsewhere)
 
 

@@ -27,15 +27,15 @@ _NEARER, _ALIKE = 0.7, 1.5
 _LEAST_LEVEL, _OFF_LEVEL = 4.0, 2.0
 
 
-def joints_text(seen: Seen, *, least: float = 1.0, others: float = 0.5, alike: float = 0.3) -> str:
-    """Warning that names the joints whose springs are a decade or more too soft or too stiff, if that explains the tight state; else empty.
+def joints_text(seen: Seen, *, least: float = 0.8, others: float = 0.5, alike: float = 0.3) -> str:
+    """Warning that names joints whose springs are a decade or more too soft or too stiff, if that explains the tight state; else empty.
 
     Parameters
     ----------
     seen : Seen
         The reference job.
     least, others : float
-        Least change of these joints, and largest change of all others [decades].
+        Least change of these joints, a decade up to their scatter, and largest change of all others [decades].
     alike : float
         Largest deviation of a joint from a factor that these joints share [decades].
     """
@@ -47,7 +47,7 @@ def joints_text(seen: Seen, *, least: float = 1.0, others: float = 0.5, alike: f
     far = np.flatnonzero(np.abs(change) >= least)
     if not far.size or bool((np.delete(np.abs(change), far) > others).any()):
         return ""
-    names, middle = [bolts.name[b] for b in far], float(np.median(change[far]))
+    names, middle, every = [bolts.name[b] for b in far], float(np.median(change[far])), far.size == change.size > 1
     if bool((np.abs(change[far] - middle) <= alike).all()):
         what = f"{listing(names, 12)} about {10.0**middle:.2g} times as stiff"
     else:
@@ -55,9 +55,9 @@ def joints_text(seen: Seen, *, least: float = 1.0, others: float = 0.5, alike: f
     files = dict.fromkeys(file.name for group in seen.inputs.groups if (file := group.config.select.bushings) is not None)
     loose = f", and whether {'it was' if far.size == 1 else 'they were'} loose in {seen.job}" if middle < 0.0 else ""
     return (
-        f"the springs of some joints are probably wrong: with those of {what}, and the others nearly as stated, the level misfit falls "
-        f"from {before:.1f} to {left:.1f} dB (mean level of each response removed). Check their stiffnesses and units in "
-        f"{' and '.join(files) or 'the parameters'} and in the FE model{loose}"
+        f"the springs of {'all' if every else 'some'} joints are probably wrong: with those of {what}"
+        f"{'' if every else ', and the others nearly as stated'}, the level misfit falls from {before:.1f} to {left:.1f} dB (mean level of "
+        f"each response removed). Check their stiffnesses and units in {' and '.join(files) or 'the parameters'} and in the FE model{loose}"
     )
 
 
