@@ -155,7 +155,7 @@ def test_a_sensor_that_was_overloaded_in_a_job_with_loosened_bolts(a2: tuple[flo
     assert [text.partition(" by ")[0] for text in texts] == [
         f"a2-{at} differs from the state of the bolts that fits best" for at in ("h1", "h2") if told
     ]
-    assert all("Check whether its sensor was dead, overloaded or moved" in text for text in texts)
+    assert all("Check whether its sensor was loose, dead, overloaded or moved" in text for text in texts)
 
 
 def test_a_record_that_was_overloaded_alone() -> None:

@@ -84,13 +84,13 @@ def together(source: Looking, measurements: Mapping[str, Measurement], found: di
         quiet = [name for name, of in found.items() if kinds_of(of.told) <= {Kind.FOREIGN} and name != reference]
         found.update({name: replace(found[name], told=[odd]) for name, odd in odd_jobs(source, measurements, quiet, closer).items()})
     told = pooled(of_all_jobs(inputs, found, reference), reference)
-    own = kinds_of(found[reference].told) if reference in found else set()
-    if inputs.springs_doubt or own & {Kind.UNLIKE, Kind.SPRINGS} or source.left.get(reference, 0.0) > UNLIKE:
+    of_model = any(each.kind in {Kind.UNLIKE, Kind.SPRINGS} for each in told if each.job == reference)
+    if inputs.springs_doubt or of_model or source.left.get(reference, 0.0) > UNLIKE:
         # With springs at wrong nodes a loosened bolt looks like exchanged sensors; far from any measurement some FRFs agree by chance, and
         # levels and phases of others are off.
-        wrong = {Kind.EXCHANGED, Kind.UNITS, Kind.LATE, Kind.EARLY}
+        doubtful = {Kind.EXCHANGED, Kind.UNITS, Kind.LATE, Kind.EARLY, Kind.HAMMER}
         known = {each.cause for each in told if each.job == reference}
-        told = [each for each in told if each.kind not in wrong or each.job == reference or each.cause in known]
+        told = [each for each in told if each.kind not in doubtful or each.job == reference or each.cause in known]
     if explained and not any(each.job == reference for each in told):
         told += misplaced_sensor(source, measurements)
     doubted = {each.job for each in told}

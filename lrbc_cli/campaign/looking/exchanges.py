@@ -17,6 +17,7 @@ from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, apart, by_sensors, exchanged, exchanged_text, turned
 from lrbc_cli.campaign.identification.compared.offsets import factors_of, late_together, offset_findings, trusted
+from lrbc_cli.campaign.identification.compared.sensors import ends_of
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.looking.states import Seen, nearest_states
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -162,11 +163,22 @@ def channel_findings(
         if o.response not in involved
     )
     # A power of the frequency, a delay and complex conjugation also rotate phases.
-    if not any(o.power or o.delay or o.conjugate or o.reversed for o in offsets):
-        opposite = turned(seen.measured, seen.states)
-        offsets = tuple(replace(o, reversed=o.response in opposite) for o in offsets)
+    plain = not any(o.power or o.delay or o.conjugate or o.reversed for o in offsets)
+    opposite = set(turned(seen.measured, seen.states)) if plain else {o.response for o in offsets if o.reversed}
+    whole = _whole(inputs, opposite, set(np.flatnonzero(np.isfinite(seen.measured).any(axis=0)).tolist()) - involved)
+    offsets = tuple(replace(o, reversed=o.response in whole) for o in offsets)
     # Phases of a model that is not near agree with a delay by chance.
     offsets = offsets if seen.misfit <= LEAST_DIFFERENCE else late_together(inputs, offsets)
     cycled = by_sensors(inputs, exchanges)
     found = [Finding(text=exchanged_text(inputs, cycles, seen.job), kind=Kind.EXCHANGED, cycles=cycles) for cycles in cycled]
     return [*offset_findings(inputs, offsets, seen.job), *found], offsets
+
+
+def _whole(inputs: Inputs, opposite: set[int], measured: set[int]) -> set[int]:
+    """Responses with ``opposite`` phases: most records of their sensor, or all of their hammer point, since neither is reversed in few."""
+    found = set[int]()
+    for end, own in ends_of(inputs):
+        there = measured.intersection(own)
+        if 2 * len(opposite & there) > len(there) and (end == "sensor" or opposite >= there):
+            found |= opposite & there
+    return found

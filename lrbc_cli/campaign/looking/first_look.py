@@ -377,7 +377,7 @@ def _calibrated(
     if far and (part := of_a_part(seen, measurements[name], after.misfit, lump=False)):
         return source, OfJob(part)
     # Nothing found is no all-clear while the FRFs of another excitation are not fitted; levels of some responses may be off by the model.
-    unsure = after.misfit > LEAST_DIFFERENCE and kinds_of(again.told) == {Kind.PLACES}
+    unsure = after.misfit > LEAST_DIFFERENCE and kinds_of(again.told) <= {Kind.PLACES, Kind.ALONE}
     if (not again.told or unsure) and (Kind.COORDINATES in kinds or any(db > LEAST_DIFFERENCE for db in after.by_excitation.values())):
         told = said(Kind.MATERIAL, loaded_text(after)) or of_a_part(seen, measurements[name], after.misfit)
         if told or Kind.UNLIKE in kinds or after.misfit <= LEAST_DIFFERENCE:

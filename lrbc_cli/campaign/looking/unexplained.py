@@ -318,7 +318,7 @@ def single_responses(
             sensor, it, record = "their sensors were", "them", "their records"
             causes = "places and components of these responses (lrbc check --picture), and that the channels are not those of other sensors"
         if job is not None:
-            causes = f"whether {sensor} dead, overloaded or moved, or another one was connected"
+            causes = f"whether {sensor} loose, dead, overloaded or moved, or another one was connected"
             if group[0] in better:
                 causes = f"whether the sensor was moved: {better[group[0]].removeprefix('; ')}"
             elif any(set(same_sensor(inputs, i)) - set(alone) for i in group):
