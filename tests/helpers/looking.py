@@ -28,6 +28,6 @@ def measurement(frequency_hz: np.ndarray, values: np.ndarray) -> Measurement:
 
 def seen(measured: np.ndarray, states: np.ndarray, *, hz: np.ndarray | None = None, job: str = "tight", **given: Any) -> Seen:
     """A job beside (S, F, R) states of a model; ``given`` are its source, or inputs alone, and the rest."""
-    source: Any = given.pop("source", None) or SimpleNamespace(inputs=given.pop("inputs", None), known={})
+    source: Any = given.pop("source", None) or SimpleNamespace(inputs=given.pop("inputs", None), known={}, changes={})
     lines = np.arange(1.0, len(measured) + 1.0) if hz is None else hz
     return Seen(source=source, job=job, measurement=measurement(lines, measured), states=states, **{"parameters": None} | given)

@@ -26,7 +26,7 @@ from lrbc_cli.campaign.looking.odd_jobs import odd_jobs
 from lrbc_cli.campaign.looking.states import Looking, Seen
 from lrbc_cli.campaign.looking.trials import NEAR, NEARER, UNLIKE
 from lrbc_cli.campaign.looking.turned import of_several_axes
-from lrbc_cli.campaign.looking.unexplained import single_responses
+from lrbc_cli.campaign.looking.unexplained import many_loosened, single_responses
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import listing
 from lrbc_cli.updating.comparison.scale import (
@@ -290,7 +290,7 @@ def of_sensors(
     if reference in found and not own:
         known = {name: far for name, far in source.away.items() if name in found}
         for name in odd_sensors(inputs, known):
-            if not changed[name].told:
+            if not changed[name].told and not many_loosened(source.changes.get(name)):
                 changed[name] = replace(changed[name], told=odd_sensors(inputs, known | {name: closer(name)}).get(name, []))
         every = {**source.near, **known}
         for name in (name for name in found if name in every):

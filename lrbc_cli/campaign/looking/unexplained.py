@@ -383,6 +383,14 @@ def _placing(seen: Seen) -> Callable[[int], str]:
     return place
 
 
+def many_loosened(change: Floats | None, *, loss: float = 0.5, share: float = 1 / 3) -> bool:
+    """Whether more than a ``share`` of the bolts have a ``loss`` [decades] or more in the state fitted to a job, by their ``change`` (b,).
+
+    What holds the structure is then another one, and errors of the model at single sensors are no longer those of the reference job.
+    """
+    return change is not None and bool(np.count_nonzero(change <= -loss) > share * change.size)
+
+
 def beside_fitted(seen: Seen, fitted: Complexes, place: Callable[[int], str] = lambda _: "") -> list[Finding]:
     """Hammer point or sensors far from the state of the bolts that fits best (``fitted``, (F, R)), if that explains the others.
 
@@ -394,7 +402,7 @@ def beside_fitted(seen: Seen, fitted: Complexes, place: Callable[[int], str] = l
     rest = max((db for at, db in away.items() if at != worst), default=np.inf)
     if rest < LEAST_DIFFERENCE < away[worst] and rest < CLEARLY * away[worst]:
         return [Finding(text=_blow_text(seen, away, worst, what), kind=Kind.HAMMER)]
-    if float(np.median(every)) > UNLIKE:
+    if float(np.median(every)) > UNLIKE or many_loosened(seen.source.changes.get(seen.job)):
         return []
     # Errors of the model show at single hammer points, too, so the median over these counts.
     own = [[i, *same_sensor(seen.inputs, i)] for i in range(every.size)]

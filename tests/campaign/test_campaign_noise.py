@@ -1,0 +1,66 @@
+"""Noise that the coherence gives is weighted down: its peaks are no doubt of a measurement."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from samples import sample
+
+from lrbc_cli.campaign.identification.records import Measurement, read_measurement
+from lrbc_cli.campaign.jobs.evidence import _doubts
+from lrbc_cli.campaign.looking.measured import unclear
+from lrbc_cli.campaign.reading.inputs import Inputs
+
+JOBS = ("tight", "loose-2")
+
+
+def noisy(inputs: Inputs, level: float, *, known: bool) -> dict[str, Measurement]:
+    """Two jobs with noise of each response at ``level`` times its effective value, and its coherence if it is ``known``."""
+    rng, found = np.random.default_rng(1), dict[str, Measurement]()
+    for name in JOBS:
+        job = inputs.campaign.jobs[name]
+        right = read_measurement(inputs, job, name)
+        floor = level * np.sqrt(np.mean(np.abs(right.values) ** 2, axis=0))
+        noise = rng.normal(size=right.values.shape) + 1j * rng.normal(size=right.values.shape)
+        power = np.abs(right.values) ** 2
+        coherence = power / (power + job.averages * floor**2)
+        found[name] = replace(
+            right, values=right.values + floor * noise / np.sqrt(2.0), coherence=coherence if known else np.full(coherence.shape, np.nan)
+        )
+    return found
+
+
+def doubted(inputs: Inputs, measurements: dict[str, Measurement]) -> set[str]:
+    """Kinds of doubts of the second job."""
+    own, tight = measurements["loose-2"], measurements["tight"]
+    reference = SimpleNamespace(job="tight", inputs={})
+    result: Any = SimpleNamespace(reference=reference, measurement=own, tight=tight, name="loose-2", expected=None)
+    return {doubt.kind for doubt in _doubts(inputs, result)}
+
+
+@pytest.mark.parametrize(("level", "known", "doubt"), [(0.12, False, True), (0.12, True, False), (0.02, False, False)])
+def test_noise_is_a_doubt_unless_the_coherence_gives_it(level: float, known: bool, doubt: bool) -> None:
+    inputs = sample("frame")
+    measurements = noisy(inputs, level, known=known)
+    assert ("resolution" in doubted(inputs, measurements)) == doubt
+    assert any("probably noise" in each.text for each in unclear(inputs, measurements)) == doubt
+
+
+def test_a_coherence_that_does_not_give_the_noise_clears_nothing() -> None:
+    inputs = sample("frame")
+    wrong = {name: replace(own, coherence=np.full(own.values.shape, 0.999)) for name, own in noisy(inputs, 0.12, known=True).items()}
+    assert "resolution" in doubted(inputs, wrong)
+    assert any("probably noise" in each.text for each in unclear(inputs, wrong))
+
+
+def test_noise_of_one_job_alone_remains_a_doubt() -> None:
+    """The reference job says where a response is noise: a job that is noisier was measured worse."""
+    inputs = sample("frame")
+    right, worse = noisy(inputs, 0.01, known=True), noisy(inputs, 0.12, known=True)
+    one = {"tight": right["tight"], "loose-2": worse["loose-2"]}
+    assert doubted(inputs, one) & {"noise", "resolution"}
+    assert not doubted(inputs, right) & {"noise", "resolution"}
