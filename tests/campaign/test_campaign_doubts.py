@@ -140,6 +140,21 @@ def test_a_factor_of_one_sensor_is_told_with_all_its_records() -> None:
     assert single.responses == (6,)
 
 
+def test_a_factor_of_one_record_at_one_hammer_point_is_no_unit() -> None:
+    """The sensor was turned, and its FRF for one of the hammer points 8 dB too low: that of g/lbf by chance."""
+    pounds = (Known(20.0 * np.log10(0.453592), "FRFs in g/lbf", "g/lbf"),)
+    (one,) = hammered(known=pounds, a2h1=-6.9)
+    assert one.kind is Kind.PLACES
+    assert "no sensitivity depends on the hammer point" in one.text
+    assert "g/lbf" not in one.text
+    (both,) = hammered(known=pounds, a2h1=-6.9, a2h2=-6.9)
+    assert both.kind is Kind.UNITS
+    assert "g/lbf" in both.text
+    # A range ten times off is one of a single record, too.
+    (tenfold,) = hammered(a2h1=-20.0)
+    assert tenfold.kind is Kind.UNITS
+
+
 def test_one_factor_of_all_sensors_for_one_hammer_point_is_that_of_the_force() -> None:
     (one,) = hammered(a1h1=6.6, a2h1=6.2, a3h1=6.5, a4h1=6.5)
     assert "all FRFs of h1: measured over computed +6.50 dB at all lines (median; a1-h1, a2-h1, a3-h1, a4-h1)" in one.text

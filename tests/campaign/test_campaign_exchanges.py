@@ -14,12 +14,13 @@ from samples import sample
 
 from lrbc_cli.campaign import check
 from lrbc_cli.campaign.findings import Finding, Kind, once
+from lrbc_cli.campaign.identification.compared.sensors import sensors_of
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.looking import all_jobs
 from lrbc_cli.campaign.looking.all_jobs import OfJob, odd_sensors, pooled, tight_state, without_sensors
-from lrbc_cli.campaign.looking.exchanges import _exchange, _nested, exchanged_files, foreign_titles, mistitled
+from lrbc_cli.campaign.looking.exchanges import _exchange, _nested, _whole, exchanged_files, foreign_titles, mistitled
 from lrbc_cli.campaign.looking.first_look import FirstLook
-from lrbc_cli.campaign.looking.unexplained import without_repeated
+from lrbc_cli.campaign.looking.unexplained import many_loosened, without_repeated
 
 
 @pytest.mark.parametrize(
@@ -98,6 +99,26 @@ def test_beside_the_file_of_another_state_for_the_tight_one_no_bolt_is_told(
     assert {each.kind for each in out.found if each.kind is not None} == kept
 
 
+@pytest.mark.parametrize(("detail", "kept"), [("window", {"chain"}), ("blow", {"chain"}), ("filter", {"struck"})])
+def test_a_window_in_one_job_is_no_hammer_beside_its_place(monkeypatch: pytest.MonkeyPatch, detail: str, kept: set[str]) -> None:
+    """What one window or a second blow leaves beside the fitted state may look like another hammer point."""
+    inputs = sample("frame")
+    struck = Finding(text="struck", job="loose-2", kind=Kind.HAMMER)
+    measured = {name: read_measurement(inputs, inputs.campaign.jobs[name], name) for name in ("tight", "loose-2")}
+    monkeypatch.setattr(check, "_looks", lambda *_: FirstLook([struck], doubted=frozenset({"loose-2"})))
+    asked: list[str] = []
+
+    def chains(_: Any, names: dict[str, Any], *__: Any) -> list[Finding]:
+        asked.extend(names)
+        return [Finding(text="chain", job="loose-2", kind=Kind.CHAIN, detail=detail)]
+
+    monkeypatch.setattr(check, "other_chains", chains)
+    out = check.Findings()
+    check._compared(inputs, Path(), measured, out, lambda _: None)
+    assert set(asked) == {"tight", "loose-2"}
+    assert {each.text for each in out.found if each.job == "loose-2"} == kept
+
+
 @pytest.mark.parametrize(
     ("title", "told"),
     [
@@ -139,6 +160,56 @@ def test_a_sensor_that_is_far_off_in_one_job_alone() -> None:
     assert "a3-h1, a3-h2: 7.0 dB from the state of the bolts that fits best" in found["job-3"][0].text
     # With few jobs nothing is usual.
     assert odd_sensors(sensors(), {name: away[name] for name in ("job-1", "job-2", "job-3")}) == {}
+
+
+@pytest.mark.parametrize(
+    ("opposite", "kept"),
+    [
+        ({0, 3}, {0, 3}),
+        ({0}, set()),
+        # A blow of the other direction; at the other hammer point one record is left of it.
+        ({0, 1, 2}, {0, 1, 2}),
+        ({0, 1, 2, 4}, {0, 1, 2, 4}),
+        (set(), set()),
+    ],
+)
+def test_signs_belong_to_sensors_or_hammer_points(opposite: set[int], kept: set[int]) -> None:
+    inputs = sensors()
+    for i, response in enumerate(inputs.responses):
+        response.input = i // 3
+    assert _whole(inputs, opposite, set(range(6))) == kept
+    # Of a sensor with one record that record counts.
+    assert _whole(inputs, {0}, {0, 1, 2, 4, 5}) == {0}
+
+
+def test_responses_of_one_row_are_one_sensor() -> None:
+    texts = ("row 0 of a.mtx", "row 1 of a.mtx", "row 0 of a.mtx", "", "")
+    inputs: Any = SimpleNamespace(responses=[SimpleNamespace(node=None, direction=None, text=text) for text in texts])
+    assert sensors_of(inputs) == [(0, 2), (1,), (3,), (4,)]
+
+
+def test_consequences_of_a_far_model_in_other_jobs_are_not_told() -> None:
+    """Those that the reference job has, too, are."""
+    campaign = SimpleNamespace(update=SimpleNamespace(reference="tight"))
+    inputs = SimpleNamespace(campaign=campaign, springs_doubt=False, responses=sensors().responses)
+    source: Any = SimpleNamespace(inputs=inputs, away={}, near={}, left={}, changes={})
+    level = of(Kind.UNITS, "a1 is too high", 0, 3)
+
+    def told(left: float, *first: Finding) -> list[tuple[str, str]]:
+        source.left["tight"] = left
+        found = {"tight": OfJob(list(first)), "one": OfJob([level, of(Kind.HAMMER, "h2 differs")])}
+        return [(each.job, each.text) for each in all_jobs.together(source, {}, found) if each.job == "one"]
+
+    assert told(2.0, of(Kind.ALONE, "a2 is far off", 1)) == [("one", "a1 is too high"), ("one", "h2 differs")]
+    assert told(7.0, of(Kind.ALONE, "a2 is far off", 1)) == []
+    assert told(2.0, of(Kind.SPRINGS, "springs are wrong")) == []
+    assert told(2.0, of(Kind.UNLIKE, "little in common"), level) == [("one", "a1 is too high")]
+
+
+@pytest.mark.parametrize(("change", "many"), [([-1.0, -0.6, 0.1], True), ([-1.0, 0.0, 0.1], False), ([-1.0, np.nan, np.nan], False)])
+def test_many_loosened_bolts(change: list[float], many: bool) -> None:
+    assert many_loosened(np.array(change)) == many
+    assert not many_loosened(None)
 
 
 def test_a_sensor_in_doubt_in_the_reference_job_is_not_told_again() -> None:

@@ -129,7 +129,10 @@ def calibrated(
 ) -> OfJob:
     """Findings of the reference job, ``first`` as exported, after a rough calibration with which nothing is found."""
     stand_in: Any = SimpleNamespace(
-        misfit=misfit, by_excitation=left, parameters=SimpleNamespace(placed=()), inputs=SimpleNamespace(bolts=None)
+        misfit=misfit,
+        by_excitation=left,
+        parameters=SimpleNamespace(placed=()),
+        inputs=SimpleNamespace(bolts=None, model=SimpleNamespace(is_acoustic=np.zeros(1, dtype=bool))),
     )
     monkeypatch.setattr(first_look, "Seen", SimpleNamespace(of=lambda *_: stand_in))
     monkeypatch.setattr(first_look, "roughly_calibrated", lambda *_: SimpleNamespace(at_bounds=at_bounds or {}))
@@ -151,6 +154,16 @@ def test_an_excitation_that_no_calibration_fits_keeps_its_warning(
     """The FRFs of one hammer point are fitted alone; while those of the other are not, nothing found is no all-clear."""
     first = OfJob([Finding(kind=Kind.UNLIKE, text="little in common")])
     assert (calibrated(monkeypatch, first, left) is first) == kept
+
+
+def test_a_model_that_a_calibration_leaves_far_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a part was missing, the level of one sensor was off by chance, and was told instead."""
+    first = OfJob([Finding(kind=Kind.PLACES, text="levels differ")])
+    (told,) = calibrated(monkeypatch, first, {0: 4.4, 1: 4.0}, misfit=4.4).told
+    assert told.kind is Kind.UNLIKE
+    assert told.text.startswith("a rough calibration leaves 4.4 dB between measured and computed FRFs, of 4.4 dB")
+    assert "A stiffener, another part or a support may be missing" in told.text
+    assert calibrated(monkeypatch, first, {0: 1.0, 1: 3.5}, misfit=2.0) is first
 
 
 @pytest.mark.parametrize(

@@ -102,3 +102,27 @@ def test_nothing_is_said_of_a_right_model_or_of_noise() -> None:
     rng = np.random.default_rng(6)
     assert told(frf(np.array([0.1, -0.1]))) == ""
     assert told(10.0 ** rng.normal(size=(S.size, 4)) + 0j) == ""
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (
+            [1.04, 0.99, 1.15, 0.98],
+            "the springs of all joints are probably wrong: with those of B1, B2, B3, B4 about 10 times",
+        ),
+        (
+            [1.04, 0.1, 0.0, 0.2],
+            "the springs of some joints are probably wrong: with those of B1 about 11 times as stiff, and",
+        ),
+        ([1.04, 0.6, 0.0, 0.2], ""),
+        ([0.7, 0.7, 0.7, 0.7], ""),
+    ],
+)
+def test_springs_a_decade_too_soft(monkeypatch: pytest.MonkeyPatch, change: list[float], text: str) -> None:
+    """One of eight springs that were all a decade too soft was fitted at 0.98 decades, so that nothing was said."""
+    monkeypatch.setattr(tables, "widely_fitted", lambda _: (1.3, np.array(change)))
+    inputs = SimpleNamespace(bolts=SimpleNamespace(name=("B1", "B2", "B3", "B4")), groups=())
+    found = tables.joints_text(SimpleNamespace(misfit=10.5, inputs=inputs, job="tight"))  # type: ignore[arg-type]
+    assert found.startswith(text)
+    assert bool(found) == bool(text)

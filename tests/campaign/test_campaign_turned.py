@@ -14,6 +14,7 @@ from looking import modal, seen
 from scipy.spatial.transform import Rotation
 
 from lrbc_cli.campaign.findings import Finding, Kind, without_responses
+from lrbc_cli.campaign.looking import turned
 from lrbc_cli.campaign.looking.turned import bodies_of, turn_of, turned_findings
 from lrbc_cli.model.dofs import DofTable
 
@@ -23,16 +24,16 @@ HZ = np.arange(30.0, 600.0, 3.0)
 STATED = [(1, "UX"), (1, "UY"), (1, "UZ"), (2, "UX"), (2, "UZ"), (3, "UZ")]
 
 
-def inputs(stated: list[tuple[int, str]], turned: dict[int, np.ndarray] | None = None) -> Any:
-    """Of a table with three translations a node; ``turned``: stated directions of a sensor by node, instead of the components."""
+def inputs(stated: list[tuple[int, str]], rotated: dict[int, np.ndarray] | None = None) -> Any:
+    """Of a table with three translations a node; ``rotated``: stated directions of a sensor by node, instead of the components."""
     rows = [(node, f"U{axis}") for node in (1, 2, 3) for axis in "XYZ"]
     dofs = DofTable(node=np.array([node for node, _ in rows]), component=np.array([name for _, name in rows]), xyz=np.zeros((9, 3)))
     every = [*stated, *stated]
     L = sp.lil_array((len(every), 9))
     count = {node: 0 for node, _ in every}
     for i, (node, component) in enumerate(every):
-        if turned is not None and node in turned:
-            L[i, 3 * (node - 1) : 3 * node] = turned[node][count[node] % len(turned[node])]
+        if rotated is not None and node in rotated:
+            L[i, 3 * (node - 1) : 3 * node] = rotated[node][count[node] % len(rotated[node])]
             count[node] += 1
         else:
             L[i, rows.index((node, component))] = 1.0
@@ -64,8 +65,8 @@ def test_bodies_are_sensors_with_perpendicular_axes() -> None:
     assert (first.node, second.node) == (1, 2)
     assert first.responses.tolist() == [[0, 1, 2], [6, 7, 8]]
     np.testing.assert_array_equal(second.axes, [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    turned = bodies_of(inputs(STATED, {1: about("z", 30.0)}))[0]
-    np.testing.assert_allclose(turned.axes, about("z", 30.0), atol=1e-12)
+    rotated = bodies_of(inputs(STATED, {1: about("z", 30.0)}))[0]
+    np.testing.assert_allclose(rotated.axes, about("z", 30.0), atol=1e-12)
     skew = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
     assert [body.node for body in bodies_of(inputs(STATED, {1: skew}))] == [2]
     assert bodies_of(SimpleNamespace(dofs=None, model=SimpleNamespace(L=sp.csr_array((0, 0))))) == []
@@ -107,6 +108,22 @@ def test_right_sensors_signs_and_exchanged_axes_are_none() -> None:
     # Other tests tell these.
     assert told({1: np.diag([-1.0, -1.0, 1.0])}) == []
     assert told({1: np.eye(3)[[2, 1, 0]]}) == []
+
+
+@pytest.mark.parametrize(("axes", "found"), [(("A1X-H1", "A1Z-H1"), True), (("A1X-H1",), False)])
+def test_a_sensor_at_another_place_by_several_axes(monkeypatch: pytest.MonkeyPatch, axes: tuple[str, ...], found: bool) -> None:
+    computed = np.concatenate([modal(HZ, k, len(STATED)) for k in (1, 2)], axis=1)
+    elsewhere = computed.copy()
+    elsewhere[:, [0, 1, 2, 6, 7, 8]] = np.concatenate([modal(HZ, k, 3) for k in (5, 6)], axis=1)
+    job = seen(elsewhere, computed[None], hz=HZ, inputs=inputs(STATED))
+    names = [response.name for response in job.inputs.responses]
+    monkeypatch.setattr(turned, "sensor_text", lambda _, i: f"; at or near node {i}" if names[i] in axes else "")
+    told = turned.moved_findings(job, ())
+    assert [each.responses for each in told] == ([(0, 1, 2, 6, 7, 8)] if found else [])
+    assert not found or "A1X-H1: at or near node 0; A1Z-H1: at or near node 2. Check where it was" in told[0].text
+    # A sensor that is turned was told already; right ones are not asked.
+    assert turned.moved_findings(job, {1}) == []
+    assert turned.moved_findings(seen(computed, computed[None], hz=HZ, inputs=inputs(STATED)), ()) == []
 
 
 def test_findings_about_the_same_responses_are_replaced() -> None:
