@@ -39,7 +39,7 @@ def told(
 def test_a_boundary_condition_that_was_left_beside_a_bolt() -> None:
     (text,) = told({1}, {"B1": 2, "B2": 5, "B3": 8})
     assert text.startswith(
-        "the model holds UZ of 1 node (x 0.1, y 0, z 0 m), 0.1 m or less from bolts whose springs act along it (B1): their loss changes "
+        "the model holds UZ of 1 node (x 0.1, y 0, z 0 m), 0.1 m or less from bolts whose springs act on it (B1): their loss changes "
         "little there."
     )
     assert "remove the boundary condition from the FE model" in text

@@ -64,3 +64,27 @@ def test_noise_of_one_job_alone_remains_a_doubt() -> None:
     one = {"tight": right["tight"], "loose-2": worse["loose-2"]}
     assert doubted(inputs, one) & {"noise", "resolution"}
     assert not doubted(inputs, right) & {"noise", "resolution"}
+
+
+def test_a_coherence_of_the_reference_job_alone_excuses_no_noise_of_another() -> None:
+    """Nothing weights the noise of that job down."""
+    inputs = sample("frame")
+    known, bare = noisy(inputs, 0.12, known=True), noisy(inputs, 0.12, known=False)
+    assert "resolution" in doubted(inputs, {"tight": known["tight"], "loose-2": bare["loose-2"]})
+    found = unclear(inputs, {"tight": known["tight"], "loose-2": bare["loose-2"]})
+    assert [each.place for each in found if "probably noise" in each.text] == ["job loose-2"]
+
+
+def test_lines_too_far_apart_are_not_hidden_by_a_coherence_that_is_low_at_the_peaks() -> None:
+    """As leakage makes it."""
+    inputs = sample("frame")
+    wide = dict[str, Measurement]()
+    for name in JOBS:
+        right = read_measurement(inputs, inputs.campaign.jobs[name], name)
+        values = right.values[::9]
+        level = np.abs(values)
+        top = np.zeros(level.shape, dtype=bool)
+        top[1:-1] = (level[1:-1] > level[:-2]) & (level[1:-1] > level[2:])
+        wide[name] = replace(right, frequency_hz=right.frequency_hz[::9], values=values, coherence=np.where(top, 0.2, 0.999))
+    assert any("lines too far apart" in each.text for each in unclear(inputs, wide))
+    assert "resolution" in doubted(inputs, wide)

@@ -69,6 +69,9 @@ def test_bodies_are_sensors_with_perpendicular_axes() -> None:
     np.testing.assert_allclose(rotated.axes, about("z", 30.0), atol=1e-12)
     skew = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
     assert [body.node for body in bodies_of(inputs(STATED, {1: skew}))] == [2]
+    # A DOF with two names is one axis.
+    twice = bodies_of(inputs([*STATED[:3], STATED[0], *STATED[3:]]))[0]
+    assert twice.responses.tolist() == [[0, 1, 2], [7, 8, 9]]
     assert bodies_of(SimpleNamespace(dofs=None, model=SimpleNamespace(L=sp.csr_array((0, 0))))) == []
 
 
@@ -102,6 +105,28 @@ def test_a_sensor_with_two_axes_that_is_turned_in_their_plane() -> None:
     assert "A2Z-H1 along -0.60 X + 0.80 Z instead of Z" in finding.text
 
 
+def test_a_small_turn_shows_at_the_axis_of_little_motion() -> None:
+    """Median over all records it is nothing: a tenth of the motion of the strong axes."""
+    computed = np.concatenate([modal(HZ, seed, len(STATED)) for seed in (1, 2)], axis=1) * np.tile([10.0, 1.0, 0.3, 1.0, 1.0, 1.0], 2)
+    measured = computed.copy()
+    for point in range(2):
+        measured[:, 6 * point : 6 * point + 3] = computed[:, 6 * point : 6 * point + 3] @ about("y", 10.0).T
+    measured *= 10.0 ** (np.random.default_rng(3).normal(0.0, 1.0, measured.shape) / 20.0)
+    (finding,) = turned_findings(seen(measured, computed[None], hz=HZ, inputs=inputs(STATED)))
+    assert "by about 10 degrees about -Y" in finding.text
+    # At one of two hammer points nothing was measured.
+    measured[:, 6:9] = np.nan
+    assert len(turned_findings(seen(measured, computed[None], hz=HZ, inputs=inputs(STATED)))) == 1
+    # Nor along one of the axes: then nothing is known.
+    measured[:, 1] = np.nan
+    assert turned_findings(seen(measured, computed[None], hz=HZ, inputs=inputs(STATED))) == []
+
+
+def test_a_reflection_is_told_as_one() -> None:
+    (finding,) = told({2: np.array([[0.6, 0.8], [0.8, -0.6]])})
+    assert "mounted turned, with one channel reversed or two of them exchanged: A2X-H1 along 0.60 X + 0.80 Z" in finding.text
+
+
 def test_right_sensors_signs_and_exchanged_axes_are_none() -> None:
     assert told({}) == []
     assert told({}, 5.0) == []
@@ -115,6 +140,9 @@ def test_a_sensor_at_another_place_by_several_axes(monkeypatch: pytest.MonkeyPat
     computed = np.concatenate([modal(HZ, k, len(STATED)) for k in (1, 2)], axis=1)
     elsewhere = computed.copy()
     elsewhere[:, [0, 1, 2, 6, 7, 8]] = np.concatenate([modal(HZ, k, 3) for k in (5, 6)], axis=1)
+    elsewhere *= 10.0 ** (np.random.default_rng(3).normal(0.0, 1.0, elsewhere.shape) / 20.0)
+    # A record without values says nothing, and is at no distance.
+    elsewhere[:, 1] = np.nan
     job = seen(elsewhere, computed[None], hz=HZ, inputs=inputs(STATED))
     names = [response.name for response in job.inputs.responses]
     monkeypatch.setattr(turned, "sensor_text", lambda _, i: f"; at or near node {i}" if names[i] in axes else "")

@@ -270,7 +270,7 @@ def _state_of(path: Path, records: Sequence[FrfRecord]) -> str:
 
 
 def measured_band(
-    records: Sequence[FrfRecord], *, least: float = 0.75, usual: tuple[float, float] = (20.0, 400.0)
+    records: Sequence[FrfRecord], *, least: float = 0.75, wide: float = 0.25, cut: float = 0.02, usual: tuple[float, float] = (20.0, 400.0)
 ) -> tuple[tuple[float, float], str]:
     """Band of records [Hz], and in words why it is not the whole range of their lines; empty if it is.
 
@@ -281,6 +281,8 @@ def measured_band(
     records : sequence of FrfRecord
     least : float
         Good coherence, median over the records.
+    wide, cut : float
+        Least shares of the lines that a part must hold, and leave out.
     usual : (float, float)
         The band without records.
     """
@@ -299,7 +301,7 @@ def measured_band(
     rise = sums - np.minimum.accumulate(sums)
     last = int(np.argmax(rise))
     first = int(np.argmin(sums[: last + 1])) if rise[last] > 0 else last
-    if last - first < 2 or (axis[first] <= low and axis[last - 1] >= high):
+    if not wide * axis.size <= last - first <= (1.0 - cut) * axis.size:
         return whole, ""
     part = float(axis[first]), float(axis[last - 1])
     return (

@@ -20,7 +20,7 @@ from lrbc_cli.campaign.identification.gains import Gains, Sharers, columns_of, g
 from lrbc_cli.campaign.identification.nuisances import hits_of, nuisances_of
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, penalty_of, select_lines, stored_covariance, theta_of
-from lrbc_cli.campaign.identification.weights import correction, joint_sigma, left_out, line_sigma, without_noise
+from lrbc_cli.campaign.identification.weights import correction, joint_sigma, left_out, line_sigma, lines_doubt, without_noise
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.errors import DataError, NumericalError
@@ -37,7 +37,6 @@ from lrbc_cli.updating.search.smooth import narrowed, smoothed_costs
 from lrbc_cli.updating.search.starts import LEVELS, alone, between
 from lrbc_cli.updating.statistics.chain.damping import beside_damping, damping_pattern
 from lrbc_cli.updating.statistics.decibels import decibel
-from lrbc_cli.updating.statistics.lines import too_wide
 from lrbc_cli.updating.unknowns.shapes import Shapes, bolt_shapes, neighbouring_columns, node_shapes
 
 log = logging.getLogger(__name__)
@@ -94,8 +93,8 @@ class Job:
         told = self.told(name, self.measurement)
         self.selected, self.near = select_lines(inputs, replace(self.measurement, values=told), name)
         self.model = source.model(self.s, self.parameters, self.selected, inputs.used)
-        quiet = self.told(name, self.measurement, known=True)[:, inputs.used]
-        self.sharp = too_wide((self.measurement.frequency_hz, quiet), rule=self.statistics.resolution) is not None
+        tight = self.of_reference() if self.against_reference and name != inputs.campaign.update.reference else None
+        self.sharp = lines_doubt(inputs, (name, self.measurement, tight)) is not None
         self.error = self._change_error()
         self.gains: Floats | None = None
         self.sharers: Sharers | None = None

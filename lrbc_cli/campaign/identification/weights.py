@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
@@ -14,7 +16,7 @@ from lrbc_cli.method.resolve import noise_source
 from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.statistics.decibels import coherence_sigma, decibel, noise_weights, stated_coherence
-from lrbc_cli.updating.statistics.lines import neighbour_sigma, resolved
+from lrbc_cli.updating.statistics.lines import Unclear, neighbour_sigma, resolved, too_wide
 from lrbc_cli.updating.statistics.model import ValidationChannels
 from lrbc_cli.updating.statistics.noise import validation_ratio
 
@@ -68,6 +70,48 @@ def without_noise(
         return measurement.values
     noisy = mostly_noise(inputs, reference, jobs[str(inputs.campaign.update.reference)], known=known)
     return np.where(noisy & np.isfinite(reference.values), np.nan, measurement.values)
+
+
+def weighted_down(inputs: Inputs, name: str, measurement: Measurement, reference: Measurement | None = None) -> Complexes:
+    """As ``without_noise``, also without noise that coherence or repeats give, of the job and of the ``reference`` job if that is given.
+
+    Only such values have little weight in the cost of the job.
+    """
+    jobs, values = inputs.campaign.jobs, without_noise(inputs, name, measurement, reference)
+    noisy = _known_noise(inputs, measurement, jobs[name])
+    if reference is not None:
+        if unlike(measurement.frequency_hz, reference.frequency_hz):
+            return values
+        noisy &= _known_noise(inputs, reference, jobs[str(inputs.campaign.update.reference)])
+    return np.where(noisy, np.nan, values)
+
+
+def _known_noise(inputs: Inputs, measurement: Measurement, job: JobConfig) -> Bools:
+    """(F, R) as ``mostly_noise``, by coherence or repeats alone."""
+    if measured_sigma(inputs, measurement, job, np.arange(measurement.frequency_hz.size))[0] == "none":
+        return np.zeros(measurement.values.shape, dtype=bool)
+    return mostly_noise(inputs, measurement, job, known=True)
+
+
+def beside_noise(inputs: Inputs, measured: Sequence[tuple[Floats, Complexes]], quiet: Sequence[tuple[Floats, Complexes]]) -> Unclear | None:
+    """As ``too_wide`` of what was ``measured``; noise counts only as far as it is in ``quiet``, the same without values of little weight.
+
+    A coherence that leakage lowers at the peaks must not hide that the lines do not resolve them, nor a quiet job the noise of another.
+    """
+    rule = inputs.statistics.resolution
+    found = too_wide(*measured, rule=rule)
+    if found is None or not found.noise:
+        return found
+    return next((left for some in (quiet, *([each] for each in quiet)) if (left := too_wide(*some, rule=rule)) is not None), None)
+
+
+def lines_doubt(inputs: Inputs, *jobs: tuple[str, Measurement, Measurement | None]) -> Unclear | None:
+    """Why peaks of the responses used are unreliable in some jobs together, by their names, measurements and reference job; else None."""
+    measured, quiet = (
+        [(own.frequency_hz, values(inputs, name, own, tight)[:, inputs.used]) for name, own, tight in jobs]
+        for values in (without_noise, weighted_down)
+    )
+    return beside_noise(inputs, measured, quiet)
 
 
 def left_out(inputs: Inputs, measurement: Measurement, told: Complexes, noise_of: str | None = None) -> list[str]:

@@ -18,7 +18,7 @@ from lrbc_cli.campaign.identification.compared.doubts import doubts
 from lrbc_cli.campaign.identification.correlate import mean_of
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.records import Measurement, unlike
-from lrbc_cli.campaign.identification.weights import validation_channels, without_noise
+from lrbc_cli.campaign.identification.weights import lines_doubt, validation_channels
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misplaced_bolts
 from lrbc_cli.errors import listing
@@ -40,7 +40,7 @@ from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.normal import NORMAL_95
 from lrbc_cli.updating.posterior.confidence import Band, band
 from lrbc_cli.updating.search.ends import near_tie
-from lrbc_cli.updating.statistics.lines import interpolated, too_wide
+from lrbc_cli.updating.statistics.lines import interpolated
 from lrbc_cli.updating.statistics.saturation import Saturation
 from lrbc_cli.updating.unknowns.places import Edge, Joints, Spot
 from lrbc_cli.updating.unknowns.springs import LossAlone
@@ -172,11 +172,8 @@ def _doubts(inputs: Inputs, result: Identification) -> Iterator[Doubt]:
     for noisy in (noise_doubt(own, tight, reference.job), coherence_doubt(inputs, own, tight, reference.job)):
         if noisy:
             yield Doubt(kind="noise", text=noisy, explained=True)
-    # What is mostly noise has little weight or none, so its peaks do not count.
-    quiet = [without_noise(inputs, *each, known=True) for each in ((result.name, own, tight), (reference.job, tight))]
-    axes = (own.frequency_hz, tight.frequency_hz)
-    wide = too_wide(*zip(axes, (values[:, inputs.used] for values in quiet), strict=True), rule=inputs.statistics.resolution)
-    if wide is not None:
+    # What is mostly noise is not compared, or has little weight, so its peaks do not count.
+    if (wide := lines_doubt(inputs, (result.name, own, tight), (reference.job, tight, tight))) is not None:
         yield Doubt(kind="resolution", text=f"in {result.name} and {reference.job} {wide.text}")
     if (chain := _chain(inputs, own, tight, result, reference.job)) is not None:
         yield chain

@@ -20,6 +20,7 @@ from lrbc_cli.campaign.identification.compared.offsets import factors_of, late_t
 from lrbc_cli.campaign.identification.compared.sensors import ends_of
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.looking.states import Seen, nearest_states
+from lrbc_cli.campaign.looking.trials import EXPLAINED
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.comparison.scale import Offset
 
@@ -165,7 +166,9 @@ def channel_findings(
     # A power of the frequency, a delay and complex conjugation also rotate phases.
     plain = not any(o.power or o.delay or o.conjugate or o.reversed for o in offsets)
     opposite = set(turned(seen.measured, seen.states)) if plain else {o.response for o in offsets if o.reversed}
-    whole = _whole(inputs, opposite, set(np.flatnonzero(np.isfinite(seen.measured).any(axis=0)).tolist()) - involved)
+    away = min((apart(seen.measured, state) for state in near), key=lambda each: float(np.median(each)))
+    clear = {i for i in opposite if away[i] <= EXPLAINED}
+    whole = clear | _whole(inputs, opposite, set(np.flatnonzero(np.isfinite(seen.measured).any(axis=0)).tolist()) - involved)
     offsets = tuple(replace(o, reversed=o.response in whole) for o in offsets)
     # Phases of a model that is not near agree with a delay by chance.
     offsets = offsets if seen.misfit <= LEAST_DIFFERENCE else late_together(inputs, offsets)
@@ -175,7 +178,10 @@ def channel_findings(
 
 
 def _whole(inputs: Inputs, opposite: set[int], measured: set[int]) -> set[int]:
-    """Responses with ``opposite`` phases: most records of their sensor, or all of their hammer point, since neither is reversed in few."""
+    """Responses with ``opposite`` phases: most records of their sensor, or all of their hammer point.
+
+    A single record that is far from the model has its phases by chance, as that of a sensor which is loose, or at another place.
+    """
     found = set[int]()
     for end, own in ends_of(inputs):
         there = measured.intersection(own)

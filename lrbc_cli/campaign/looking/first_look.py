@@ -61,7 +61,7 @@ from lrbc_cli.campaign.looking.fitted import (
     strike_text,
 )
 from lrbc_cli.campaign.looking.states import BUILT_WORK, Looking, Seen, coarsely_reduced, nearest_states, on_lines, reach_of_one
-from lrbc_cli.campaign.looking.trials import NEAR, UNLIKE
+from lrbc_cli.campaign.looking.trials import EXPLAINED, NEAR, UNLIKE
 from lrbc_cli.campaign.looking.unexplained import (
     badly_calibrated,
     beside_fit,
@@ -317,7 +317,8 @@ def _of_model(seen: Seen, measurements: Mapping[str, Measurement], explained: Ca
     told = other_tables(seen) or little_in_common(seen, measurements, explained)
     if Kind.UNLIKE in kinds_of(told):
         stretched = said(Kind.STRETCHED, stretched_text(measurements[seen.job], seen))
-        joints = [] if explained() else said(Kind.SPRINGS, joints_text(seen))
+        # Joints can make up for much of what one factor on all frequencies says more simply.
+        joints = [] if explained() else said(Kind.SPRINGS, joints_text(seen, most=NEAR if stretched else EXPLAINED))
         rescaled = "" if joints or stretched or explained() else rescaled_text(seen, seen.misfit, further=1.5)
         told = joints or stretched or said(Kind.RESCALED, rescaled) or told
     return told

@@ -12,7 +12,7 @@ from lrbc_cli.campaign.identification.compared.chains import blows_doubt, chain_
 from lrbc_cli.campaign.identification.compared.doubts import phaseless_text
 from lrbc_cli.campaign.identification.compared.sensors import sensors_of
 from lrbc_cli.campaign.identification.records import Measurement
-from lrbc_cli.campaign.identification.weights import without_noise
+from lrbc_cli.campaign.identification.weights import beside_noise, weighted_down
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import listing
 from lrbc_cli.updating.knots import evenly
@@ -73,7 +73,7 @@ def _few_text(inputs: Inputs, measurement: Measurement, count: int) -> str:
 
 def unclear(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[Finding]:
     """Findings of jobs whose lines do not resolve the peaks, end early, or have a low coherence from some frequency on; one per cause."""
-    rule, causes, told = inputs.statistics.resolution, dict[str, list[str]](), list[Finding]()
+    causes, told = dict[str, list[str]](), list[Finding]()
     if early := [name for name, found in readable.items() if _from_zero(found, inputs.campaign.reduction.band[1])]:
         last, high = float(readable[early[0]].frequency_hz[-1]), inputs.campaign.reduction.band[1]
         text = (
@@ -92,18 +92,19 @@ def unclear(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[Finding
     reference = inputs.campaign.update.reference
     tight = readable.get(reference or "")
 
-    def quiet(name: str, found: Measurement) -> Complexes:
-        return without_noise(inputs, name, found, None if name == reference else tight, known=True)[:, inputs.used]
-
-    # Noise that the coherence or repeats give is weighted down.
-    peaks = {name: (found.frequency_hz, quiet(name, found)) for name, found in readable.items() if name not in soft}
+    peaks = {name: (found.frequency_hz, found.values[:, inputs.used]) for name, found in readable.items() if name not in soft}
+    quiet = {
+        name: (hz, weighted_down(inputs, name, readable[name], None if name == reference else tight)[:, inputs.used])
+        for name, (hz, _) in peaks.items()
+    }
     for name, own in peaks.items():
         # If the lines cover part of the band only, another warning says so, and consequences (as of rad/s for Hz) are omitted.
-        if covers(own[0], inputs.campaign.reduction.band) and (wide := too_wide(own, rule=rule)):
+        if covers(own[0], inputs.campaign.reduction.band) and (wide := beside_noise(inputs, [own], [quiet[name]])):
             causes.setdefault(wide.cause, []).append(name)
     for names in causes.values():
         those = [peaks[name] for name in names]
-        if together := too_wide(*those, rule=rule):
+        if together := beside_noise(inputs, those, [quiet[name] for name in names]):
+            those = [quiet[name] for name in names] if together.noise else those
             text = together.text
             if few := _few(inputs, those):
                 text = f"probably noise of {few}: {together.fall}, most of them there; check the channel, and measure it again"

@@ -49,8 +49,11 @@ def bodies_of(inputs: Inputs, *, rounding: float = 1e-6) -> list[Body]:
         if np.unique(dofs.node[row.col]).size == 1 and set(labels) <= set(COMPONENTS[:3]):
             direction = np.zeros(3)
             direction[[COMPONENTS.index(label) for label in labels]] = row.data
-            points = at.setdefault(int(dofs.node[row.col[0]]), {})
-            points.setdefault(inputs.responses[i].input, []).append((i, direction / np.linalg.norm(direction)))
+            own = at.setdefault(int(dofs.node[row.col[0]]), {}).setdefault(inputs.responses[i].input, [])
+            direction /= np.linalg.norm(direction)
+            # A DOF may have two names.
+            if not any(float(direction @ other) > 1.0 - rounding for _, other in own):
+                own.append((i, direction))
     found = []
     for node, points in at.items():
         axes = [np.array([direction for _, direction in own]) for own in points.values()]
@@ -101,17 +104,21 @@ def moved_findings(seen: Seen, known: Collection[int], *, farther: float = 2.0) 
         Least level misfit of the records of a sensor, median, over that of all records.
     """
     every, found = apart(seen.measured, seen.model), []
-    least = max(NEAR, farther * float(np.median(every)))
+    if not (every > 0.0).any():
+        return []
+    # Records without values have no misfit.
+    every = np.where(every > 0.0, every, np.nan)
+    least = max(NEAR, farther * float(np.nanmedian(every)))
     for body in bodies_of(seen.inputs):
         own = body.responses.ravel().tolist()
-        away = float(np.median(every[own]))
+        away = float(np.nanmedian(every[own])) if np.isfinite(every[own]).any() else 0.0
         if away <= least or set(own) & set(known):
             continue
         places = {seen.inputs.responses[i].name: text for i in body.responses[0].tolist() if (text := sensor_text(seen, i))}
         if len(places) > 1:
             text = (
                 f"{listing([seen.inputs.responses[i].name for i in own], 9)} differ from the model by {away:.1f} dB (median, mean level of "
-                f"each removed), all records by {np.median(every):.1f} dB: the sensor was probably at another place than stated. "
+                f"each removed), all records by {np.nanmedian(every):.1f} dB: the sensor was probably at another place than stated. "
                 + "; ".join(f"{name}: {place.removeprefix('; ')}" for name, place in places.items())
                 + ". Check where it was, and correct its responses"
             )
@@ -119,49 +126,56 @@ def moved_findings(seen: Seen, known: Collection[int], *, farther: float = 2.0) 
     return found
 
 
-def turned_findings(seen: Seen, *, plain: float = 0.97) -> list[Finding]:
+def turned_findings(seen: Seen, *, plain: float = 0.99) -> list[Finding]:
     """Findings of sensors whose records fit the model along other directions, common to all their axes, than the stated ones.
 
-    Exchanged axes and reversed signs are told as such elsewhere. One rotation for all records cannot halve what errors of the model leave:
-    it has one or three free values.
+    Exchanged axes and reversed signs are told as such elsewhere. One rotation for all records hardly halves what errors of the model leave:
+    it has one or three free values. The axis that fits worst decides, since a small turn shows most where little motion is stated.
 
     Parameters
     ----------
     seen : Seen
         The reference job.
     plain : float
-        Largest cosine of a channel with the nearest stated axis, or its opposite, from which on it measures along that axis.
+        Largest cosine of a channel with the nearest stated axis, or its opposite, from which on it measures along that axis: 8 degrees.
     """
     found = []
     for body in bodies_of(seen.inputs):
-        own = body.responses.ravel()
         measured, computed = seen.measured[:, body.responses], seen.model[:, body.responses]
         turn = turn_of(measured, computed)
-        as_stated, there = ((each @ by.T).reshape(len(each), -1) for each, by in ((computed, np.eye(len(turn))), (computed, turn)))
-        before, after = (float(np.median(apart(seen.measured[:, own], each))) for each in (as_stated, there))
-        if before > NEAR and after <= CLEARLY * before and np.abs(turn).max(axis=1).min() < plain:
-            text = _text(seen, body, turn, (before, after))
-            found.append(Finding(text=text, kind=Kind.COORDINATES, responses=tuple(own.tolist())))
+        stated, there = (_by_axis(measured, computed @ by.T) for by in (np.eye(len(turn)), turn))
+        if not np.isfinite([*stated, *there]).all() or np.abs(turn).max(axis=1).min() >= plain:
+            continue
+        worst = int(np.argmax(stated))
+        if stated[worst] > NEAR and there[worst] <= CLEARLY * stated[worst] and there.sum() < stated.sum():
+            text = _text(seen, body, turn, (float(stated[worst]), float(there[worst])))
+            found.append(Finding(text=text, kind=Kind.COORDINATES, responses=tuple(body.responses.ravel().tolist())))
     return found
 
 
+def _by_axis(measured: Complexes, computed: Complexes) -> Floats:
+    """(a,) level misfits of FRFs (F, h, a) [dB], median over the records with values of each axis; NaN for an axis without values."""
+    away = apart(measured.reshape(len(measured), -1), computed.reshape(len(measured), -1)).reshape(measured.shape[1:])
+    return np.array([np.median(own[own > 0.0]) if (own > 0.0).any() else np.nan for own in away.T])
+
+
 def _text(seen: Seen, body: Body, turn: Floats, misfits: tuple[float, float], *, same: float = 0.99) -> str:
-    """``misfits``: level misfit of the records as stated, and turned [dB]; ``same``: cosine from which on a direction is right."""
+    """``misfits``: level misfit of its worst axis as stated, and turned [dB]; ``same``: cosine from which on a direction is right."""
     names = [[seen.inputs.responses[i].name for i in own] for own in body.responses.T.tolist()]
     pairs = list(zip(names, body.axes, turn @ body.axes, strict=True))
     channels = [f"{own[0]} along {_along(there)} instead of {_along(here)}" for own, here, there in pairs if here @ there < same]
     return (
         f"{listing([name for own in names for name in own], 9)}: the sensor at node {body.node} is probably mounted turned"
-        f"{_angle(body, turn)}: {listing(channels, 3)}. This reduces the level misfit of its records from {misfits[0]:.1f} to "
+        f"{_angle(body, turn)}: {listing(channels, 3)}. This reduces the level misfit of its worst axis from {misfits[0]:.1f} to "
         f"{misfits[1]:.1f} dB (mean level of each removed). Check how it is mounted. Then state these directions as rows of a matrix "
         "(responses: {matrix: FILE, row:}), or mount it as stated"
     )
 
 
 def _angle(body: Body, turn: Floats) -> str:
-    """By how much and about which direction, in words; empty for a reflection."""
+    """By how much and about which direction, in words; what else a reflection is."""
     if np.linalg.det(turn) < 0.0:
-        return ""
+        return ", with one channel reversed or two of them exchanged"
     if len(body.axes) == 3:
         # Of the sensor in space.
         space = body.axes.T @ turn.T @ body.axes

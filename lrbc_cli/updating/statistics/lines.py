@@ -232,12 +232,15 @@ class Unclear:
         The same words for all jobs with this cause.
     fall, where, fix : str
         How many peaks are sharp, where they are, and what to do.
+    noise : bool
+        Whether the cause is noise.
     """
 
     cause: str
     fall: str
     where: str
     fix: str
+    noise: bool = False
 
     @property
     def text(self) -> str:
@@ -266,8 +269,8 @@ def too_wide(*measured: tuple[Floats, Complexes], rule: Resolution = RESOLUTION)
     if not noise:
         return Unclear(cause="lines too far apart", fall=fall, where="", fix="measure with closer lines")
     where, cut = _where(np.sort(np.concatenate([axis for axis, _ in measured])), peaks, sharp, rule.noisy)
-    where = f", each response has them at other lines{where}"
-    return Unclear(cause="probably noise", fall=fall, where=where, fix=f"{cut}measure with more averages, a harder tip or a stronger blow")
+    where, fix = f", each response has them at other lines{where}", f"{cut}measure with more averages, a harder tip or a stronger blow"
+    return Unclear(cause="probably noise", fall=fall, where=where, fix=fix, noise=True)
 
 
 def resolved(frequency_hz: Floats, measured: Complexes, rule: Resolution = RESOLUTION) -> bool:

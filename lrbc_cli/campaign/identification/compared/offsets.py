@@ -159,12 +159,13 @@ def causes_of(inputs: Inputs, common: Common, compared: Sequence[int]) -> bool:
     return _tenfold(common.offset) or any(known.cause for known in _recognised(inputs, common, compared))
 
 
-def _of_chain(inputs: Inputs, common: Common, compared: Sequence[int], differing: set[int]) -> bool:
+def _of_chain(inputs: Inputs, common: Common, compared: Sequence[int], differing: set[int], *, largest: float = 15.0) -> bool:
     """Whether a unit, a sensitivity or a derivative explains a factor of some responses, of which some are ``differing`` (``by_hammer``).
 
-    One sensor has no unit at one hammer point alone: such a factor is a known one by chance.
+    One sensor has hardly another unit at one hammer point alone: a factor is a known one by chance, up to the ``largest`` [dB] that another
+    place or direction makes of it.
     """
-    alone = set(common.responses) <= differing and sensors_among(inputs, common.responses) == 1
+    alone = set(common.responses) <= differing and sensors_among(inputs, common.responses) == 1 and abs(common.offset.db) < largest
     return _tenfold(common.offset) if alone else causes_of(inputs, common, compared)
 
 

@@ -27,13 +27,15 @@ _NEARER, _ALIKE = 0.7, 1.5
 _LEAST_LEVEL, _OFF_LEVEL = 4.0, 2.0
 
 
-def joints_text(seen: Seen, *, least: float = 0.8, others: float = 0.5, alike: float = 0.3) -> str:
+def joints_text(seen: Seen, *, most: float = EXPLAINED, least: float = 0.8, others: float = 0.5, alike: float = 0.3) -> str:
     """Warning that names joints whose springs are a decade or more too soft or too stiff, if that explains the tight state; else empty.
 
     Parameters
     ----------
     seen : Seen
         The reference job.
+    most : float
+        Largest level misfit with these joints [dB].
     least, others : float
         Least change of these joints, a decade up to their scatter, and largest change of all others [decades].
     alike : float
@@ -41,7 +43,7 @@ def joints_text(seen: Seen, *, least: float = 0.8, others: float = 0.5, alike: f
     """
     before, bolts = seen.misfit, seen.inputs.bolts
     fit = widely_fitted(seen) if before > LEAST_DIFFERENCE else None
-    if fit is None or bolts is None or fit[0] > min(EXPLAINED, CLEARLY * before):
+    if fit is None or bolts is None or fit[0] > min(most, CLEARLY * before):
         return ""
     left, change = fit
     far = np.flatnonzero(np.abs(change) >= least)

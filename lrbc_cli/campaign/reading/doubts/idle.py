@@ -94,7 +94,7 @@ def clamped_beside(
         for k, owner in enumerate(group.bolt[group.parameter].tolist()):
             rows = left.indices[left.indptr[k] : left.indptr[k + 1]]
             component = str(dofs.component[rows[0]]) if rows.size == 1 else ""
-            if owner >= 0 and component in held and np.isfinite(reach):
+            if owner >= 0 and component in held and np.isfinite(reach) and np.isfinite(dofs.xyz[rows[0]]).all():
                 away = float(cKDTree(held[component]).query(dofs.xyz[rows[0]])[0])
                 if away < reach:
                     beside.setdefault(component, {})[bolts.name[owner]] = away
@@ -103,7 +103,7 @@ def clamped_beside(
         farthest = f"{max(own.values()) / unit.length:.3g} {unit.length_name}"
         yield (
             f"the model holds {component} of {nodes} ({extents(at, unit.length, unit.length_name)}), {farthest} or less from bolts whose "
-            f"springs act along it ({listing(list(own), 6)}): their loss changes little there. "
+            f"springs act on it ({listing(list(own), 6)}): their loss changes little there. "
             "If the structure is not clamped at these nodes, remove the boundary condition from the FE model and export the matrices again"
         )
 
