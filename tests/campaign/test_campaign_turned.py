@@ -149,6 +149,10 @@ def test_a_sensor_at_another_place_by_several_axes(monkeypatch: pytest.MonkeyPat
     told = turned.moved_findings(job, ())
     assert [each.responses for each in told] == ([(0, 1, 2, 6, 7, 8)] if found else [])
     assert not found or "A1X-H1: at or near node 0; A1Z-H1: at or near node 2. Check where it was" in told[0].text
+    # Exchanged axes are told as such.
+    exchanged = computed.copy()
+    exchanged[:, [0, 2, 6, 8]] = 1.1 * computed[:, [2, 0, 8, 6]]
+    assert turned.moved_findings(seen(exchanged, computed[None], hz=HZ, inputs=inputs(STATED)), ()) == []
     # A sensor that is turned was told already; right ones are not asked.
     assert turned.moved_findings(job, {1}) == []
     assert turned.moved_findings(seen(computed, computed[None], hz=HZ, inputs=inputs(STATED)), ()) == []

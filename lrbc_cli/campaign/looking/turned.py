@@ -112,7 +112,8 @@ def moved_findings(seen: Seen, known: Collection[int], *, farther: float = 2.0) 
     for body in bodies_of(seen.inputs):
         own = body.responses.ravel().tolist()
         away = float(np.nanmedian(every[own])) if np.isfinite(every[own]).any() else 0.0
-        if away <= least or set(own) & set(known):
+        # What other directions explain, such as exchanged axes, is told elsewhere.
+        if away <= least or set(own) & set(known) or _explained(seen, body):
             continue
         places = {seen.inputs.responses[i].name: text for i in body.responses[0].tolist() if (text := sensor_text(seen, i))}
         if len(places) > 1:
@@ -151,6 +152,13 @@ def turned_findings(seen: Seen, *, plain: float = 0.99) -> list[Finding]:
             text = _text(seen, body, turn, (float(stated[worst]), float(there[worst])))
             found.append(Finding(text=text, kind=Kind.COORDINATES, responses=tuple(body.responses.ravel().tolist())))
     return found
+
+
+def _explained(seen: Seen, body: Body) -> bool:
+    """Whether other directions of its axes, right angles and reversed signs included, leave less than half of the misfit of a sensor."""
+    measured, computed = seen.measured[:, body.responses], seen.model[:, body.responses]
+    stated, there = _by_axis(measured, computed), _by_axis(measured, computed @ turn_of(measured, computed).T)
+    return bool(np.nansum(there) <= CLEARLY * np.nansum(stated))
 
 
 def _by_axis(measured: Complexes, computed: Complexes) -> Floats:
