@@ -293,7 +293,7 @@ def of_sensors(
             if not changed[name].told and not many_loosened(source.changes.get(name)):
                 changed[name] = replace(changed[name], told=odd_sensors(inputs, known | {name: closer(name)}).get(name, []))
         every = {**source.near, **known}
-        for name in (name for name in found if name in every):
+        for name in (name for name in found if name in every and not many_loosened(source.changes.get(name))):
             # Fitted closely only if a coarse fit shows it.
             if not changed[name].told and odd_records(inputs, name, every):
                 far = closer(name)
