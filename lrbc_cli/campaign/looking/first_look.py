@@ -186,7 +186,8 @@ def _left_text(source: Looking, found: Mapping[str, OfJob]) -> str:
 
 def _heard(inputs: Inputs, name: str, measurement: Measurement, tight: Measurement | None) -> Complexes:
     """(F, R) measured values without those that are mostly noise, in the reference job if it is another one, or beyond a soft tip."""
-    # Noise that the coherence gives says nothing on the model. In other jobs it dilutes what errors of the model leave of single sensors.
+    # Noise by the coherence of the reference job says nothing on the model. In other jobs it dilutes what errors of the model leave of
+    # single sensors.
     own = name == inputs.campaign.update.reference
     values = without_noise(inputs, name, measurement, None if own else tight, known=own)
     edge = soft_tip(measurement)

@@ -91,7 +91,6 @@ def unclear(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[Finding
         told.append(Finding(place=_jobs(list(soft)), text=text))
     reference = inputs.campaign.update.reference
     tight = readable.get(reference or "")
-
     peaks = {name: (found.frequency_hz, found.values[:, inputs.used]) for name, found in readable.items() if name not in soft}
     quiet = {
         name: (hz, weighted_down(inputs, name, readable[name], None if name == reference else tight)[:, inputs.used])

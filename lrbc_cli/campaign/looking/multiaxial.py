@@ -142,9 +142,7 @@ def turned_findings(seen: Seen, *, plain: float = 0.99) -> list[Finding]:
     """
     found = []
     for body in bodies_of(seen.inputs):
-        measured, computed = seen.measured[:, body.responses], seen.model[:, body.responses]
-        turn = turn_of(measured, computed)
-        stated, there = (_by_axis(measured, computed @ by.T) for by in (np.eye(len(turn)), turn))
+        turn, stated, there = _turned(seen, body)
         if not np.isfinite([*stated, *there]).all() or np.abs(turn).max(axis=1).min() >= plain:
             continue
         worst = int(np.argmax(stated))
@@ -156,9 +154,15 @@ def turned_findings(seen: Seen, *, plain: float = 0.99) -> list[Finding]:
 
 def _explained(seen: Seen, body: Body) -> bool:
     """Whether other directions of its axes, right angles and reversed signs included, leave less than half of the misfit of a sensor."""
-    measured, computed = seen.measured[:, body.responses], seen.model[:, body.responses]
-    stated, there = _by_axis(measured, computed), _by_axis(measured, computed @ turn_of(measured, computed).T)
+    _, stated, there = _turned(seen, body)
     return bool(np.nansum(there) <= CLEARLY * np.nansum(stated))
+
+
+def _turned(seen: Seen, body: Body) -> tuple[Floats, Floats, Floats]:
+    """``turn_of`` a sensor, and level misfits of its axes (a,) as stated and turned [dB]."""
+    measured, computed = seen.measured[:, body.responses], seen.model[:, body.responses]
+    turn = turn_of(measured, computed)
+    return turn, _by_axis(measured, computed), _by_axis(measured, computed @ turn.T)
 
 
 def _by_axis(measured: Complexes, computed: Complexes) -> Floats:

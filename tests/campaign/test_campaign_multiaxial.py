@@ -14,8 +14,8 @@ from looking import modal, seen
 from scipy.spatial.transform import Rotation
 
 from lrbc_cli.campaign.findings import Finding, Kind, without_responses
-from lrbc_cli.campaign.looking import turned
-from lrbc_cli.campaign.looking.turned import bodies_of, turn_of, turned_findings
+from lrbc_cli.campaign.looking import multiaxial
+from lrbc_cli.campaign.looking.multiaxial import bodies_of, turn_of, turned_findings
 from lrbc_cli.model.dofs import DofTable
 
 HZ = np.arange(30.0, 600.0, 3.0)
@@ -145,17 +145,17 @@ def test_a_sensor_at_another_place_by_several_axes(monkeypatch: pytest.MonkeyPat
     elsewhere[:, 1] = np.nan
     job = seen(elsewhere, computed[None], hz=HZ, inputs=inputs(STATED))
     names = [response.name for response in job.inputs.responses]
-    monkeypatch.setattr(turned, "sensor_text", lambda _, i: f"; at or near node {i}" if names[i] in axes else "")
-    told = turned.moved_findings(job, ())
+    monkeypatch.setattr(multiaxial, "sensor_text", lambda _, i: f"; at or near node {i}" if names[i] in axes else "")
+    told = multiaxial.moved_findings(job, ())
     assert [each.responses for each in told] == ([(0, 1, 2, 6, 7, 8)] if found else [])
     assert not found or "A1X-H1: at or near node 0; A1Z-H1: at or near node 2. Check where it was" in told[0].text
     # Exchanged axes are told as such.
     exchanged = computed.copy()
     exchanged[:, [0, 2, 6, 8]] = 1.1 * computed[:, [2, 0, 8, 6]]
-    assert turned.moved_findings(seen(exchanged, computed[None], hz=HZ, inputs=inputs(STATED)), ()) == []
+    assert multiaxial.moved_findings(seen(exchanged, computed[None], hz=HZ, inputs=inputs(STATED)), ()) == []
     # A sensor that is turned was told already; right ones are not asked.
-    assert turned.moved_findings(job, {1}) == []
-    assert turned.moved_findings(seen(computed, computed[None], hz=HZ, inputs=inputs(STATED)), ()) == []
+    assert multiaxial.moved_findings(job, {1}) == []
+    assert multiaxial.moved_findings(seen(computed, computed[None], hz=HZ, inputs=inputs(STATED)), ()) == []
 
 
 def test_findings_about_the_same_responses_are_replaced() -> None:
