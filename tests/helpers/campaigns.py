@@ -55,6 +55,8 @@ def lrbc(*args: str | Path) -> Result:
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), pytest.raises(SystemExit) as caught:
         main.main([str(arg) for arg in args])
+    # pytest shows it where the test fails.
+    sys.stderr.write(err.getvalue())
     return Result(int(caught.value.code or 0), out.getvalue(), err.getvalue())
 
 
