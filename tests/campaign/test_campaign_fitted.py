@@ -200,7 +200,7 @@ def test_what_a_calibration_within_its_bounds_explains_needs_no_other_cause(
         asked.extend([explained(), explained()])
         return OfJob()
 
-    monkeypatch.setattr(first_look, "Seen", SimpleNamespace(of=of))
+    monkeypatch.setattr(first_look, "Seen", SimpleNamespace(of_model=of))
     monkeypatch.setattr(first_look, "roughly_calibrated", rough)
     monkeypatch.setattr(first_look, "_looked_at", looked_at)
     monkeypatch.setattr(first_look, "_calibrated", lambda source, _, __, told, calibrate: (calibrate(), told))

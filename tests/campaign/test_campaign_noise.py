@@ -11,6 +11,7 @@ import pytest
 from samples import sample
 
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
+from lrbc_cli.campaign.identification.weights import weighted_down
 from lrbc_cli.campaign.jobs.evidence import _doubts
 from lrbc_cli.campaign.looking.measured import unclear
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -64,6 +65,22 @@ def test_noise_of_one_job_alone_remains_a_doubt() -> None:
     one = {"tight": right["tight"], "loose-2": worse["loose-2"]}
     assert doubted(inputs, one) & {"noise", "resolution"}
     assert not doubted(inputs, right) & {"noise", "resolution"}
+
+
+def test_noise_in_dips_that_the_reference_job_has_elsewhere_is_no_doubt() -> None:
+    """A loosened bolt moves the dips of its FRFs; the same noise then shows at other lines. A louder one is that of the job."""
+    inputs = sample("frame")
+    right, job = read_measurement(inputs, inputs.campaign.jobs["tight"], "tight"), inputs.campaign.jobs["tight"]
+    own = noisy(inputs, 0.12, known=True)["loose-2"]
+    floor = 0.12 * np.sqrt(np.mean(np.abs(right.values) ** 2, axis=0))
+    # Without dips.
+    values = right.values + 4j * floor * np.sign(right.values.imag)
+    shares = []
+    for level in (floor, 0.1 * floor):
+        coherence = np.abs(values) ** 2 / (np.abs(values) ** 2 + job.averages * level**2)
+        shares.append(np.isnan(weighted_down(inputs, "loose-2", own, replace(right, values=values, coherence=coherence))).mean())
+    assert shares[0] > 0.1
+    assert shares[1] == 0.0
 
 
 def test_a_coherence_of_the_reference_job_alone_excuses_no_noise_of_another() -> None:

@@ -178,7 +178,7 @@ def calibrated_to(monkeypatch: pytest.MonkeyPatch, true: dict[str, float], *, le
         return SimpleNamespace(factors={name: np.clip(true[name] / value, 0.74, 1.35) for name, value in beside.items()})
 
     monkeypatch.setattr(rescaled, "roughly_calibrated", calibrated)
-    monkeypatch.setattr(Seen, "of", lambda *_: SimpleNamespace(misfit=left))
+    monkeypatch.setattr(Seen, "of_model", lambda *_: SimpleNamespace(misfit=left))
     settings = SimpleNamespace(job="tight", names=list(true))
     inputs = SimpleNamespace(campaign=SimpleNamespace(calibration=settings))
     return SimpleNamespace(inputs=inputs, job="tight", source=None, misfit=11.0), starts
@@ -345,7 +345,7 @@ def test_a_mass_that_a_calibration_has_half_made_up_for(monkeypatch: pytest.Monk
     monkeypatch.setattr(added, "coarsely_reduced", lambda inputs: begun.append((inputs.model.M - plain.M).sum()))
     monkeypatch.setattr(added, "Looking", lambda **fields: fields)
     monkeypatch.setattr(added, "calibrated_by_rounds", lambda *_: (None, {"stiffness.structure": 1.0, "added there": 0.7}))
-    monkeypatch.setattr(added.Seen, "of", lambda *_: SimpleNamespace(misfit=left))
+    monkeypatch.setattr(added.Seen, "of_model", lambda *_: SimpleNamespace(misfit=left))
     text = added.missing_cause(seen, Any, 2.5, least=2.0).text
     # Each reduced model holds the mass found with the one before.
     assert begun == pytest.approx([8.0, 5.6])

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.arrays import Complexes, Floats, Integers, spaced
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs, TermGroup
 from lrbc_cli.campaign.reduced.stage import FrfSource
@@ -53,8 +53,9 @@ def parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Param
 
 
 def _parameterise(inputs: Inputs, source: FrfSource, s: Complexes, terms: int = 120) -> tuple[Parameterisation, dict[str, Saturation]]:
-    """See ``parameterise``; with more than ``terms`` terms, saturation is determined on a subset of the lines."""
+    """See ``parameterise``; saturation is determined on ``source.most_lines``, and on fewer with more than ``terms`` terms."""
     model = inputs.model
+    s = s if source.most_lines is None else s[spaced(s.size, source.most_lines)]
     scale = local_scale(model.K, model.M, model.terms, band_omega(model.K, model.M, inputs.campaign.reduction.band))
     # While one group is examined, the others have their start values, or the local stiffness if these are not known yet.
     nominal = np.array(scale)

@@ -15,6 +15,7 @@ from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.method.resolve import noise_source
 from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.knots import evenly
+from lrbc_cli.updating.robust import medians
 from lrbc_cli.updating.statistics.decibels import coherence_sigma, decibel, noise_weights, stated_coherence
 from lrbc_cli.updating.statistics.lines import Unclear, neighbour_sigma, resolved, too_wide
 from lrbc_cli.updating.statistics.model import ValidationChannels
@@ -72,18 +73,31 @@ def without_noise(
     return np.where(noisy & np.isfinite(reference.values), np.nan, measurement.values)
 
 
-def weighted_down(inputs: Inputs, name: str, measurement: Measurement, reference: Measurement | None = None) -> Complexes:
-    """As ``without_noise``, also without noise that coherence or repeats give, of the job and of the ``reference`` job if that is given.
+def weighted_down(
+    inputs: Inputs, name: str, measurement: Measurement, reference: Measurement | None = None, *, louder: float = 2.0
+) -> Complexes:
+    """As ``without_noise``, also without noise of the job that its coherence or repeats give: such values have little weight in its cost.
 
-    Only such values have little weight in the cost of the job.
+    If the ``reference`` job is given, it must have that noise, too: at the same lines, or at others as its dips lie elsewhere, but of a
+    level that the job's exceeds by the factor ``louder`` at most.
     """
     jobs, values = inputs.campaign.jobs, without_noise(inputs, name, measurement, reference)
     noisy = _known_noise(inputs, measurement, jobs[name])
     if reference is not None:
         if unlike(measurement.frequency_hz, reference.frequency_hz):
             return values
-        noisy &= _known_noise(inputs, reference, jobs[str(inputs.campaign.update.reference)])
+        beside = jobs[str(inputs.campaign.update.reference)]
+        level, usual = _noise_level(inputs, measurement, jobs[name]), _noise_level(inputs, reference, beside)
+        noisy &= _known_noise(inputs, reference, beside) | (level <= louder * usual)
     return np.where(noisy, np.nan, values)
+
+
+def _noise_level(inputs: Inputs, measurement: Measurement, job: JobConfig) -> Floats:
+    """(1, R) magnitude of the noise that coherence or repeats give, median over the lines; NaN where they give none."""
+    sigma = measured_sigma(inputs, measurement, job, np.arange(measurement.frequency_hz.size))[1]
+    if sigma is None:
+        return np.full((1, measurement.values.shape[1]), np.nan)
+    return medians(np.where(np.isfinite(measurement.values), np.abs(measurement.values) * sigma, np.nan), axis=0)
 
 
 def _known_noise(inputs: Inputs, measurement: Measurement, job: JobConfig) -> Bools:

@@ -180,7 +180,7 @@ def _calibrated_with(seen: Seen, whole: Measurement, place: _Elsewhere, rounds: 
     moved = _moved(inputs, place)
     beside = Looking(inputs=moved, stage=replace(source.stage, reduction=coarsely_reduced(moved)), kind="port")
     found, _ = calibrated_by_rounds(beside, whole, settings.names, rounds)
-    return Seen.of(found, seen.job, whole).misfit
+    return Seen.of_model(found, seen.job, whole).misfit
 
 
 def _moved(inputs: Inputs, place: _Elsewhere) -> Inputs:

@@ -343,7 +343,7 @@ def _seen_and_calibrated(source: Looking, measurements: Mapping[str, Measurement
         """Whether a calibration with factors within their bounds brings the model near at all hammer points."""
         if own is None or own.job != name or (found := rough()) is None or found.at_bounds:
             return False
-        after = Seen.of(found, name, measurements[name])
+        after = Seen.of_model(found, name, measurements[name])
         return max(after.misfit, *after.by_excitation.values()) <= LEAST_DIFFERENCE
 
     first = _looked_at(source, measurements, name, explained=explained)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -267,10 +268,24 @@ def roughly_calibrated(
         None if the campaign does not calibrate or is calibrated already, if the model fits without, or if no factors bring it near the
         measurement, since they would then hide the fault.
     """
-    inputs, settings = source.inputs, source.inputs.campaign.calibration
-    if settings is None or (inputs.calibration is not None and inputs.calibration.used) or source.stage is None:
+    settings = source.inputs.campaign.calibration
+    if settings is None or source.fitted_to is not None or source.stage is None:
         return None
-    before = Seen.of(source, settings.job, measurement).misfit
+    # Asked for by the job of the calibration, and again by what concerns all jobs.
+    key = b"rough" + hashlib.sha256(measurement.values.tobytes() + repr(beside).encode()).digest()
+    if key not in source.known:
+        source.known[key] = _roughly_calibrated(source, measurement, settings.job, beside, uneven)
+    found: Looking | None = source.known[key]
+    return found
+
+
+def _roughly_calibrated(
+    source: Looking, measurement: Measurement, job: str, beside: Mapping[str, float] | None, uneven: float
+) -> Looking | None:
+    """See ``roughly_calibrated``; ``job``: the calibration job."""
+    inputs = source.inputs
+    assert source.stage is not None
+    before = Seen.of_model(source, job, measurement).misfit
     if before <= NEAR:
         return None
     try:
@@ -279,24 +294,24 @@ def roughly_calibrated(
         problem, _ = first_problem(source, measurement)
         with source.threads():
             found = _calibrated_by(source, problem, _rough_theta(problem))
-            medians = Seen.of(found, settings.job, measurement).by_excitation
+            medians = Seen.of_model(found, job, measurement).by_excitation
             least = min(medians.values())
             if len(medians) > 1 and max(medians.values()) > min(uneven * least, LEAST_DIFFERENCE):
                 tried = list[tuple[float, Looking]]()
                 for some in _without_worst(medians):
                     one = _calibrated_by(source, problem, _rough_theta(_of_excitations(inputs, problem, some)))
-                    left = Seen.of(one, settings.job, measurement).by_excitation
+                    left = Seen.of_model(one, job, measurement).by_excitation
                     tried.append((float(np.median([left[at] for at in some])), one))
                 least, found = min(tried, key=lambda each: each[0])
             if least > LEAST_DIFFERENCE:
                 # A sensitivity ten times off outweighs the resonances in a descent that begins far away.
                 found = _calibrated_by(source, problem, _rough_theta(_levelled(source, problem, measurement)))
-                least = Seen.of(found, settings.job, measurement).misfit
+                least = Seen.of_model(found, job, measurement).misfit
     except LrbcError:
         return None
-    after = Seen.of(found, settings.job, measurement).misfit
+    after = Seen.of_model(found, job, measurement).misfit
     named = ", ".join(f"{name} {value:.3g}" for name, value in found.factors.items())
-    note = f"compared with a rough calibration from {settings.job}, not stored ({named}): level misfit {after:.1f} dB, {before:.1f} before"
+    note = f"compared with a rough calibration from {job}, not stored ({named}): level misfit {after:.1f} dB, {before:.1f} before"
     return replace(found, note=note) if least <= LEAST_DIFFERENCE else None
 
 
@@ -311,7 +326,7 @@ def calibrated_from_another(source: Looking, measurements: Mapping[str, Measurem
     found = roughly_calibrated(source, measurements[calibration.job])
     if found is None:
         return source
-    far = {name: Seen.of(found, name, whole).misfit for name, whole in measurements.items() if name != calibration.job}
+    far = {name: Seen.of_model(found, name, whole).misfit for name, whole in measurements.items() if name != calibration.job}
     own = far.pop(reference or "", 0.0)
     # If no other job is near it either, the job of the calibration may be the one that is not tight.
     return found if own <= LEAST_DIFFERENCE or any(other < CLEARLY * own for other in far.values()) else source

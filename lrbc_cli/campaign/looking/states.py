@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -58,6 +59,9 @@ class Looking(FrfSource):
     left : dict of str to float
         Level misfit of each job with the nearest state, median over the responses [dB].
     """
+
+    # Found for every changed model; they are means over the lines, and a coarse fit ends far from the bounds.
+    most_lines: ClassVar[int | None] = 50
 
     start: Mapping[str, Floats] = field(default_factory=dict, repr=False)
     factors: Mapping[str, float] = field(default_factory=dict, repr=False)
@@ -132,13 +136,21 @@ class Seen:
     @classmethod
     def of(cls, source: Looking, job: str, whole: Measurement, reference: Measurement | None = None) -> Seen:
         """A measurement on at most ``LINES`` lines, with that of the reference job if its lines are the same."""
-        lines = spaced(whole.frequency_hz.size, LINES)
-        few = replace(whole, frequency_hz=whole.frequency_hz[lines], values=whole.values[lines])
+        few, lines = _few_lines(whole)
         s = 2j * np.pi * few.frequency_hz
         parameters = source.parameters(s)
         states, loosened = states_of(source, parameters, s)
         tight = None if reference is None or unlike(whole.frequency_hz, reference.frequency_hz) else reference.values[lines]
         return cls(source=source, job=job, measurement=few, parameters=parameters, states=states, loosened=loosened, tight=tight)
+
+    @classmethod
+    def of_model(cls, source: Looking, job: str, whole: Measurement) -> Seen:
+        """The same with the model at its start values as the only state, which takes little time."""
+        few, _ = _few_lines(whole)
+        s = 2j * np.pi * few.frequency_hz
+        parameters = source.parameters(s)
+        model = source.model(s, parameters).frf(parameters.initial)
+        return cls(source=source, job=job, measurement=few, parameters=parameters, states=model[None])
 
     @property
     def inputs(self) -> Inputs:
@@ -239,6 +251,12 @@ class Seen:
     def left(self) -> float:
         """Level misfit of the nearest state: median over the responses, mean level of each removed [dB]."""
         return float(np.median(apart(self.measured, self.states), axis=1).min())
+
+
+def _few_lines(whole: Measurement) -> tuple[Measurement, Integers]:
+    """A measurement on at most ``LINES`` lines, and their indices."""
+    lines = spaced(whole.frequency_hz.size, LINES)
+    return replace(whole, frequency_hz=whole.frequency_hz[lines], values=whole.values[lines]), lines
 
 
 def by_excitation(far: Floats, input_of: Integers) -> dict[int, float]:

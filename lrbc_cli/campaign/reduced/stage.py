@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from timeit import repeat
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -331,7 +331,11 @@ class FrfSource:
         ``port`` (interface FRFs of the reduced model), ``reduced`` (its matrices) or ``full`` (interface FRFs of the full model).
     known : dict
         Results on sets of lines, stored by other modules for reuse.
+    most_lines : int or None
+        Largest number of lines on which bounds and start values that are ``auto`` are found; None for all.
     """
+
+    most_lines: ClassVar[int | None] = None
 
     inputs: Inputs = field(repr=False)
     stage: ReductionStage | None

@@ -134,7 +134,7 @@ def missing_cause(seen: Seen, whole: Measurement, calibrated: float, *, least: f
             beside = Looking(inputs=inputs, stage=replace(source.stage, reduction=coarsely_reduced(inputs)), kind="port")
             after, factors = calibrated_by_rounds(beside, whole, (*settings.names, name), rounds)
             size *= factors[name]
-            left = Seen.of(after, seen.job, whole).misfit
+            left = Seen.of_model(after, seen.job, whole).misfit
     if left > min(EXPLAINED, CLEARLY * calibrated):
         return Cause()
     return Cause(_text(replace(found, size=size, left=left), calibrated, with_calibration=True), left)

@@ -220,7 +220,7 @@ def _of_parts(
         for _ in range(passes):
             now = [part.times(factors[k], factors[m]) for part, (k, m) in zip(parts, keys, strict=True)]
             found, further = calibrated_by_rounds(_with_parts(found, keys, now), whole, names, rounds)
-            factors, after = {name: value * further[name] for name, value in factors.items()}, Seen.of(found, seen.job, whole)
+            factors, after = {name: value * further[name] for name, value in factors.items()}, Seen.of_model(found, seen.job, whole)
             if after.misfit > falling * before:
                 return Cause()
         few = after.few(FEWEST)
@@ -247,7 +247,7 @@ def _left_with(found: Looking, after: Seen, whole: Measurement, factors: Mapping
     """Level misfit [dB] of the calibrated model with ``others`` instead of the factors found."""
     assert found.stage is not None
     one = multiplied(found, affine_model(found.inputs, found.stage), {name: value / factors[name] for name, value in others.items()})
-    return Seen.of(replace(one, start=found.start), after.job, whole).misfit
+    return Seen.of_model(replace(one, start=found.start), after.job, whole).misfit
 
 
 def _part_text(seen: Seen, part: _Alike, number: int, logs: Floats, left: float) -> str:

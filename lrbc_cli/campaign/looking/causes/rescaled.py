@@ -281,7 +281,7 @@ def brought_near(seen: Seen, whole: Measurement, start: dict[str, float], rounds
     for _ in range(rounds):
         if (found := roughly_calibrated(seen.source, whole, beside=now)) is None:
             return None
-        now, left = {name: value * found.factors[name] for name, value in now.items()}, Seen.of(found, seen.job, whole).misfit
+        now, left = {name: value * found.factors[name] for name, value in now.items()}, Seen.of_model(found, seen.job, whole).misfit
     return now, left
 
 
