@@ -218,6 +218,27 @@ def test_points_beside_nodes_from_another_origin_or_counted_backwards() -> None:
     assert text.startswith("4 points of hammer and sensors lie beside the nodes: responses.a0 34.6 mm, ")
 
 
+@pytest.mark.parametrize(("depth", "told"), [(0.3, True), (0.15, False)])
+def test_a_microphone_outside_the_air_of_the_model(depth: float, told: bool) -> None:
+    """A cavity that is deeper than modelled; beside a node inside, a microphone is no such sign, nor is a sensor of the structure."""
+    air = np.array([[x, y, z] for x in (0.0, 0.1, 0.2) for y in (0.0, 0.1, 0.2) for z in (0.0, -0.1, -0.2)])
+    plate = air[air[:, 2] == 0.0]
+    component = np.array(["PRES"] * len(air) + ["UZ"] * len(plate))
+    dofs = DofTable(node=np.arange(len(component)), component=component, xyz=np.vstack([air, plate]))
+    found = []
+    for key, kind, place in (("m1", "PRES", [0.1, 0.1, -depth + 0.07]), ("a1", "UZ", [0.1, 0.1, 0.06]), ("a2", "UZ", [0.1, 0.2, 0.0])):
+        dof, distance = nearest(dofs, place, kind) or (0, np.inf)
+        found.append(
+            NearPoint(key=f"responses.{key}", place=np.array(place), component=kind, node=dof, distance=distance, size=spacing(dofs, dof))
+        )
+    texts, _ = beside_nodes(dofs, found, 1.0)
+    assert any("microphones lie outside the air of the model" in text for text in texts) is told
+    (first, *_) = texts
+    if told:
+        assert "x 0 to 0.2, y 0 to 0.2, z -0.2 to 0 m: responses.m1 30.0 mm from its nearest node" in first
+    assert sum("responses.m1" in text for text in texts) == 1
+
+
 @pytest.mark.parametrize(("regular", "away", "told"), [(False, 1.55, True), (True, 1.55, False), (False, 0.7, True), (False, 0.2, False)])
 def test_points_beside_nodes_by_one_coordinate_counted_from_elsewhere(regular: bool, away: float, told: bool) -> None:
     """The lines of an irregular mesh leave one shift only; in a regular one the points may as well lie between its nodes.

@@ -43,7 +43,7 @@ def displaced_by(job: Seen, calibrated: float) -> str:
     inputs.campaign.calibration = SimpleNamespace(job=job.job, names=())
     source: Any = job.source
     source.stage = object()
-    return displaced.displaced_text(job, job.measurement, calibrated)
+    return displaced.displaced_cause(job, job.measurement, calibrated).text
 
 
 def test_the_joint_and_its_place_are_named(monkeypatch: pytest.MonkeyPatch) -> None:

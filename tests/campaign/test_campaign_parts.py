@@ -362,9 +362,16 @@ def test_a_mass_that_a_calibration_has_half_made_up_for(monkeypatch: pytest.Monk
     ("lump", "part", "told"),
     [(3.0, 1.8, "part"), (3.0, 3.4, "lump"), (1.9, 1.8, "lump"), (np.inf, 1.8, "part"), (3.0, np.inf, "lump")],
 )
-def test_a_wrong_part_that_looks_like_a_missing_foot(monkeypatch: pytest.MonkeyPatch, lump: float, part: float, told: str) -> None:
-    """The mass matrix of another revision: a support left 3.0 dB, the right mass of that part 1.8 dB. Below 2 dB nothing else is asked."""
-    for name, text, left in (("missing_cause", "lump", lump), ("part_cause", "part", part)):
+@pytest.mark.parametrize("joint", [np.inf, 1.2])
+def test_a_wrong_part_that_looks_like_a_missing_foot(
+    monkeypatch: pytest.MonkeyPatch, lump: float, part: float, told: str, joint: float
+) -> None:
+    """The mass matrix of another revision: a support left 3.0 dB, the right mass of that part 1.8 dB. Below 2 dB nothing else is asked.
+
+    A screw at another place: a support left 1.9 dB, the right place 1.2 dB.
+    """
+    told = told if np.isinf(joint) else "joint"
+    for name, text, left in (("missing_cause", "lump", lump), ("part_cause", "part", part), ("displaced_cause", "joint", joint)):
         cause = Cause(text, left) if np.isfinite(left) else Cause()
         monkeypatch.setattr(unexplained, name, lambda *_, cause=cause, **__: cause)
     monkeypatch.setattr(unexplained, "tied_text", lambda _: "")

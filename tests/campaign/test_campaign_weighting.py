@@ -93,7 +93,14 @@ def of_the_reference_job(path: Path, wrong: Callable[[FrfRecord], Complexes]) ->
 def test_pressures_with_the_weighting_beside_motions_without_it(tmp_path: Path) -> None:
     """Three microphones and one accelerometer: a calibration from the motion alone shows that only the pressures are wrong."""
     text = of_the_reference_job(tmp_path, lambda one: one.values * 10.0 ** (weighting(one.frequency_hz) / 20.0))
-    assert "pressures: levels probably follow the A-weighting: switch the weighting of the microphones off" in text
+    assert "pressures alone: levels probably follow the A-weighting: switch the weighting of the microphones off" in text
+
+
+def test_pressures_in_decibels_beside_motions_in_their_unit(tmp_path: Path) -> None:
+    """Of 20 uPa/N, in a file whose heading says Pa/N: their smooth levels looked like a wrong sensitivity."""
+    text = of_the_reference_job(tmp_path, lambda one: 20.0 * np.log10(np.abs(one.values) / 2e-5) * np.exp(1j * np.angle(one.values)))
+    assert "pressures alone: levels in decibels probably read as magnitudes" in text
+    assert "A key for a whole file would spoil its other records" in text
 
 
 def test_what_only_one_field_says_is_told(tmp_path: Path) -> None:

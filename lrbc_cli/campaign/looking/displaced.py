@@ -14,7 +14,7 @@ from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, apart
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.fitted import calibrated_by_rounds
 from lrbc_cli.campaign.looking.states import Looking, Seen, coarsely_reduced
-from lrbc_cli.campaign.looking.trials import EXPLAINED, FEWEST, LINES, MOST_WORK, NEARER, affordable, at_values, with_ports
+from lrbc_cli.campaign.looking.trials import EXPLAINED, FEWEST, LINES, MOST_WORK, NEARER, Cause, affordable, at_values, with_ports
 from lrbc_cli.campaign.reading.factors import recipe_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.reach import parts_of
@@ -54,8 +54,8 @@ class _Elsewhere:
     left: float = np.inf
 
 
-def displaced_text(seen: Seen, whole: Measurement, calibrated: float, *, most: int = 60, kept: int = 3, rounds: int = 2) -> str:
-    """Warning that names a joint whose springs are probably at another place; empty if that explains nothing.
+def displaced_cause(seen: Seen, whole: Measurement, calibrated: float, *, most: int = 60, kept: int = 3, rounds: int = 2) -> Cause:
+    """A joint whose springs are probably at another place; no words if that explains nothing.
 
     The model as exported is compared with each joint at other places in turn, first all over its part, then about the best of these. The
     rest of the model errs, too, so the nearest of some joints are calibrated: a place counts if that leaves less than half of what a
@@ -80,7 +80,7 @@ def displaced_text(seen: Seen, whole: Measurement, calibrated: float, *, most: i
     joints = [] if dofs is None else list(_joints(seen.inputs))
     free = settings is not None and settings.job == seen.job and not seen.inputs.model.extras and source.stage is not None
     if not free or dofs is None or not joints or reduction_cost(seen.inputs)[0].work > MOST_WORK:
-        return ""
+        return Cause()
     few, label = seen.few(FEWEST), parts_of(seen.inputs.model, joined=False)
     with suppress(LrbcError):
         tried = [place for joint in joints for place in _elsewhere(dofs, label, joint, most)]
@@ -91,8 +91,8 @@ def displaced_text(seen: Seen, whole: Measurement, calibrated: float, *, most: i
         left = sorted((_calibrated_with(seen, whole, place, rounds), k) for k, place in enumerate(nearest))
         others = min((one for one, _ in left[1:]), default=np.inf)
         if left and left[0][0] <= min(EXPLAINED, CLEARLY * calibrated, NEARER * others):
-            return _text(seen, nearest[left[0][1]], left[0][0], calibrated)
-    return ""
+            return Cause(_text(seen, nearest[left[0][1]], left[0][0], calibrated), left[0][0])
+    return Cause()
 
 
 def _joints(inputs: Inputs) -> Iterator[_Joint]:

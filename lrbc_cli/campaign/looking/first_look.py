@@ -37,7 +37,7 @@ from lrbc_cli.campaign.looking.causes.damped import misdamped_text
 from lrbc_cli.campaign.looking.causes.held import idle_text, or_held
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
 from lrbc_cli.campaign.looking.causes.parts import part_cause
-from lrbc_cli.campaign.looking.causes.recorded import cut_text, filter_findings
+from lrbc_cli.campaign.looking.causes.recorded import cut_text, field_reading_text, filter_findings
 from lrbc_cli.campaign.looking.causes.rescaled import material_text, overdamped_text, rescaled_text
 from lrbc_cli.campaign.looking.causes.tables import joints_text, of_other_unit_text, other_tables
 from lrbc_cli.campaign.looking.causes.tightness import (
@@ -61,7 +61,7 @@ from lrbc_cli.campaign.looking.fitted import (
     strike_text,
 )
 from lrbc_cli.campaign.looking.states import BUILT_WORK, Looking, Seen, coarsely_reduced, nearest_states, on_lines, reach_of_one
-from lrbc_cli.campaign.looking.trials import EXPLAINED, NEAR, UNLIKE
+from lrbc_cli.campaign.looking.trials import EXPLAINED, NEAR, UNLIKE, USUAL
 from lrbc_cli.campaign.looking.unexplained import (
     badly_calibrated,
     beside_fit,
@@ -81,9 +81,6 @@ from lrbc_cli.campaign.reduced.stage import ReductionStage, require_baselines
 from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.comparison.scale import Offset
-
-#: Misfit of the reference job after a rough calibration up to which no other part of the model is looked for [dB].
-USUAL = 1.5
 
 
 @dataclass(frozen=True)
@@ -297,6 +294,8 @@ def _by_chance(
 def _of_all(seen: Seen, fitted: Complexes | None, assumed: bool, measurements: Mapping[str, Measurement]) -> list[Finding]:
     """Findings on all FRFs of a job: another damping or reading, a loose bolt if it is ``assumed`` tight, hammer points, strikes."""
     reading = other_reading(seen.quantities, seen.measurement.frequency_hz, seen.measured, seen.states, seen.job)
+    if alone := field_reading_text(seen, reading):
+        return said(Kind.READ, alone)
     beyond = seen.reference and seen.misfit >= LEAST_DIFFERENCE
     if beyond and (text := overdamped_text(seen, CLEARLY * seen.misfit if reading is None else reading.after)):
         return said(Kind.DAMPING, text)

@@ -149,7 +149,7 @@ def _told(odd: _Odd, much: str, tried: list[float], further: str) -> list[Findin
     if step is not None:
         # Bolts and a clock together may look like another temperature, and the other way round.
         told = [_warmer_text(odd, step), *([text] if clock <= min(most, step[1]) else [])]
-        first, *rest = told[::-1] if clock <= CLEARLY * step[1] else told
+        first, *rest = told[::-1] if clock <= CLEARLY * step[1] or _of_structure_too(odd, step[0]) else told
         return said(Kind.FOREIGN, ". Or: w".join([f"{much}. {first}", *(other.removeprefix("W") for other in rest)]))
     damped = _damped(odd)
     if min(damped[0], clock) <= most:
@@ -159,6 +159,14 @@ def _told(odd: _Odd, much: str, tried: list[float], further: str) -> list[Findin
     if odd.own.all() and (standing := left_on_text(seen, odd.before)):
         return said(Kind.FOREIGN, f"{much}. {standing}")
     return said(Kind.FOREIGN, further)
+
+
+def _of_structure_too(odd: _Odd, change: float) -> bool:
+    """Whether a factor on the frequencies explains all responses clearly better than a ``change`` of the speed of sound does."""
+    if odd.own.all():
+        return False
+    every = replace(odd, own=np.ones_like(odd.own))
+    return _clock(every)[0] <= NEARER * _left_with(every, {SOUND_SPEED: 1.0 + change})
 
 
 def _airborne(source: Looking, name: str, away: Floats, air: Bools, aside: float) -> str:

@@ -24,6 +24,9 @@ from lrbc_cli.updating.peaks import peaks_of
 #: Level misfit up to which no fit of loosened bolts, and no rough calibration, is needed to explain a measurement [dB].
 NEAR = 2.0
 
+#: Misfit of the reference job after a rough calibration up to which no other part or place is looked for [dB].
+USUAL = 1.5
+
 #: Level misfit of the tight state above which more than small errors of the model are wrong [dB].
 UNLIKE = 6.0
 

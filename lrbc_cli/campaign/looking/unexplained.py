@@ -34,10 +34,10 @@ from lrbc_cli.campaign.looking.causes.rescaled import air_text, rescaled_text, s
 from lrbc_cli.campaign.looking.causes.tables import unit_text
 from lrbc_cli.campaign.looking.causes.tightness import looser, tighter_text
 from lrbc_cli.campaign.looking.causes.together import together_text
-from lrbc_cli.campaign.looking.displaced import displaced_text
+from lrbc_cli.campaign.looking.displaced import displaced_cause
 from lrbc_cli.campaign.looking.fitted import calibrated_from, carefully_fitted, expected_frf
 from lrbc_cli.campaign.looking.states import Seen, by_excitation
-from lrbc_cli.campaign.looking.trials import NEAR, NEARER, UNLIKE, Cause
+from lrbc_cli.campaign.looking.trials import NEAR, NEARER, UNLIKE, USUAL, Cause
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.comparison.scale import Offset, grouped
 
@@ -221,9 +221,10 @@ def of_a_part(seen: Seen, whole: Measurement, calibrated: float, *, lump: bool =
     # A part that is wrong looks like a mass or a support that is missing, which leaves more.
     if cause.left > NEAR and (part := part_cause(seen, whole, calibrated=calibrated)).left < cause.left:
         cause = part
-    text = cause.text
-    elsewhere = "" if text else displaced_text(seen, whole, calibrated)
-    return said(Kind.MATERIAL, text) or said(Kind.SPRINGS, elsewhere)
+    # So does a joint whose springs are elsewhere.
+    if cause.left > USUAL and (elsewhere := displaced_cause(seen, whole, calibrated)).left < cause.left:
+        return said(Kind.SPRINGS, elsewhere.text)
+    return said(Kind.MATERIAL, cause.text)
 
 
 def of_one_field(seen: Seen, measurement: Measurement, told: list[Finding]) -> list[Finding]:

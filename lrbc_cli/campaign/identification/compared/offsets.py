@@ -238,8 +238,7 @@ def factor_text(inputs: Inputs, common: Common, compared: Sequence[int], job: st
             f"known here (then {own})"
         )
     if not causes:
-        air = all(inputs.responses[i].quantity == "pressure" for i in common.responses) and not inputs.model.is_acoustic.all()
-        return text, f"{likely} {_unknown_text(offset, own, some=some, air=air)}"
+        return text, f"{likely} {_unknown_text(offset, own, _air_text(inputs, common), some=some)}"
     known, every = next(known for known in recognised if known.cause), len(common.responses) == count
     return text, _known_text(inputs, common, job, known, causes, likely=likely, unit=unit if every else None, gain=own if some else None)
 
@@ -252,7 +251,7 @@ def _known_text(
     if gain is not None and known.unit is None and abs(known.db - common.offset.db) > common.offset.half:
         # Conventions have small factors, which a gain meets by chance; errors of the model are in all jobs.
         return f"possible cause: {' or '.join(causes)} (then write {own}), or a sensitivity or a gain that is not known here (then {gain})"
-    cause = f"{likely} {' or '.join(causes)}. Write "
+    cause = f"{likely} {' or '.join(causes)}{_air_text(inputs, common)}. Write "
     if known.of_model:
         scales = (f"responses.{inputs.responses[i].name}.scale: {10.0 ** (known.db / 20.0):.6g}" for i in common.responses)
         return cause + ", ".join(scales)
@@ -270,12 +269,22 @@ def _uncalibrated_text(offset: Offset) -> str:
     )
 
 
-def _unknown_text(offset: Offset, own: str, *, some: bool, air: bool) -> str:
+def _air_text(inputs: Inputs, common: Common) -> str:
+    """Causes in the air of the model, in a clause, of a factor that only pressures share; else empty."""
+    if not all(inputs.responses[i].quantity == "pressure" for i in common.responses) or inputs.model.is_acoustic.all():
+        return ""
+    above, times = common.offset.db > 0.0, f"{10.0 ** (abs(common.offset.db) / 20.0):.3g} times too"
+    dense, deep = ("small", "large") if above else ("large", "small")
+    return (
+        f"; if all microphones show it alike, a density of the air (its unit) that is {times} {dense} in the model, or a closed volume "
+        f"(its depth) that is {times} {deep}"
+    )
+
+
+def _unknown_text(offset: Offset, own: str, air: str, *, some: bool) -> str:
     """Causes of a factor that no unit explains, and the fix (``own``: for a sensitivity), of all responses in all jobs unless ``some``."""
-    unknown = "a sensitivity, a gain or a unit that is not known here"
+    unknown = f"a sensitivity, a gain or a unit that is not known here{air}"
     times = f"{10.0 ** (abs(offset.db) / 20.0):.2g} times too {'large' if offset.db > 0.0 else 'small'}"
-    if air:
-        unknown += f"; if all microphones show it alike, a closed volume of air (its depth) that is {times} in the model"
     if some:
         return f"{unknown}. Check it, then write {own}"
     return (

@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from lrbc_cli.campaign.findings import Finding, Kind
-from lrbc_cli.campaign.identification.compared.likeness import apart
+from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, Reading, apart, other_reading
 from lrbc_cli.campaign.identification.compared.sensors import sensors_of
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.states import Seen, nearest_states
@@ -15,6 +15,31 @@ from lrbc_cli.campaign.looking.trials import UNLIKE
 from lrbc_cli.updating.knots import evenly
 from lrbc_cli.updating.statistics.chain.filters import Filter, filtered, filters
 from lrbc_cli.updating.statistics.chain.start import starting
+
+
+def field_reading_text(seen: Seen, whole: Reading | None, *, several: int = 2) -> str:
+    """Warning if the numbers of the pressures alone, or of the motions alone, fit the model when read otherwise; else empty.
+
+    Parameters
+    ----------
+    seen : Seen
+    whole : Reading or None
+        How all records fit the model, if they do; it holds unless the other field fits as stated.
+    several : int
+        Least number of responses of a field: a single one fits by chance.
+    """
+    air = np.array(seen.quantities) == "pressure"
+    for own, field in ((air, "pressures"), (~air, "motions")):
+        if not several <= own.sum() < own.size:
+            continue
+        rest = float(np.median(apart(seen.measured[:, ~own], seen.states[:, :, ~own]), axis=1).min())
+        if whole is not None and rest > LEAST_DIFFERENCE:
+            continue
+        quantities = [quantity for quantity, there in zip(seen.quantities, own, strict=True) if there]
+        reading = other_reading(quantities, seen.measurement.frequency_hz, seen.measured[:, own], seen.states[:, :, own], seen.job)
+        if reading is not None:
+            return f"{field} alone: {reading.text}. A key for a whole file would spoil its other records: give these a file of their own"
+    return ""
 
 
 def cut_text(seen: Seen, whole: Measurement, *, least: float = 0.15, share: float = 0.5) -> str:

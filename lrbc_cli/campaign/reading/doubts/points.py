@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.campaign.reading.places import AT_NODE, CLEARLY_NEARER, EXCHANGES, coordinates_file
+from lrbc_cli.campaign.reading.places import AT_NODE, CLEARLY_NEARER, EXCHANGES, coordinates_file, extents
 from lrbc_cli.config import Campaign
 from lrbc_cli.errors import DataError, listing
-from lrbc_cli.model.dofs import DofTable
+from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable
 from lrbc_cli.model.selection import nearest, spacing
 
 
@@ -71,6 +71,30 @@ def _beside_text(points: Sequence[NearPoint], *, several: int = 3) -> list[str]:
     ]
 
 
+def _outside_air(dofs: DofTable, points: Sequence[NearPoint]) -> list[NearPoint]:
+    """Microphones among the points that lie outside the extents of the air of the model."""
+    if not dofs.is_acoustic.any():
+        return []
+    low, high = np.array(_ends(dofs, ACOUSTIC_COMPONENT)).T
+    margin = [AT_NODE * point.size for point in points]
+    return [
+        point
+        for point, least in zip(points, margin, strict=True)
+        if point.component == ACOUSTIC_COMPONENT and bool(((point.place < low - least) | (point.place > high + least)).any())
+    ]
+
+
+def _outside_text(dofs: DofTable, points: Sequence[NearPoint]) -> list[str]:
+    """Warning about microphones outside the air of the model; none without them."""
+    if not points:
+        return []
+    away = listing([f"{point.key} {1e3 * point.distance:.1f} mm" for point in points], 6)
+    return [
+        f"microphones lie outside the air of the model, which reaches over {extents(dofs.xyz[dofs.is_acoustic])}: {away} from its nearest "
+        "node. Check the extents of the air in the FE model, such as the depth of the cavity, and the places of these microphones"
+    ]
+
+
 def shared_places(points: Iterable[NearPoint]) -> list[str]:
     """Warning if other nodes lie where ``near`` found one, as where two parts are joined; else empty."""
     shared: dict[tuple[int, ...], list[str]] = {}
@@ -103,7 +127,8 @@ def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> tu
         Whether another origin or an axis counted backwards explains all.
     """
     beside = [point for point in points if point.beside]
-    told = _beside_text(beside)
+    outside = _outside_air(dofs, beside)
+    told = [*_outside_text(dofs, outside), *_beside_text([point for point in beside if point not in outside])]
     if len(beside) < 2 or 2 * len(beside) <= len(points):
         return told, False
     low, high = dofs.xyz.min(axis=0), dofs.xyz.max(axis=0)
