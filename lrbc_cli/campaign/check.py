@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from lrbc_cli.arrays import Complexes
 from lrbc_cli.campaign.beside import passed_over, taken_twice, unnamed
 from lrbc_cli.campaign.findings import Effect, Finding, Kind, kinds_of, once
 from lrbc_cli.campaign.identification.compared.copies import Earlier, Levels, pasted
@@ -21,6 +22,7 @@ from lrbc_cli.campaign.looking.axes import other_lines, without_coherence
 from lrbc_cli.campaign.looking.causes.damped import uncalibrated_text
 from lrbc_cli.campaign.looking.exchanges import exchanged_files, foreign_titles, mistitled
 from lrbc_cli.campaign.looking.first_look import FirstLook, first_look
+from lrbc_cli.campaign.looking.fitted import expected_on_all_lines
 from lrbc_cli.campaign.looking.measured import of_file, other_chains, other_runs, unclear, without_phases
 from lrbc_cli.campaign.looking.trials import NEAR
 from lrbc_cli.campaign.reading.doubts.idle import partly_held
@@ -332,7 +334,12 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     # What differs from the state that fits best may differ by a window or a second blow, which show without a model.
     apart = {name for name, kinds in unlike.items() if kinds <= {Kind.HAMMER, Kind.ALONE}}
     asked = {name: found for name, found in usable.items() if name in compared.keys() | apart}
-    chains = [] if Kind.NOT_TIGHT in of_tight else other_chains(inputs, asked, other_quantity, turned)
+    tight, source = usable.get(reference), look.source
+
+    def expected(name: str) -> Complexes | None:
+        return None if tight is None or source is None else expected_on_all_lines(source, name, tight)
+
+    chains = [] if Kind.NOT_TIGHT in of_tight else other_chains(inputs, asked, other_quantity, turned, expected)
     chains = [each for each in chains if each.job not in apart or each.detail in ("window", "blow")]
     out.found += chains
     struck = {each.job for each in chains if each.job in apart}

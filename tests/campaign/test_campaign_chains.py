@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from pads import S, pads_model, pads_ports
+from samples import sample
 
+from lrbc_cli.campaign import check
 from lrbc_cli.campaign.findings import Kind, kinds_of
 from lrbc_cli.campaign.identification.compared.chains import blows_doubt, coherence_doubt, soft_tip
 from lrbc_cli.campaign.identification.compared.likeness import run_backwards
+from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.looking import measured
 from lrbc_cli.updating.misfit.frf import port_model
 from lrbc_cli.updating.statistics.chain.modal import ChainFault
@@ -175,3 +180,17 @@ def test_blows_that_differ_at_one_hammer_point_are_told() -> None:
     assert text is not None
     assert text.startswith("FRFs of h1: by the coherence")
     assert blows_doubt(inputs, "own", tight, tight) is None
+
+
+@pytest.mark.parametrize("job", ["loose-2", "loose-all"])
+def test_a_second_blow_beside_loosened_bolts_shows_in_check(tmp_path: Path, job: str) -> None:
+    """It is hidden beside the tight state, and shows beside the state fitted to the job; without it nothing is said."""
+    inputs = sample("frame")
+    right = {name: read_measurement(inputs, inputs.campaign.jobs[name], name) for name in ("tight", job)}
+    twice = 1.0 + 0.3 * np.exp(-2j * np.pi * right[job].frequency_hz * 0.03)
+    struck = right | {job: replace(right[job], values=right[job].values * twice[:, None])}
+    assert not any(each.detail == "blow" for each in measured.other_chains(inputs, struck))
+    for measurements, told in ((right, False), (struck, True)):
+        out = check.Findings()
+        check._compared(inputs, tmp_path, measurements, out, lambda _: None)
+        assert any("the hammer probably hit a second time" in each.text for each in out.found if each.job == job) is told

@@ -78,6 +78,7 @@ def fitted_theta(seen: Seen, *, lines: int = 100, iterations: int = 6, kept: int
     ends = [descend(misfit, theta, parameters.bounds, shapes.T, max_iterations=iterations) for theta in (prior, *found.values())]
     theta = min(ends, key=lambda end: end.evaluation.total).theta
     # The first fit of a job is that of its records as stated.
+    source.fits.setdefault(seen.job, theta)
     source.changes.setdefault(seen.job, _changes(shapes, theta - prior))
     return theta
 
@@ -173,6 +174,16 @@ def expected_frf(seen: Seen, theta: Floats) -> Complexes:
     assert seen.tight is not None
     model = seen.source.model(seen.s, seen.parameters)
     return np.asarray(model.frf(theta) / _factor(seen.inputs, model.frf(seen.parameters.initial), seen.tight))
+
+
+def expected_on_all_lines(source: Looking, job: str, tight: Measurement) -> Complexes | None:
+    """As ``expected_frf``, in the state fitted to a job and on all lines of the reference job; None if none was fitted."""
+    theta, s = source.fits.get(job), 2j * np.pi * tight.frequency_hz
+    if theta is None:
+        return None
+    parameters = source.parameters(s)
+    model = source.model(s, parameters)
+    return np.asarray(model.frf(theta) / _factor(source.inputs, model.frf(parameters.initial), tight.values))
 
 
 def expected_frfs(seen: Seen, states: Floats) -> Complexes:

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.findings import Finding, Kind
-from lrbc_cli.campaign.identification.compared.chains import blows_doubt, chain_doubt, coherence_doubt, noise_doubt, soft_tip
+from lrbc_cli.campaign.identification.compared.chains import (
+    blows_doubt,
+    chain_doubt,
+    coherence_doubt,
+    noise_doubt,
+    second_blow_text,
+    soft_tip,
+)
 from lrbc_cli.campaign.identification.compared.doubts import phaseless_text
 from lrbc_cli.campaign.identification.compared.sensors import sensors_of
-from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.identification.weights import beside_noise, weighted_down
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import listing
 from lrbc_cli.updating.knots import evenly
-from lrbc_cli.updating.statistics.chain.modal import fitted_modes
+from lrbc_cli.updating.statistics.chain.modal import ChainFault, fitted_modes
 from lrbc_cli.updating.statistics.chain.runs import other_run
 from lrbc_cli.updating.statistics.lines import covers, few_digits, few_resonances, normalised, phaseless, too_wide, unresolved
 
@@ -147,9 +154,15 @@ def without_phases(inputs: Inputs, readable: Mapping[str, Measurement]) -> list[
 
 
 def other_chains(
-    inputs: Inputs, readable: Mapping[str, Measurement], other_quantity: Collection[str] = (), reversed_sign: Collection[str] = ()
+    inputs: Inputs,
+    readable: Mapping[str, Measurement],
+    other_quantity: Collection[str] = (),
+    reversed_sign: Collection[str] = (),
+    expected: Callable[[str], Complexes | None] = lambda _: None,
 ) -> list[Finding]:
-    """Findings of jobs measured with another chain than the reference job, or with more noise, without knowledge of the bolts.
+    """Findings of jobs measured with another chain than the reference job, or with more noise.
+
+    Loosened bolts may hide a second blow; it then shows beside the FRFs (F, R) ``expected`` of a job in the state that fits it best.
 
     In jobs whose FRFs are of an ``other_quantity`` than stated, an integration weights down the highest modes, and from few modes loosened
     bolts look like another clock: nothing is said of their frequencies until the quantity is corrected. In jobs with a reversed sign
@@ -162,6 +175,10 @@ def other_chains(
             continue
         doubtful = not {name, reference}.isdisjoint(other_quantity)
         fault = chain_doubt(inputs, own, tight, reference, job=name)
+        same = own.values.shape == tight.values.shape and not unlike(own.frequency_hz, tight.frequency_hz)
+        if fault is None and same and (fitted := expected(name)) is not None:
+            blow = second_blow_text(inputs, own, fitted, reference)
+            fault = ChainFault("blow", blow) if blow else None
         turned = name in reversed_sign and fault is not None and fault.kind == "filter"
         if fault is not None and not turned and not (doubtful and fault.kind in ("lines", "clock")):
             text = f"{fault.text} (lrbc update says it again unless loose bolts explain it)"

@@ -50,8 +50,10 @@ class Looking(FrfSource):
         Those of them that are at a bound, of stiffnesses and masses.
     note : str
         Text for the user on the calibration used.
+    fits : dict of str to float array
+        Theta of the state of the bolts fitted coarsely to each job.
     changes : dict of str to float array
-        Changes of the bolts fitted coarsely to each job [decades], NaN for bolts without values.
+        Changes of the bolts in these states [decades], NaN for bolts without values.
     away : dict of str to float array
         Level misfits (R,) of each job with the state fitted coarsely to it [dB].
     near : dict of str to float array
@@ -67,6 +69,7 @@ class Looking(FrfSource):
     factors: Mapping[str, float] = field(default_factory=dict, repr=False)
     at_bounds: Mapping[str, float] = field(default_factory=dict, repr=False)
     note: str = ""
+    fits: dict[str, Floats] = field(default_factory=dict, repr=False)
     changes: dict[str, Floats] = field(default_factory=dict, repr=False)
     away: dict[str, Floats] = field(default_factory=dict, repr=False)
     near: dict[str, Floats] = field(default_factory=dict, repr=False)

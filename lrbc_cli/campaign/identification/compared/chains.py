@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lrbc_cli.arrays import Bools
+from lrbc_cli.arrays import Bools, Complexes
 from lrbc_cli.campaign.identification.compared.doubts import FAR_ABOVE_NOISE
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -135,6 +135,20 @@ def coherence_doubt(
     )
 
 
+def second_blow_text(inputs: Inputs, own: Measurement, expected: Complexes, reference: str) -> str:
+    """Warning if a job was hit twice, at all hammer points or at one, beside ``expected`` FRFs (F, R); else empty."""
+    rule = inputs.statistics.blows
+    if blow := second_blow(own.frequency_hz, own.values, expected, reference, rule):
+        return blow
+    for at, point in enumerate(inputs.excitations):
+        which = inputs.input_of == at
+        if rule.point_responses <= which.sum() < which.size:
+            values = own.values[:, which], expected[:, which]
+            if blow := second_blow(own.frequency_hz, *values, reference, rule, point=point):
+                return blow
+    return ""
+
+
 def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference: str, *, job: str = "") -> ChainFault | None:
     """Fault if a job was measured with another window, filter or clock than the reference job, or hit twice; else None.
 
@@ -148,16 +162,9 @@ def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference:
     """
     if own.values.shape != tight.values.shape or unlike(own.frequency_hz, tight.frequency_hz):
         return None
-    names, air = [response.name for response in inputs.responses], SOUND_SPEED in inputs.recipe.names
-    rule = inputs.statistics.blows
-    if blow := second_blow(own.frequency_hz, own.values, tight.values, reference, rule):
+    if blow := second_blow_text(inputs, own, tight.values, reference):
         return ChainFault("blow", blow)
-    for at, point in enumerate(inputs.excitations):
-        which = inputs.input_of == at
-        if rule.point_responses <= which.sum() < which.size:
-            values = own.values[:, which], tight.values[:, which]
-            if blow := second_blow(own.frequency_hz, *values, reference, rule, point=point):
-                return ChainFault("blow", blow)
+    names, air = [response.name for response in inputs.responses], SOUND_SPEED in inputs.recipe.names
     loosened = job not in inputs.campaign.update.baselines
     return other_chain(own.frequency_hz, own.values, tight.values, reference, names, inputs.statistics.modal, air=air, loosened=loosened)
 
