@@ -62,6 +62,10 @@ class Findings:
         Level misfit that is left between the reference job and the model, if it is more than usual; else 0 [dB].
     away : dict of str to float
         Level misfits of other jobs that a coarse fit of the bolts leaves far from the measurement [dB].
+    reference : str
+        The reference job.
+    explained : set of str
+        Jobs with findings of the comparison with the model, which may explain these misfits.
     """
 
     sections: dict[str, list[str]] = field(default_factory=dict)
@@ -73,6 +77,8 @@ class Findings:
     compared: bool = False
     far: float = 0.0
     away: dict[str, float] = field(default_factory=dict)
+    reference: str = ""
+    explained: set[str] = field(default_factory=set)
 
     def warn(self, *texts: str) -> None:
         """Add findings that no other place shares."""
@@ -363,9 +369,12 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     if Kind.RESCALED in kinds_of(look.found):
         out.found = [each for each in out.found if each.kind is not Kind.GUESSED]
     out.found += told
+    # Exchanged files concern any job.
+    out.reference, out.explained = reference, {each.job or reference for each in (*told, *chains)} | ({reference} if titled else set())
     if reference in compared and not of_tight & {Kind.DAMPING, Kind.READ} and (damped := uncalibrated_text(inputs, compared[reference])):
         # Beside it, other jobs seem to be unlike any state of the bolts.
         out.found = [*(each for each in out.found if each.kind is not Kind.FOREIGN), Finding(job=reference, text=damped)]
+        out.explained.add(reference)
     return look.note
 
 

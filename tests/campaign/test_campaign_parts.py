@@ -359,6 +359,20 @@ def test_a_mass_that_a_calibration_has_half_made_up_for(monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize(
+    ("quantity", "row", "told"), [("acceleration", 3, True), ("velocity", 4, True), ("pressure", 3, False), ("velocity", 6, False)]
+)
+def test_a_mass_where_a_sensor_is(quantity: str, row: int, told: bool) -> None:
+    """A sensor of 50 g, at the node found or beside it, was told as a motor or a fixture."""
+    dofs = DofTable(node=np.arange(9), component=np.full(9, "UZ"), xyz=np.array([[0.1 * k, 0.0, 0.0] for k in range(9)]))
+    response = SimpleNamespace(name="a2", node=row, direction=3, quantity=quantity, text="")
+    inputs: Any = SimpleNamespace(responses=[response], dofs=dofs)
+    found = added._Added(matrix="mass", size=0.05, nodes=(3,), at=np.array([3]), place="(0.3, 0, 0) m", left=1.0)
+    text = added._text(inputs, found, 2.6, with_calibration=True)
+    assert ("a2 was measured there, so this is probably the mass of the sensor" in text) is told
+    assert ("such as a motor or a fixture" in text) is not told
+
+
+@pytest.mark.parametrize(
     ("lump", "part", "told"),
     [(3.0, 1.8, "part"), (3.0, 3.4, "lump"), (1.9, 1.8, "lump"), (np.inf, 1.8, "part"), (3.0, np.inf, "lump")],
 )

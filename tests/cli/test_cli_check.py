@@ -636,6 +636,11 @@ def test_the_last_line_says_whether_frfs_were_compared(tmp_path: Path, monkeypat
         last = folder.run("check").stdout.splitlines()[-1]
         assert last.startswith("no warnings, but the reference job is ")
         assert last.endswith("an error of the model may hide loose bolts")
+        # A warning that says nothing of it leaves that as it is.
+        every = f"update.responses=[{', '.join(folder.tree()['responses'])}]"
+        told = folder.run("check", "--override", every).stdout
+        assert "\nwarnings\n" in told
+        assert told.splitlines()[-1].startswith("The reference job is ")
     with monkeypatch.context() as patch:
         # The same of other jobs.
         patch.setattr("lrbc_cli.campaign.check.LEAST_DIFFERENCE", 0.01)

@@ -79,6 +79,7 @@ def told(given: FeModel, true: FeModel, cause: Callable[[Seen, float], str] = pa
         # Said to be a pressure, for want of a smaller model of both.
         given = replace(given, is_acoustic=np.arange(2 * COUNT) == 2 * COUNT - 1)
     inputs: Any = SimpleNamespace(
+        responses=[],
         model=given,
         dofs=dofs,
         campaign=campaign,
@@ -97,3 +98,4 @@ class InputsAlone:
     model: FeModel
     campaign: Any
     recipe: Any
+    dofs: Any = None

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, apart
+from lrbc_cli.campaign.identification.compared.sensors import sensors_of
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.fitted import calibrated_by_rounds
 from lrbc_cli.campaign.looking.states import Looking, Seen, coarsely_reduced
@@ -29,9 +30,11 @@ from lrbc_cli.campaign.looking.trials import (
     with_ports,
 )
 from lrbc_cli.campaign.reading.factors import recipe_of
+from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.structure import thinned
-from lrbc_cli.errors import LrbcError
+from lrbc_cli.errors import LrbcError, listing
 from lrbc_cli.model.dofs import COMPONENTS
+from lrbc_cli.model.selection import spacing
 from lrbc_cli.reduction.problem.full import full_frfs
 from lrbc_cli.reduction.reduced.many import ports_of
 
@@ -77,7 +80,7 @@ def added_text(seen: Seen, before: float) -> str:
         Level misfit of the model, constants removed, median over the responses [dB].
     """
     found = None if before <= UNLIKE else _nearest(seen, before)
-    return "" if found is None else _text(found, before)
+    return "" if found is None else _text(seen.inputs, found, before)
 
 
 def left_on_text(seen: Seen, before: float) -> str:
@@ -137,10 +140,10 @@ def missing_cause(seen: Seen, whole: Measurement, calibrated: float, *, least: f
             left = Seen.of_model(after, seen.job, whole).misfit
     if left > min(EXPLAINED, CLEARLY * calibrated):
         return Cause()
-    return Cause(_text(replace(found, size=size, left=left), calibrated, with_calibration=True), left)
+    return Cause(_text(seen.inputs, replace(found, size=size, left=left), calibrated, with_calibration=True), left)
 
 
-def _text(found: _Added, before: float, *, with_calibration: bool = False) -> str:
+def _text(inputs: Inputs, found: _Added, before: float, *, with_calibration: bool = False) -> str:
     sizes = f"the level misfit falls from {before:.1f} to {found.left:.1f} dB"
     if with_calibration:
         sizes = f"a rough calibration leaves {found.left:.1f} dB, without it {before:.1f} dB"
@@ -148,6 +151,13 @@ def _text(found: _Added, before: float, *, with_calibration: bool = False) -> st
     much = ""
     if found.left > EXPLAINED:
         much = ". Of the causes that were tried this one leaves least, but much: check material and thickness of each part as well"
+    sensors = _sensors_at(inputs, found) if found.matrix == "mass" else []
+    if sensors:
+        return (
+            f"with about {found.size:.2g} kg more near {found.where} {sizes} {removed}: {listing(sensors, 3)} was measured there, so this "
+            "is probably the mass of the sensor, with its magnet and cable, or of a part beside it. Add it in the FE model and export it "
+            f"again, or use a lighter sensor{much}"
+        )
     if found.matrix == "mass":
         return (
             f"with about {found.size:.2g} kg more near {found.where} {sizes} {removed}: probably a part that was on the test bench is "
@@ -159,6 +169,20 @@ def _text(found: _Added, before: float, *, with_calibration: bool = False) -> st
         "foot or a support that was on the test bench is missing in the model. Add it in the FE model and export it again, or measure "
         f"without it{much}"
     )
+
+
+def _sensors_at(inputs: Inputs, found: _Added) -> list[str]:
+    """Names of the sensors, no microphones, at the place of ``found`` or at a neighbouring node."""
+    dofs, names = inputs.dofs, list[str]()
+    if dofs is None:
+        return names
+    place, pitch = dofs.xyz[found.at].mean(axis=0), spacing(dofs, int(found.at[0]))
+    for own in sensors_of(inputs):
+        response = inputs.responses[own[0]]
+        there = dofs.xyz[dofs.node == response.node][:1]
+        if response.quantity != "pressure" and there.size and np.linalg.norm(there - place) <= pitch:
+            names.append(response.name)
+    return names
 
 
 def _nearest(
