@@ -65,7 +65,7 @@ class Findings:
     reference : str
         The reference job.
     explained : set of str
-        Jobs with findings of the comparison with the model, which may explain these misfits.
+        Jobs with findings of the comparison with the model that may explain these misfits.
     """
 
     sections: dict[str, list[str]] = field(default_factory=dict)
@@ -370,12 +370,20 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
         out.found = [each for each in out.found if each.kind is not Kind.GUESSED]
     out.found += told
     # Exchanged files concern any job.
-    out.reference, out.explained = reference, {each.job or reference for each in (*told, *chains)} | ({reference} if titled else set())
+    out.reference, out.explained = reference, {each.job or reference for each in (*told, *chains) if _moves_levels(each)}
+    out.explained |= {reference} if titled else set()
     if reference in compared and not of_tight & {Kind.DAMPING, Kind.READ} and (damped := uncalibrated_text(inputs, compared[reference])):
         # Beside it, other jobs seem to be unlike any state of the bolts.
         out.found = [*(each for each in out.found if each.kind is not Kind.FOREIGN), Finding(job=reference, text=damped)]
         out.explained.add(reference)
     return look.note
+
+
+def _moves_levels(finding: Finding) -> bool:
+    """Whether a finding may explain a level misfit, of which the mean levels are removed, median over the responses."""
+    if finding.has(Effect.IS_OFFSET):
+        return finding.kind is Kind.UNITS and bool(finding.detail)
+    return finding.kind not in {Kind.ALONE, Kind.PLACES, Kind.NOISE}
 
 
 def _looks(inputs: Inputs, folder: Path, readable: dict[str, Measurement], progress: Callable[[str], None]) -> FirstLook:

@@ -237,6 +237,10 @@ def test_a_microphone_outside_the_air_of_the_model(depth: float, told: bool) -> 
     if told:
         assert "x 0 to 0.2, y 0 to 0.2, z -0.2 to 0 m: responses.m1 30.0 mm from its nearest node" in first
     assert sum("responses.m1" in text for text in texts) == 1
+    # On a curved wall, of which a mesh has facets.
+    facet = NearPoint(key="responses.m2", place=np.array([0.1, 0.1, 0.003]), component="PRES", node=4, distance=0.02, size=0.01)
+    (text, *_), _ = beside_nodes(dofs, [facet, found[2]], 1.0)
+    assert "outside the air" not in text
 
 
 @pytest.mark.parametrize(("regular", "away", "told"), [(False, 1.55, True), (True, 1.55, False), (False, 0.7, True), (False, 0.2, False)])

@@ -83,6 +83,24 @@ def test_noise_in_dips_that_the_reference_job_has_elsewhere_is_no_doubt() -> Non
     assert shares[1] == 0.0
 
 
+@pytest.mark.parametrize("which", [slice(200, 290), slice(0, None, 7)], ids=["a part of the band", "scattered lines"])
+def test_loud_noise_at_some_lines_of_a_job_is_its_own(which: slice) -> None:
+    """With its coherence in the file; over all lines the median of the noise is that of the reference job."""
+    inputs = sample("frame")
+    both = noisy(inputs, 0.01, known=True)
+    own, job, rng = both["loose-2"], inputs.campaign.jobs["loose-2"], np.random.default_rng(2)
+    level = 0.01 * np.ones(own.values.shape)
+    level[which] = 1.3
+    floor = level * np.sqrt(np.mean(np.abs(own.values) ** 2, axis=0))
+    values = own.values + floor * (rng.normal(size=floor.shape) + 1j * rng.normal(size=floor.shape)) / np.sqrt(2.0)
+    coherence = np.abs(values) ** 2 / (np.abs(values) ** 2 + job.averages * floor**2)
+    loud = replace(own, values=values, coherence=coherence)
+    excused = np.isnan(weighted_down(inputs, "loose-2", loud, both["tight"]))
+    assert not excused[which].any()
+    told = [each.text for each in unclear(inputs, {"tight": both["tight"], "loose-2": loud})]
+    assert any("peaks fall by more than 6 dB to both neighbouring lines" in text for text in told)
+
+
 def test_a_coherence_of_the_reference_job_alone_excuses_no_noise_of_another() -> None:
     """Nothing weights the noise of that job down."""
     inputs = sample("frame")

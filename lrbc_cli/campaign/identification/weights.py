@@ -78,8 +78,8 @@ def weighted_down(
 ) -> Complexes:
     """As ``without_noise``, also without noise of the job that its coherence or repeats give: such values have little weight in its cost.
 
-    If the ``reference`` job is given, it must have that noise, too: at the same lines, or at others as its dips lie elsewhere, but of a
-    level that the job's exceeds by the factor ``louder`` at most.
+    If the ``reference`` job is given, it must have that noise, too: where the job's is ``louder`` than its by this factor at most. It may
+    be mostly noise at other lines, as its dips lie elsewhere.
     """
     jobs, values = inputs.campaign.jobs, without_noise(inputs, name, measurement, reference)
     noisy = _known_noise(inputs, measurement, jobs[name])
@@ -87,17 +87,20 @@ def weighted_down(
         if unlike(measurement.frequency_hz, reference.frequency_hz):
             return values
         beside = jobs[str(inputs.campaign.update.reference)]
-        level, usual = _noise_level(inputs, measurement, jobs[name]), _noise_level(inputs, reference, beside)
-        noisy &= _known_noise(inputs, reference, beside) | (level <= louder * usual)
+        level, usual = _noise_magnitude(inputs, measurement, jobs[name]), _noise_magnitude(inputs, reference, beside)
+        window = inputs.statistics.errors.noise_window
+        around = np.pad(usual, ((window // 2, window // 2), (0, 0)), mode="edge")
+        near = medians(np.lib.stride_tricks.sliding_window_view(around, 2 * (window // 2) + 1, axis=0))[..., 0]
+        noisy &= level <= louder * near
     return np.where(noisy, np.nan, values)
 
 
-def _noise_level(inputs: Inputs, measurement: Measurement, job: JobConfig) -> Floats:
-    """(1, R) magnitude of the noise that coherence or repeats give, median over the lines; NaN where they give none."""
+def _noise_magnitude(inputs: Inputs, measurement: Measurement, job: JobConfig) -> Floats:
+    """(F, R) magnitude of the noise that coherence or repeats give, up to a factor; NaN where they give none."""
     sigma = measured_sigma(inputs, measurement, job, np.arange(measurement.frequency_hz.size))[1]
     if sigma is None:
-        return np.full((1, measurement.values.shape[1]), np.nan)
-    return medians(np.where(np.isfinite(measurement.values), np.abs(measurement.values) * sigma, np.nan), axis=0)
+        return np.full(measurement.values.shape, np.nan)
+    return np.where(np.isfinite(measurement.values), np.abs(measurement.values) * sigma, np.nan)
 
 
 def _known_noise(inputs: Inputs, measurement: Measurement, job: JobConfig) -> Bools:

@@ -294,7 +294,7 @@ def _by_chance(
 def _of_all(seen: Seen, fitted: Complexes | None, assumed: bool, measurements: Mapping[str, Measurement]) -> list[Finding]:
     """Findings on all FRFs of a job: another damping or reading, a loose bolt if it is ``assumed`` tight, hammer points, strikes."""
     reading = other_reading(seen.quantities, seen.measurement.frequency_hz, seen.measured, seen.states, seen.job)
-    if alone := field_reading_text(seen, reading):
+    if alone := field_reading_text(seen):
         return said(Kind.READ, alone)
     beyond = seen.reference and seen.misfit >= LEAST_DIFFERENCE
     if beyond and (text := overdamped_text(seen, CLEARLY * seen.misfit if reading is None else reading.after)):

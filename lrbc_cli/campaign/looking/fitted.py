@@ -78,7 +78,7 @@ def fitted_theta(seen: Seen, *, lines: int = 100, iterations: int = 6, kept: int
     ends = [descend(misfit, theta, parameters.bounds, shapes.T, max_iterations=iterations) for theta in (prior, *found.values())]
     theta = min(ends, key=lambda end: end.evaluation.total).theta
     # The first fit of a job is that of its records as stated.
-    source.fits.setdefault(seen.job, theta)
+    source.fits.setdefault(seen.job, (parameters, theta))
     source.changes.setdefault(seen.job, _changes(shapes, theta - prior))
     return theta
 
@@ -178,11 +178,10 @@ def expected_frf(seen: Seen, theta: Floats) -> Complexes:
 
 def expected_on_all_lines(source: Looking, job: str, tight: Measurement) -> Complexes | None:
     """As ``expected_frf``, in the state fitted to a job and on all lines of the reference job; None if none was fitted."""
-    theta, s = source.fits.get(job), 2j * np.pi * tight.frequency_hz
-    if theta is None:
+    if job not in source.fits:
         return None
-    parameters = source.parameters(s)
-    model = source.model(s, parameters)
+    parameters, theta = source.fits[job]
+    model = source.model(2j * np.pi * tight.frequency_hz, parameters)
     return np.asarray(model.frf(theta) / _factor(source.inputs, model.frf(parameters.initial), tight.values))
 
 
@@ -283,7 +282,8 @@ def roughly_calibrated(
     if settings is None or source.fitted_to is not None or source.stage is None:
         return None
     # Asked for by the job of the calibration, and again by what concerns all jobs.
-    key = b"rough" + hashlib.sha256(measurement.values.tobytes() + repr(beside).encode()).digest()
+    content = measurement.frequency_hz.tobytes() + measurement.values.tobytes() + repr((beside, uneven)).encode()
+    key = b"rough" + hashlib.sha256(content).digest()
     if key not in source.known:
         source.known[key] = _roughly_calibrated(source, measurement, settings.job, beside, uneven)
     found: Looking | None = source.known[key]

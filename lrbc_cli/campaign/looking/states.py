@@ -50,8 +50,8 @@ class Looking(FrfSource):
         Those of them that are at a bound, of stiffnesses and masses.
     note : str
         Text for the user on the calibration used.
-    fits : dict of str to float array
-        Theta of the state of the bolts fitted coarsely to each job.
+    fits : dict of str to (Parameterisation, float array)
+        Parameters and theta of the state of the bolts fitted coarsely to each job.
     changes : dict of str to float array
         Changes of the bolts in these states [decades], NaN for bolts without values.
     away : dict of str to float array
@@ -69,7 +69,7 @@ class Looking(FrfSource):
     factors: Mapping[str, float] = field(default_factory=dict, repr=False)
     at_bounds: Mapping[str, float] = field(default_factory=dict, repr=False)
     note: str = ""
-    fits: dict[str, Floats] = field(default_factory=dict, repr=False)
+    fits: dict[str, tuple[Parameterisation, Floats]] = field(default_factory=dict, repr=False)
     changes: dict[str, Floats] = field(default_factory=dict, repr=False)
     away: dict[str, Floats] = field(default_factory=dict, repr=False)
     near: dict[str, Floats] = field(default_factory=dict, repr=False)

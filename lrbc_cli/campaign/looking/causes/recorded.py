@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from lrbc_cli.campaign.findings import Finding, Kind
-from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, Reading, apart, other_reading
+from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, apart, other_reading
 from lrbc_cli.campaign.identification.compared.sensors import sensors_of
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.states import Seen, nearest_states
@@ -17,23 +17,21 @@ from lrbc_cli.updating.statistics.chain.filters import Filter, filtered, filters
 from lrbc_cli.updating.statistics.chain.start import starting
 
 
-def field_reading_text(seen: Seen, whole: Reading | None, *, several: int = 2) -> str:
+def field_reading_text(seen: Seen, *, several: int = 3) -> str:
     """Warning if the numbers of the pressures alone, or of the motions alone, fit the model when read otherwise; else empty.
 
     Parameters
     ----------
     seen : Seen
-    whole : Reading or None
-        How all records fit the model, if they do; it holds unless the other field fits as stated.
     several : int
-        Least number of responses of a field: a single one fits by chance.
+        Least number of responses of a field, as few fit by chance. The other field must fit as stated.
     """
     air = np.array(seen.quantities) == "pressure"
     for own, field in ((air, "pressures"), (~air, "motions")):
         if not several <= own.sum() < own.size:
             continue
         rest = float(np.median(apart(seen.measured[:, ~own], seen.states[:, :, ~own]), axis=1).min())
-        if whole is not None and rest > LEAST_DIFFERENCE:
+        if rest > LEAST_DIFFERENCE:
             continue
         quantities = [quantity for quantity, there in zip(seen.quantities, own, strict=True) if there]
         reading = other_reading(quantities, seen.measurement.frequency_hz, seen.measured[:, own], seen.states[:, :, own], seen.job)

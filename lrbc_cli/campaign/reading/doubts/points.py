@@ -71,12 +71,12 @@ def _beside_text(points: Sequence[NearPoint], *, several: int = 3) -> list[str]:
     ]
 
 
-def _outside_air(dofs: DofTable, points: Sequence[NearPoint]) -> list[NearPoint]:
-    """Microphones among the points that lie outside the extents of the air of the model."""
+def _outside_air(dofs: DofTable, points: Sequence[NearPoint], *, share: float = 0.02) -> list[NearPoint]:
+    """Microphones among the points outside the extents of the air of the model, by a ``share`` of its largest: walls have facets."""
     if not dofs.is_acoustic.any():
         return []
     low, high = np.array(_ends(dofs, ACOUSTIC_COMPONENT)).T
-    margin = [AT_NODE * point.size for point in points]
+    margin = [max(AT_NODE * point.size, share * float((high - low).max())) for point in points]
     return [
         point
         for point, least in zip(points, margin, strict=True)
