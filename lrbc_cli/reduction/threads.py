@@ -10,7 +10,7 @@ from contextvars import ContextVar, copy_context
 from functools import cache
 from itertools import pairwise
 from threading import Thread
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
@@ -64,7 +64,7 @@ def side_by_side(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
     settings = np.geterr()
 
     def one(item: T) -> R:
-        with np.errstate(**settings):
+        with _floating_point(settings):
             return work(item)
 
     pool = ThreadPoolExecutor(min(threads(), len(todo)))
@@ -74,6 +74,15 @@ def side_by_side(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
             return [future.result() for future in [pool.submit(copy_context().run, one, item) for item in todo]]
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _floating_point(settings: Any) -> AbstractContextManager[None]:
+    """Context with the floating-point error settings of the caller, in another thread.
+
+    Not entered where that thread has them: NumPy 1 counts the threads with other settings than the default, and one that sets the default
+    anew is subtracted, so that errors which another thread ignores are reported there.
+    """
+    return nullcontext() if settings == np.geterr() else np.errstate(**settings)
 
 
 @contextmanager
@@ -128,7 +137,7 @@ def by_lines(lines: int, terms: int, states: int, work: Callable[[slice], None])
 
     def beside(first: int) -> None:
         try:
-            with np.errstate(**settings):
+            with _floating_point(settings):
                 some(slices[first::most])
         except Exception as error:
             failed.append(error)

@@ -448,6 +448,25 @@ class TestThreads:
         with np.errstate(divide="raise"), pytest.raises(FloatingPointError):
             side_by_side(lambda value: np.float64(1.0) / value, [np.float64(0.0)] * 3)
 
+    @pytest.mark.parametrize("lines", [False, True])
+    def test_threads_leave_what_another_ignores(self, lines: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+        """NumPy 1 counts the threads with other settings; work begun elsewhere made a division by zero a warning here."""
+        monkeypatch.setattr(threads, "cores", lambda: 4)
+        monkeypatch.setattr(threads, "THREADED", 0.0)
+
+        def elsewhere() -> None:
+            if lines:
+                by_lines(8, 3, 1, lambda _: None)
+            else:
+                side_by_side(str, range(4))
+
+        with np.errstate(divide="ignore"):
+            for _ in range(3):
+                other = threading.Thread(target=elsewhere)
+                other.start()
+                other.join()
+            assert np.log10(np.zeros(1)) == -np.inf
+
     def test_a_failure_ends_what_has_not_begun(self) -> None:
         done = []
 

@@ -128,7 +128,8 @@ def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> tu
     """
     beside = [point for point in points if point.beside]
     outside = _outside_air(dofs, beside)
-    told = [*_outside_text(dofs, outside), *_beside_text([point for point in beside if point not in outside])]
+    named = {point.key for point in outside}
+    told = [*_outside_text(dofs, outside), *_beside_text([point for point in beside if point.key not in named])]
     if len(beside) < 2 or 2 * len(beside) <= len(points):
         return told, False
     low, high = dofs.xyz.min(axis=0), dofs.xyz.max(axis=0)
