@@ -24,6 +24,7 @@ from lrbc_cli.campaign.looking.exchanges import exchanged_files, foreign_titles,
 from lrbc_cli.campaign.looking.first_look import FirstLook, first_look
 from lrbc_cli.campaign.looking.fitted import expected_on_all_lines
 from lrbc_cli.campaign.looking.measured import of_file, other_chains, other_runs, unclear, without_phases
+from lrbc_cli.campaign.looking.odd_jobs import own_air_text
 from lrbc_cli.campaign.looking.trials import NEAR
 from lrbc_cli.campaign.reading.doubts.idle import partly_held
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -37,7 +38,7 @@ from lrbc_cli.model.coupling import asymmetry, coupling_of
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
 from lrbc_cli.model.units import UnitSystem
 from lrbc_cli.reduction.solve import pardiso
-from lrbc_cli.updating.calibration.far import far_factors
+from lrbc_cli.updating.calibration.far import far_factors, without_air
 from lrbc_cli.updating.statistics.lines import few_resonances, interpolated, missed, normalised
 
 
@@ -365,7 +366,11 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     use = inputs.calibration
     if look.source is not None and not any(each.job == reference for each in told):
         # Beside another finding they may be its consequence.
-        out.warn(*far_factors(use.factors if use is not None and use.used else look.source.factors, inputs.recipe))
+        factors = use.factors if use is not None and use.used else look.source.factors
+        if alone := own_air_text(look.source, compared, factors, look.source.fitted_to or reference):
+            out.warn(alone)
+            factors = without_air(factors)
+        out.warn(*far_factors(factors, inputs.recipe))
     if Kind.RESCALED in kinds_of(look.found):
         out.found = [each for each in out.found if each.kind is not Kind.GUESSED]
     out.found += told

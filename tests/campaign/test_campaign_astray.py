@@ -54,6 +54,19 @@ def test_two_that_are_exchanged_are_no_direction() -> None:
     assert told(RING, list(range(12))) == "None"
 
 
+def test_bolts_measured_from_the_other_edge_are_not_numbered_in_reverse() -> None:
+    """Mirrored, each lies near the springs of another bolt of a nearly regular pattern, but not at them."""
+    border = np.array([[0.02, 0.02], [0.18, 0.02], [0.30, 0.02], [0.50, 0.02], [0.50, 0.36], [0.38, 0.36], [0.20, 0.36], [0.02, 0.36]])
+    springs, names = np.column_stack([border, np.zeros(8)]), tuple(f"S{k}" for k in range(1, 9))
+    for axis, name, total in ((0, "x", 0.52), (1, "y", 0.41)):
+        seen = springs.copy()
+        seen[:, axis] = total - seen[:, axis]
+        text = str(beside_their_springs(PointTable(names, seen), springs, names, 1.0))
+        assert text.endswith(f"; {name} is probably counted from the other side: write {total:g} - {name} for {name}")
+    # Names in reverse order fit exactly.
+    assert "numbers them in reverse order" in str(beside_their_springs(PointTable(names, springs[::-1]), springs, names, 1.0))
+
+
 def test_a_square_about_another_origin() -> None:
     """No bolt is nearer to the springs of another one than half as far as to its own."""
     corners = np.array([[0.0, 0.0, 0.0], [1.2, 0.0, 0.0], [1.2, 0.8, 0.0], [0.0, 0.8, 0.0]])

@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from looking import seen
 from samples import reduced_cache, sample
 
-from lrbc_cli.campaign.identification.compared.likeness import exchanged
+from lrbc_cli.campaign.identification.compared.likeness import exchanged, exchanged_text
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.looking.causes.coordinates import _on_other_part, coordinates_texts
 from lrbc_cli.campaign.reduced.stage import FrfSource, obtain_reduction
@@ -81,6 +81,20 @@ def test_sensors_in_each_others_place_beside_a_model_that_lacks_something() -> N
     measured = stated * 10.0 ** (rough / 20.0)
     assert exchanged(inputs, measured, [stated]) == []
     assert exchanged(inputs, measured[:, [1, 0, 2, 3]], [stated]) == [(0, 1)]
+
+
+def test_cables_of_two_quantities_in_each_others_place() -> None:
+    """Levels are compared without their means, so another unit and sensitivity do not hide it."""
+    inputs, _, stated, _ = frame()
+    mixed = replace(inputs)
+    object.__setattr__(
+        mixed, "responses", tuple(replace(r, quantity="pressure" if r is inputs.responses[3] else r.quantity) for r in inputs.responses)
+    )
+    assert exchanged(mixed, 40.0 * stated[:, [0, 1, 3, 2]], [stated]) == [(2, 3)]
+    text = exchanged_text(mixed, [(2, 3)], "tight")
+    assert "They measure different quantities, so their cables were probably exchanged at the front end" in text
+    assert "records" not in text
+    assert "different quantities" not in exchanged_text(mixed, [(1, 2)], "tight")
 
 
 def test_nothing_is_said_where_places_are_right() -> None:

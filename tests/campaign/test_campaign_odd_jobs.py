@@ -14,16 +14,20 @@ from looking import measurement, modal, seen
 
 from lrbc_cli.campaign.check import check
 from lrbc_cli.campaign.identification.compared.chains import chain_doubt
+from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.looking import all_jobs, fitted
 from lrbc_cli.campaign.looking.all_jobs import misplaced_sensor, of_one_sensor
 from lrbc_cli.campaign.looking.causes.held import idle_text
-from lrbc_cli.campaign.looking.fitted import at_bounds_text
-from lrbc_cli.campaign.looking.odd_jobs import _airborne, _of_model
+from lrbc_cli.campaign.looking.first_look import _source
+from lrbc_cli.campaign.looking.fitted import at_bounds_text, multiplied
+from lrbc_cli.campaign.looking.odd_jobs import _airborne, _of_model, own_air_text
 from lrbc_cli.campaign.looking.states import Looking
 from lrbc_cli.campaign.looking.trials import NEARER
 from lrbc_cli.campaign.reading.inputs import read_as_exported
+from lrbc_cli.campaign.reduced.stage import affine_model
 from lrbc_cli.config import load_campaign
 from lrbc_cli.io.frf import read_frf, write_frf
+from lrbc_cli.model.factors import SOUND_SPEED
 from lrbc_cli.updating.statistics.chain.blows import BLOWS
 from lrbc_cli.updating.statistics.chain.modal import ModalRule
 from lrbc_cli.updating.statistics.error_model import ErrorModel
@@ -49,6 +53,26 @@ def test_warmer_and_colder_air_is_told_with_its_temperature(tmp_path: Path, spee
     percent = float(text.partition("speed of sound about ")[2].partition("%")[0])
     assert percent == pytest.approx(100.0 * abs(speed - 1.0), rel=0.4)
     assert f"% {which} that of the reference job" in text
+
+
+@pytest.mark.parametrize(("speed", "is_told"), [(1.0, True), (1.05, False)], ids=["others as the model", "others as the reference"])
+def test_air_of_the_calibration_job_alone_is_no_error_of_the_model(tmp_path: Path, speed: float, is_told: bool) -> None:
+    lost = np.array([0.0, 1.5, 0.0, 0.0, 0.0, 0.0])
+    folder = box(tmp_path, {"other": (BOX_TRUTH["tight"] - lost, speed), "again": (BOX_TRUTH["tight"], speed)})
+    inputs = read_as_exported(load_campaign(folder.path / "campaign.yaml"))
+    source = _source(inputs, tmp_path / "none", lambda _: None)
+    assert source is not None
+    assert source.stage is not None
+    jobs = {name: read_measurement(inputs, job, name) for name, job in inputs.campaign.jobs.items()}
+    for factors in ({SOUND_SPEED: 1.05}, {"stiffness.acoustic": 1.05**2}):
+        calibrated = multiplied(source, affine_model(inputs, source.stage), factors)
+        text = own_air_text(calibrated, jobs, factors, "tight")
+        assert bool(text) is is_told
+        if is_told:
+            assert text.startswith("job tight: probably measured in air about 30 K warmer than the other jobs: its calibration ")
+            assert " other jobs are nearer to the model without that (" in text
+    # A usual factor is no doubt.
+    assert own_air_text(calibrated, jobs, {SOUND_SPEED: 1.02}, "tight") == ""
 
 
 @pytest.mark.parametrize(

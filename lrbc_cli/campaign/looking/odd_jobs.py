@@ -21,6 +21,7 @@ from lrbc_cli.campaign.looking.trials import NEAR, NEARER
 from lrbc_cli.campaign.reduced.stage import affine_model
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.factors import SOUND_SPEED
+from lrbc_cli.updating.calibration.far import far_sound, kelvin_of, without_air
 from lrbc_cli.updating.comparison.scale import LEAST_LINES
 
 #: What to check of a job that bolts do not explain.
@@ -84,6 +85,48 @@ def odd_jobs(
         if cause := _told(odd, f"{much} job", tried, further):
             found[name] = cause[0]
     return found
+
+
+def own_air_text(source: Looking, measurements: Mapping[str, Measurement], factors: Mapping[str, float], job: str) -> str:
+    """Warning that the air of the calibration job ``job`` is unlike that of all other jobs, if their pressures say so; else empty.
+
+    A wrong speed of sound in the FE model is wrong in every job. So where a calibration with ``factors`` changes it much, and the pressures
+    of all other jobs are nearer to the model without that, it is the job that was measured in other air.
+
+    Parameters
+    ----------
+    source : Looking
+        FRFs of the model with these factors.
+    measurements : mapping
+        By job.
+    factors : mapping of str to float
+    job : str
+    """
+    sound, air = far_sound(factors), np.array([response.quantity == "pressure" for response in source.inputs.responses])
+    if not sound or source.stage is None:
+        return ""
+    back = {name: 1.0 / value for name, value in factors.items() if name not in without_air(factors)}
+    plain = replace(multiplied(source, affine_model(source.inputs, source.stage), back), start=source.start)
+    left = dict[str, tuple[float, float]]()
+    for name in (name for name in measurements if name != job):
+        both = [Seen.of_model(one, name, measurements[name]) for one in (source, plain)]
+        there = air & _measured(both[0].measured)
+        if there.any():
+            with_it, without = (float(np.median(apart(seen.measured, seen.model)[there])) for seen in both)
+            left[name] = without, with_it
+    if not left or any(without >= with_it for without, with_it in left.values()):
+        return ""
+    clear, (without, with_it) = min(left.items(), key=lambda each: each[1][0] / each[1][1])
+    if without > NEARER * with_it:
+        return ""
+    kelvin = kelvin_of(sound)
+    every = f"all {len(left)} other jobs are" if len(left) > 1 else f"{clear}, the other job, are"
+    return (
+        f"job {job}: probably measured in air about {abs(kelvin):.0f} K {'warmer' if kelvin > 0.0 else 'colder'} than the other jobs: its "
+        f"calibration multiplies the speed of sound by {sound:.3g}, but the pressures of {every} nearer to the model without that "
+        f"({clear}: {without:.1f} instead of {with_it:.1f} dB). Measure {job} again at the temperature of the others, or calibrate and "
+        "compare with another tight job (calibration.job, update.reference)"
+    )
 
 
 def _of_model(source: Looking, reference: str) -> str:

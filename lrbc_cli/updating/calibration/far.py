@@ -35,11 +35,10 @@ def far_factors(
     stiff, damping : float
         Largest deviation of factors of stiffness or mass, and of loss factors, in standard deviations of their prior. A choice.
     speed : float
-        Largest relative deviation of the speed of sound: a room 18 K warmer or colder. A choice.
+        See ``far_sound``.
     """
     found, most = list[str](), stiff * prior.stiff_std
-    sound = factors.get(SOUND_SPEED, 1.0) * (factors.get(_AIR, 1.0) / factors.get(_COMPLIANCE, 1.0)) ** 0.5
-    if abs(np.log(sound)) > speed:
+    if sound := far_sound(factors, speed=speed):
         found.append(_sound_text(sound))
     quotient = factors.get(_STIFFNESS, 1.0) / factors.get(_MASS, 1.0)
     if {_STIFFNESS, _MASS} <= factors.keys() and abs(np.log(quotient)) > most:
@@ -56,6 +55,25 @@ def far_factors(
     return found
 
 
+def far_sound(factors: Mapping[str, float], *, speed: float = 0.03) -> float:
+    """Factor of the speed of sound by all ``factors`` of the air, if it is far from 1; else zero.
+
+    ``speed``: largest relative deviation that is not far: a room 18 K warmer or colder. A choice.
+    """
+    sound = factors.get(SOUND_SPEED, 1.0) * (factors.get(_AIR, 1.0) / factors.get(_COMPLIANCE, 1.0)) ** 0.5
+    return sound if abs(np.log(sound)) > speed else 0.0
+
+
+def without_air(factors: Mapping[str, float]) -> dict[str, float]:
+    """Factors without those of the air's stiffness, mass and speed of sound."""
+    return {name: value for name, value in factors.items() if name not in (SOUND_SPEED, _AIR, _COMPLIANCE)}
+
+
+def kelvin_of(sound: float, room: float = 293.0) -> float:
+    """Change of the temperature of the air [K] by which its speed of sound changes by the factor ``sound``."""
+    return room * (sound**2 - 1.0)
+
+
 def _material_text(what: str) -> str:
     return (
         f"the calibration multiplies {what}, more than materials scatter: the FE model is probably wrong there. Check modulus, density and "
@@ -63,9 +81,9 @@ def _material_text(what: str) -> str:
     )
 
 
-def _sound_text(sound: float, *, room: float = 293.0, most: float = 40.0) -> str:
-    """``room`` and ``most``: temperature at which the speed of sound mostly holds, and largest change of it that air may have [K]."""
-    kelvin = room * (sound**2 - 1.0)
+def _sound_text(sound: float, *, most: float = 40.0) -> str:
+    """``most``: largest change of the temperature that air may have [K]."""
+    kelvin = kelvin_of(sound)
     as_of = f", as of air {abs(kelvin):.0f} K {'warmer' if kelvin > 0.0 else 'colder'}" if abs(kelvin) <= most else ""
     return (
         f"the calibration multiplies the speed of sound by {sound:.3g}{as_of}: check the speed of sound (or bulk modulus and density) of "

@@ -192,7 +192,9 @@ def _cosine(one: Complexes, other: Complexes, axis: int) -> Floats:
 def exchanged(
     inputs: Inputs, measured: Complexes, states: Sequence[Complexes] | Complexes, known: Sequence[tuple[int, ...]] = ()
 ) -> list[tuple[int, ...]]:
-    """Exchanged responses of one quantity, as cycles (i, j, ...): measured i fits computed j, measured j the next, the last computed i.
+    """Exchanged responses of one excitation, as cycles (i, j, ...): measured i fits computed j, measured j the next, the last computed i.
+
+    Mean levels are removed, so channels of two quantities whose cables were exchanged at the front end are found, too.
 
     Parameters
     ----------
@@ -204,8 +206,7 @@ def exchanged(
         Cycles of the reference job: for the same exchange weaker evidence is enough, and it counts before others of its responses.
     """
     count, limits = len(inputs.responses), inputs.statistics.validation
-    kinds = [(response.quantity, response.input) for response in inputs.responses]
-    other = np.array([[one != two for two in kinds] for one in kinds])
+    other = inputs.input_of[:, None] != inputs.input_of[None]
     level = levels(measured)
     # (S, R, R): distance of measured i from computed j [dB].
     table = np.array([[spread(level[:, [i]] - levels(state), 0, limits.exchanged_lines) for i in range(count)] for state in states])
@@ -295,11 +296,18 @@ def exchanged_text(inputs: Inputs, cycles: Sequence[Sequence[int]], job: str) ->
         said.append(f"{', '.join(names[:-1])} and {names[-1]}")
         places.append(" and ".join(f"responses.{name}" for name in names))
     each = "each fits the model's FRF of the other" if pairs else "each fits the model's FRF of the next, the last that of the first"
+    told = f"{'; '.join(said)} are probably exchanged: {each}"
+    if len({inputs.responses[i].quantity for i in cycles[0]}) > 1:
+        return (
+            f"{told}. They measure different quantities, so their cables were probably exchanged at the front end, and each has the unit "
+            "and the sensitivity of the other. Measure again with each cable at its channel, or exchange names, units and sensitivities of "
+            "these channels in the analyser and export again"
+        )
     exchange = f"exchange the places of {'; '.join(places)}" if pairs else "give each of these responses the place of the next"
     own = f"write jobs.{job}.records: {{{', '.join(records)}}}"
     # In one job the cables are probably wrong, in the reference job rather the campaign file.
     fix = f"{exchange}, or {own}" if job == inputs.campaign.update.reference else f"{own}, or, if all jobs are affected, {exchange}"
-    return f"{'; '.join(said)} are probably exchanged: {each}. {fix[:1].upper()}{fix[1:]}"
+    return f"{told}. {fix[:1].upper()}{fix[1:]}"
 
 
 @dataclass(frozen=True)

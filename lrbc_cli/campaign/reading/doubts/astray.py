@@ -69,15 +69,27 @@ def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str
     nearest_to = [names.index(owner[int(np.argmin(np.linalg.norm(springs - point, axis=1)))]) for point in xyz]
     if sorted(nearest_to) == list(range(len(names))):
         ways[_exchange_text(names, nearest_to, lost.tolist())] = xyz[np.argsort(nearest_to)]
+    ways |= _mirrored(xyz, middles, unit)
     others = [name for name in bolts.name if name not in owner]
     beside = f"; {', '.join(others[:_MOST])} of it have no springs: check whether it is the list of this structure" if others else ""
-    fix = next(
-        (way for way, points in ways.items() if not astray(points, 1.0).any()),
-        f"correct the places there, or the nodes of the springs{beside}",
-    )
+    # Mirrored places in a nearly regular pattern lie near the springs of other bolts, too. Of two that fit equally, the first is told.
+    left = {way: np.linalg.norm(points - middles, axis=1).max() for way, points in ways.items() if not astray(points, 1.0).any()}
+    least = min(left.values(), default=0.0) + ROUNDING * float(np.linalg.norm(np.ptp(middles, axis=0)))
+    fix = next((way for way, away in left.items() if away <= least), f"correct the places there, or the nodes of the springs{beside}")
     which = listing([names[k] for k in lost], 8)
     lie, its = ("lies", "its") if lost.size == 1 else ("lie", "their")
     return f"{which} {lie} nearer to the springs of other bolts than to {its} own; {fix}"
+
+
+def _mirrored(xyz: Floats, middles: Floats, unit: float) -> dict[str, Floats]:
+    """Texts and places (b, 3) with one coordinate counted from the other side [m]."""
+    found = dict[str, Floats]()
+    for axis, name in enumerate("xyz"):
+        total, turned = float(np.median(xyz[:, axis] + middles[:, axis])), xyz.copy()
+        turned[:, axis] = total - xyz[:, axis]
+        if np.ptp(xyz[:, axis]) > 0.0:
+            found[f"{name} is probably counted from the other side: write {total / unit:.6g} - {name} for {name}"] = turned
+    return found
 
 
 def renumbered_text(table: BushingTable, places: Floats, bolts: PointTable, dofs: DofTable, unit: float) -> str:
