@@ -24,7 +24,8 @@ from lrbc_cli.campaign.looking.exchanges import exchanged_files, foreign_titles,
 from lrbc_cli.campaign.looking.first_look import FirstLook, first_look
 from lrbc_cli.campaign.looking.fitted import expected_on_all_lines
 from lrbc_cli.campaign.looking.measured import of_file, other_chains, other_runs, unclear, without_phases
-from lrbc_cli.campaign.looking.odd_jobs import own_air_text
+from lrbc_cli.campaign.looking.odd.jobs import own_air_text
+from lrbc_cli.campaign.looking.states import Looking
 from lrbc_cli.campaign.looking.trials import NEAR
 from lrbc_cli.campaign.reading.doubts.idle import partly_held
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -363,14 +364,9 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     if not titled and Kind.REMOVED not in kinds_of(told) and (text := exchanged_files(inputs, compared)):
         titled = [text]
     out.warn(*titled)
-    use = inputs.calibration
     if look.source is not None and not any(each.job == reference for each in told):
         # Beside another finding they may be its consequence.
-        factors = use.factors if use is not None and use.used else look.source.factors
-        if alone := own_air_text(look.source, compared, factors, look.source.fitted_to or reference):
-            out.warn(alone)
-            factors = without_air(factors)
-        out.warn(*far_factors(factors, inputs.recipe))
+        out.warn(*_far(look.source, compared))
     if Kind.RESCALED in kinds_of(look.found):
         out.found = [each for each in out.found if each.kind is not Kind.GUESSED]
     out.found += told
@@ -382,6 +378,15 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
         out.found = [*(each for each in out.found if each.kind is not Kind.FOREIGN), Finding(job=reference, text=damped)]
         out.explained.add(reference)
     return look.note
+
+
+def _far(source: Looking, measurements: Mapping[str, Measurement]) -> list[str]:
+    """Warnings on factors of the calibration that are far from 1, or on other air in its job alone."""
+    inputs, use = source.inputs, source.inputs.calibration
+    factors = use.factors if use is not None and use.used else source.factors
+    if alone := own_air_text(source, measurements, factors, source.fitted_to or ""):
+        return [alone, *far_factors(without_air(factors), inputs.recipe)]
+    return far_factors(factors, inputs.recipe)
 
 
 def _moves_levels(finding: Finding) -> bool:

@@ -9,28 +9,33 @@ from typing import Any
 
 import numpy as np
 import pytest
-from campaigns import BOX_TRUTH, box
+import scipy.sparse as sp
+from campaigns import BOX_TRUTH, box, frame
 from looking import measurement, modal, seen
 
 from lrbc_cli.campaign.check import check
 from lrbc_cli.campaign.identification.compared.chains import chain_doubt
-from lrbc_cli.campaign.identification.records import read_measurement
+from lrbc_cli.campaign.identification.compared.likeness import apart
+from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.looking import all_jobs, fitted
 from lrbc_cli.campaign.looking.all_jobs import misplaced_sensor, of_one_sensor
 from lrbc_cli.campaign.looking.causes.held import idle_text
 from lrbc_cli.campaign.looking.first_look import _source
 from lrbc_cli.campaign.looking.fitted import at_bounds_text, multiplied
-from lrbc_cli.campaign.looking.odd_jobs import _airborne, _of_model, own_air_text
-from lrbc_cli.campaign.looking.states import Looking
-from lrbc_cli.campaign.looking.trials import NEARER
+from lrbc_cli.campaign.looking.odd.jobs import _airborne, _of_model, own_air_text
+from lrbc_cli.campaign.looking.odd.left_on import left_on_text
+from lrbc_cli.campaign.looking.states import Looking, Seen
+from lrbc_cli.campaign.looking.trials import NEARER, at_values, picking
 from lrbc_cli.campaign.reading.inputs import read_as_exported
 from lrbc_cli.campaign.reduced.stage import affine_model
 from lrbc_cli.config import load_campaign
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.factors import SOUND_SPEED
+from lrbc_cli.reduction.problem.full import full_frfs
 from lrbc_cli.updating.statistics.chain.blows import BLOWS
 from lrbc_cli.updating.statistics.chain.modal import ModalRule
 from lrbc_cli.updating.statistics.error_model import ErrorModel
+from lrbc_cli.updating.unknowns.shapes import bolt_shapes
 
 HZ = np.arange(30.0, 500.0, 2.0)
 
@@ -53,6 +58,40 @@ def test_warmer_and_colder_air_is_told_with_its_temperature(tmp_path: Path, spee
     percent = float(text.partition("speed of sound about ")[2].partition("%")[0])
     assert percent == pytest.approx(100.0 * abs(speed - 1.0), rel=0.4)
     assert f"% {which} that of the reference job" in text
+
+
+@pytest.mark.parametrize(("kg", "node", "loose"), [(0.071, 108, (1, 2, 4, 5)), (0.047, 27, (0, 1, 2)), (0.0, 108, (1, 2, 4, 5))])
+def test_a_tool_left_beside_loosened_bolts(tmp_path: Path, kg: float, node: int, loose: tuple[int, ...]) -> None:
+    """Bolts and mass hide each other: a fit of the bolts leaves much, and so does a mass with all bolts tight."""
+    inputs = read_as_exported(load_campaign(frame(tmp_path).path / "campaign.yaml"))
+    source = _source(inputs, tmp_path / "none", lambda _: None)
+    assert source is not None
+    assert inputs.dofs is not None
+    assert inputs.bolts is not None
+    model, band = inputs.model, inputs.campaign.reduction.band
+    hz = np.arange(band[0], band[1], 2.0)
+    s = 2j * np.pi * hz
+    parameters = source.parameters(s)
+    shapes = bolt_shapes(parameters, inputs.bolts.xyz, inputs.statistics.values, inputs.statistics.bolts)
+    lump = picking(np.flatnonzero((inputs.dofs.node == node) & (inputs.dofs.component == "UZ")), model.size)
+
+    def measured(kg: float, theta: np.ndarray) -> Measurement:
+        H, D_ref = full_frfs(replace(model, M=sp.csc_array(model.M + kg * (lump.T @ lump))), s, band, refine=0)
+        G = at_values(H, parameters.dynamic(theta, s) - D_ref)
+        return measurement(hz, G[:, np.arange(G.shape[1]), inputs.input_of] * s[:, None] ** model.output_power)
+
+    theta = np.clip(parameters.initial - 3.0 * shapes.T[:, shapes.bolts[list(loose)]].sum(axis=1), *parameters.bounds.T)
+    job = Seen.of(source, "loose", measured(kg, theta), measured(0.0, parameters.initial))
+    expected = fitted.fitted_frf(job)
+    assert expected is not None
+    text = left_on_text(job, float(np.median(apart(job.measured, expected))))
+    if not kg:
+        assert text == ""
+        return
+    assert f" kg more near node {node} at " in text
+    assert ", with the bolts fitted beside it, " in text
+    assert float(text.split()[2]) == pytest.approx(kg, rel=0.15)
+    assert float(text.partition("level misfit is ")[2].split()[0]) < 1.0
 
 
 @pytest.mark.parametrize(("speed", "is_told"), [(1.0, True), (1.05, False)], ids=["others as the model", "others as the reference"])

@@ -17,9 +17,10 @@ from systems import whole
 from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.looking import unexplained
 from lrbc_cli.campaign.looking.causes import added, parts, rescaled
-from lrbc_cli.campaign.looking.causes.added import added_text, left_on_text, loaded_text
+from lrbc_cli.campaign.looking.causes.added import added_text, loaded_text
 from lrbc_cli.campaign.looking.causes.held import held_text, supports_text, tied_text
 from lrbc_cli.campaign.looking.causes.parts import lump_text
+from lrbc_cli.campaign.looking.odd.left_on import left_on_text
 from lrbc_cli.campaign.looking.states import Seen
 from lrbc_cli.campaign.looking.trials import Cause
 from lrbc_cli.campaign.looking.unexplained import gains_by_chance
@@ -318,7 +319,7 @@ def test_a_foot_that_the_model_lacks() -> None:
         return replace(plain, K=sp.csc_array(plain.K + sp.diags_array(np.where(np.isin(np.arange(2 * COUNT), nodes), 5e6, 0.0))))
 
     def nearest(job: Seen, before: float) -> str:
-        found = added._nearest(job, before, supports=True)
+        found = added.nearest_added(job, before, supports=True)
         return "" if found is None else f"{found.matrix} {found.size:.3g} {found.nodes[0]}"
 
     feet = (2, 37, COUNT + 2, COUNT + 12)
@@ -339,7 +340,7 @@ def test_a_mass_that_a_calibration_has_half_made_up_for(monkeypatch: pytest.Monk
     seen: Any = SimpleNamespace(source=source, job="tight", misfit=7.5, inputs=inputs, few=lambda _: None)
     at = np.array([10])
     monkeypatch.setattr(
-        added, "_nearest", lambda *_, **__: added._Added(matrix="mass", size=8.0, nodes=(10,), at=at, place="(0.2, 0, 0) m", left=4.0)
+        added, "nearest_added", lambda *_, **__: added.Added(matrix="mass", size=8.0, nodes=(10,), at=at, place="(0.2, 0, 0) m", left=4.0)
     )
     monkeypatch.setattr(added, "recipe_of", lambda *_: None)
     monkeypatch.setattr(added, "coarsely_reduced", lambda inputs: begun.append((inputs.model.M - plain.M).sum()))
@@ -366,7 +367,7 @@ def test_a_mass_where_a_sensor_is(quantity: str, row: int, told: bool) -> None:
     dofs = DofTable(node=np.arange(9), component=np.full(9, "UZ"), xyz=np.array([[0.1 * k, 0.0, 0.0] for k in range(9)]))
     response = SimpleNamespace(name="a2", node=row, direction=3, quantity=quantity, text="")
     inputs: Any = SimpleNamespace(responses=[response], dofs=dofs)
-    found = added._Added(matrix="mass", size=0.05, nodes=(3,), at=np.array([3]), place="(0.3, 0, 0) m", left=1.0)
+    found = added.Added(matrix="mass", size=0.05, nodes=(3,), at=np.array([3]), place="(0.3, 0, 0) m", left=1.0)
     text = added._text(inputs, found, 2.6, with_calibration=True)
     assert ("a2 was measured there, so this is probably the mass of the sensor" in text) is told
     assert ("such as a motor or a fixture" in text) is not told

@@ -23,7 +23,7 @@ from lrbc_cli.campaign.looking.causes.removed import removed_findings
 from lrbc_cli.campaign.looking.causes.tightness import beside_others, fallen_text, risen_text, taken_as_tight
 from lrbc_cli.campaign.looking.fitted import closely_fitted
 from lrbc_cli.campaign.looking.multiaxial import of_several_axes
-from lrbc_cli.campaign.looking.odd_jobs import odd_jobs
+from lrbc_cli.campaign.looking.odd.jobs import odd_jobs
 from lrbc_cli.campaign.looking.states import Looking, Seen
 from lrbc_cli.campaign.looking.trials import NEAR, NEARER, UNLIKE
 from lrbc_cli.campaign.looking.unexplained import many_loosened, single_responses

@@ -92,21 +92,24 @@ def with_ports(model: FeModel, dofs: Integers) -> FeModel:
     return replace(model, B=sp.hstack([model.B, at.T], format="csc"), L=sp.vstack([model.L, at], format="csc"), extras={})
 
 
-def at_values(H: Complexes, further: Complexes) -> Complexes:
+def at_values(H: Complexes, further: Complexes, *, terms: bool = False) -> Complexes:
     """(F, n_out, n_in) FRFs with other dynamic values of the terms, eq. (18).
 
     Parameters
     ----------
     H : (F, n_out + m, n_in + m) complex array
-        Of ``full_frfs``.
+        Of ``full_frfs``, or of this function with ``terms``.
     further : (F, m) complex array
         The values less those in ``H``.
+    terms : bool
+        Whether the ports of the terms are kept: then (F, n_out + m, n_in + m).
     """
-    count = further.shape[1]
-    outputs, loads, further = H.shape[1] - count, H.shape[2] - count, further[:, None, :]
-    rows, columns = H[:, outputs:], H[:, :, loads:]
-    held = np.linalg.solve(np.eye(count) + rows[:, :, loads:] * further, rows[:, :, :loads])
-    found: Complexes = H[:, :outputs, :loads] - (columns[:, :outputs] * further) @ held
+    count, changed = further.shape[1], np.flatnonzero((further != 0.0).any(axis=0))
+    outputs, loads, further = H.shape[1] - count, H.shape[2] - count, further[:, None, changed]
+    last, end = (H.shape[1], H.shape[2]) if terms else (outputs, loads)
+    rows, columns = H[:, outputs + changed], H[:, :last][:, :, loads + changed]
+    held = np.linalg.solve(np.eye(changed.size) + rows[:, :, loads + changed] * further, rows[:, :, :end])
+    found: Complexes = H[:, :last, :end] - (columns * further) @ held
     return found
 
 

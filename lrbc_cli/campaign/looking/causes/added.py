@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse as sp
 
-from lrbc_cli.arrays import Floats, Integers
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, apart
 from lrbc_cli.campaign.identification.compared.sensors import sensors_of
 from lrbc_cli.campaign.identification.records import Measurement
@@ -38,9 +38,12 @@ from lrbc_cli.model.selection import spacing
 from lrbc_cli.reduction.problem.full import full_frfs
 from lrbc_cli.reduction.reduced.many import ports_of
 
+#: Name of the factor of what is added to a model.
+EXTRA = "added there"
+
 
 @dataclass(frozen=True, kw_only=True)
-class _Added:
+class Added:
     """A mass [kg], or a support [N/m] in each direction, and the nodes that have equal shares of it.
 
     Attributes
@@ -70,6 +73,101 @@ class _Added:
         return f"node{'s' if len(self.nodes) > 1 else ''} {', '.join(map(str, self.nodes))} at {self.place}"
 
 
+@dataclass(frozen=True, kw_only=True)
+class Tried:
+    """Nodes of the structure at which something may be added.
+
+    Attributes
+    ----------
+    nodes, xyz : (n,) int and (n, 3) float array
+        Numbers and places.
+    spread : (k,) int array
+        Indices of some, spread over the structure.
+    mass : float
+        Mass of the model along the direction in which it has most [kg].
+    """
+
+    nodes: Integers
+    xyz: Floats
+    spread: Integers
+    mass: float
+
+    @classmethod
+    def of(cls, seen: Seen, most: int) -> Tried | None:
+        """``most`` nodes spread over the structure; None without a DOF table, or if it has no translations."""
+        dofs, model = seen.inputs.dofs, seen.inputs.model
+        if dofs is None:
+            return None
+        moving = np.isin(dofs.component, COMPONENTS[:3]) & ~model.is_acoustic
+        nodes, first = np.unique(dofs.node[moving], return_index=True)
+        if not nodes.size:
+            return None
+        xyz, along = dofs.xyz[moving][first], (np.flatnonzero(dofs.component == component) for component in COMPONENTS[:3])
+        mass = max(float(model.M[at][:, at].sum().real) for at in along if at.size)
+        return cls(nodes=nodes, xyz=xyz, spread=thinned(xyz, most)[1], mass=mass)
+
+    def about(self, place: Floats, most: int) -> Integers:
+        """Indices of the ``most`` nodes nearest to a place (3,)."""
+        return np.argsort(np.linalg.norm(self.xyz - place, axis=1), kind="stable")[:most]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solved:
+    """FRFs of the model between its loads, outputs, terms and some places, by one full solve a line.
+
+    Attributes
+    ----------
+    seen : Seen
+        The job, on the lines solved.
+    begin : (n + 1,) int array
+        First translation of each place.
+    H : (F, R + N + m, E + N + m) complex array
+        N: translations of all places; terms at the start values.
+    """
+
+    seen: Seen
+    begin: Integers
+    H: Complexes = field(repr=False)
+
+    @classmethod
+    def of(cls, seen: Seen, nodes: Integers) -> Solved:
+        """The translations of nodes, by number.
+
+        Raises
+        ------
+        LrbcError
+        """
+        model, settings = seen.inputs.model, seen.inputs.campaign.reduction
+        places = translations(seen, nodes)
+        H, D_ref = full_frfs(with_ports(model, np.concatenate(places)), seen.s, settings.band, backend=settings.backend, refine=0)
+        begin = np.cumsum([0, *(place.size for place in places)])
+        return cls(seen=seen, begin=begin, H=at_values(H, seen.dynamic - D_ref, terms=True))
+
+    def misfits(self, theta: Floats | None = None) -> Callable[[str, Sequence[int], float], float]:
+        """Level misfit [dB] with a mass or a support in all translations of places, in state ``theta``, if given.
+
+        It is asked by the matrix, the indices of the places, and its size on all of them.
+        """
+        seen, model, input_of = self.seen, self.seen.inputs.model, self.seen.inputs.input_of
+        D = seen.dynamic if theta is None else seen.parameters.dynamic(theta, seen.s)
+        G, loads, outputs = at_values(self.H, D - seen.dynamic), model.B.shape[1], model.L.shape[0]
+        quantity, each = seen.s[:, None] ** model.output_power, np.arange(outputs)
+
+        def misfit(matrix: str, feet: Sequence[int], size: float) -> float:
+            own = np.concatenate([np.arange(self.begin[k], self.begin[k + 1]) for k in feet])
+            driven = G[:, outputs + own][:, :, :loads]
+            flexible = (
+                np.eye(own.size) / (size / len(feet) * seen.s[:, None, None] ** (2 if matrix == "mass" else 0))
+                + G[:, outputs + own][:, :, loads + own]
+            )
+            # Inertia or support at each place, for each of its translations.
+            force = np.linalg.solve(flexible, driven)[:, :, input_of]
+            values = G[:, each, input_of] - np.einsum("frc,fcr->fr", G[:, :outputs][:, :, loads + own], force)
+            return float(np.median(apart(seen.measured, values * quantity)))
+
+        return misfit
+
+
 def added_text(seen: Seen, before: float) -> str:
     """Warning that names the node where with a further mass the model explains the tight state; empty if there is none.
 
@@ -79,27 +177,8 @@ def added_text(seen: Seen, before: float) -> str:
     before : float
         Level misfit of the model, constants removed, median over the responses [dB].
     """
-    found = None if before <= UNLIKE else _nearest(seen, before)
+    found = None if before <= UNLIKE else nearest_added(seen, before)
     return "" if found is None else _text(seen.inputs, found, before)
-
-
-def left_on_text(seen: Seen, before: float) -> str:
-    """Clause on a job that a further mass explains, with all bolts tight; empty if there is none.
-
-    Parameters
-    ----------
-    seen : Seen
-        A job that no state of the bolts explains.
-    before : float
-        Level misfit that a fit of the bolts leaves [dB].
-    """
-    found = _nearest(seen, before)
-    if found is None or found.left > min(EXPLAINED, CLEARLY * before, NEARER * seen.misfit):
-        return ""
-    return (
-        f"With about {found.size:.2g} kg more near {found.where} the level misfit is {found.left:.1f} dB, with all bolts tight: something "
-        "was probably left on the structure, such as a tool, a stand or a further sensor. Remove it, and measure this job again"
-    )
 
 
 def missing_cause(seen: Seen, whole: Measurement, calibrated: float, *, least: float, passes: int = 2, rounds: int = 2) -> Cause:
@@ -121,29 +200,40 @@ def missing_cause(seen: Seen, whole: Measurement, calibrated: float, *, least: f
     passes, rounds : int
         Number of reduced models, each with the size found before, and of calibrations with each: one reaches a factor of 1.35.
     """
-    source, settings, name = seen.source, seen.inputs.campaign.calibration, "added there"
-    free = settings is not None and settings.job == seen.job and not seen.inputs.model.extras and source.stage is not None
-    found = _nearest(seen.few(FEWEST), seen.misfit, supports=True) if free and calibrated > least else None
+    settings = seen.inputs.campaign.calibration
+    free = settings is not None and settings.job == seen.job and not seen.inputs.model.extras and seen.source.stage is not None
+    found = nearest_added(seen.few(FEWEST), seen.misfit, supports=True) if free and calibrated > least else None
     if found is None or settings is None:
         return Cause()
-    plain, lump, size, left = seen.inputs.model, picking(found.at, seen.inputs.model.size), found.size, np.inf
+    size, left = found.size, np.inf
     with suppress(LrbcError):
         for _ in range(passes):
-            own = sp.csc_array(size / len(found.nodes) * (lump.T @ lump))
-            changed = {"M": sp.csc_array(plain.M + own)} if found.matrix == "mass" else {"K": sp.csc_array(plain.K + own)}
-            model = replace(plain, **changed, extras={name: {found.matrix: own}})
-            inputs = replace(seen.inputs, model=model, recipe=recipe_of(seen.inputs.campaign, model))
-            assert source.stage is not None
-            beside = Looking(inputs=inputs, stage=replace(source.stage, reduction=coarsely_reduced(inputs)), kind="port")
-            after, factors = calibrated_by_rounds(beside, whole, (*settings.names, name), rounds)
-            size *= factors[name]
+            beside = with_added(seen, replace(found, size=size))
+            after, factors = calibrated_by_rounds(beside, whole, (*settings.names, EXTRA), rounds)
+            size *= factors[EXTRA]
             left = Seen.of_model(after, seen.job, whole).misfit
     if left > min(EXPLAINED, CLEARLY * calibrated):
         return Cause()
     return Cause(_text(seen.inputs, replace(found, size=size, left=left), calibrated, with_calibration=True), left)
 
 
-def _text(inputs: Inputs, found: _Added, before: float, *, with_calibration: bool = False) -> str:
+def with_added(seen: Seen, found: Added) -> Looking:
+    """FRFs of the model with a mass or a support, whose factor is ``EXTRA``, from a coarse reduced model of its own.
+
+    Raises
+    ------
+    LrbcError
+    """
+    plain, lump, stage = seen.inputs.model, picking(found.at, seen.inputs.model.size), seen.source.stage
+    assert stage is not None
+    own = sp.csc_array(found.size / len(found.nodes) * (lump.T @ lump))
+    changed = {"M": sp.csc_array(plain.M + own)} if found.matrix == "mass" else {"K": sp.csc_array(plain.K + own)}
+    model = replace(plain, **changed, extras={EXTRA: {found.matrix: own}})
+    inputs = replace(seen.inputs, model=model, recipe=recipe_of(seen.inputs.campaign, model))
+    return Looking(inputs=inputs, stage=replace(stage, reduction=coarsely_reduced(inputs)), kind="port")
+
+
+def _text(inputs: Inputs, found: Added, before: float, *, with_calibration: bool = False) -> str:
     sizes = f"the level misfit falls from {before:.1f} to {found.left:.1f} dB"
     if with_calibration:
         sizes = f"a rough calibration leaves {found.left:.1f} dB, without it {before:.1f} dB"
@@ -171,7 +261,7 @@ def _text(inputs: Inputs, found: _Added, before: float, *, with_calibration: boo
     )
 
 
-def _sensors_at(inputs: Inputs, found: _Added) -> list[str]:
+def _sensors_at(inputs: Inputs, found: Added) -> list[str]:
     """Names of the sensors, no microphones, at the place of ``found`` or at a neighbouring node."""
     dofs, names = inputs.dofs, list[str]()
     if dofs is None:
@@ -185,7 +275,7 @@ def _sensors_at(inputs: Inputs, found: _Added) -> list[str]:
     return names
 
 
-def _nearest(
+def nearest_added(
     seen: Seen,
     before: float,
     *,
@@ -194,7 +284,7 @@ def _nearest(
     shares: tuple[float, ...] = (0.03, 0.06, 0.1, 0.2, 0.4),
     most_ports: int = 600,
     rough: float = 1.3,
-) -> _Added | None:
+) -> Added | None:
     """The mass or support with which the model is nearest to a measurement; None if it remains far from it.
 
     Parameters
@@ -214,63 +304,69 @@ def _nearest(
     rough : float
         Factor of the limit up to which nodes next to the nearest one are tried, too.
     """
-    dofs, model = seen.inputs.dofs, seen.inputs.model
     # Each node has three loads of its own, beside those of the terms.
-    ports = 3 * most + model.terms.size
-    times = 1.0 + 3.0 * most / (1.0 + model.terms.size)
-    if dofs is None or not affordable(seen, times) or ports > most_ports:
+    count, limit = seen.inputs.model.terms.size, min(UNLIKE, NEARER * before)
+    times = 1.0 + 3.0 * most / (1.0 + count)
+    tried = Tried.of(seen, most) if affordable(seen, times) and 3 * most + count <= most_ports else None
+    if tried is None:
         return None
-    moving = np.isin(dofs.component, COMPONENTS[:3]) & ~model.is_acoustic
-    nodes, first = np.unique(dofs.node[moving], return_index=True)
-    if not nodes.size:
-        return None
-    xyz, limit = dofs.xyz[moving][first], min(UNLIKE, NEARER * before)
-    whole = max(float(model.M[at][:, at].sum().real) for at in _along(seen))
-    masses = [share * whole for share in shares]
+    masses = [share * tried.mass for share in shares]
     stiff = [power * each * float(np.abs(seen.s[0] * seen.s[-1])) for power in (0.1, 1.0, 10.0) for each in masses]
-    found, spread = None, thinned(xyz, most)[1]
+    found = None
     for few, wider in gradually(seen):
-        feet = _feet(xyz[spread])
+        feet = _feet(tried.xyz[tried.spread])
         # A foot stands on one node.
         ways = [("mass", foot, masses) for foot in feet] + [("stiffness", foot, stiff) for foot in feet if supports and len(foot) == 1]
-        found = _best(few, nodes[spread], xyz[spread], ways)
+        found = best_added(few, tried, tried.spread, ways)
         if found is None or found.left > wider * rough * limit:
             return None
     assert found is not None
     if not affordable(seen, 2.0 * times):
         return found if found.left <= limit else None
     # It may stand between the nodes that were tried.
-    about = np.argsort(np.linalg.norm(xyz - xyz[np.isin(nodes, found.nodes)].mean(axis=0), axis=1), kind="stable")[:most]
+    about = tried.about(tried.xyz[np.isin(tried.nodes, found.nodes)].mean(axis=0), most)
     sizes = [found.size * step for step in np.geomspace(1.0 / 3.0, 3.0, 5)]
-    closer = _best(seen.few(LINES), nodes[about], xyz[about], [(found.matrix, (k,), sizes) for k in range(about.size)])
+    closer = best_added(seen.few(LINES), tried, about, [(found.matrix, (k,), sizes) for k in range(about.size)])
     found = closer if closer is not None and closer.left < found.left else found
     return found if found.left <= limit else None
 
 
-def _best(seen: Seen, nodes: Integers, xyz: Floats, ways: Sequence[tuple[str, tuple[int, ...], Sequence[float]]]) -> _Added | None:
+def best_added(
+    seen: Seen, tried: Tried, some: Integers, ways: Sequence[tuple[str, tuple[int, ...], Sequence[float]]], theta: Floats | None = None
+) -> Added | None:
     """The best of some ways, each with the sizes that are tried, then with the best size at it; None if a model cannot be solved.
 
     Parameters
     ----------
     seen : Seen
-    nodes, xyz : (n,) int and (n, 3) float array
-        Numbers and places of the nodes that are tried.
+    tried : Tried
+    some : (n,) int array
+        Indices of the nodes that are tried.
     ways : sequence of (str, tuple of int, sequence of float)
-        Matrix, indices of the nodes that have equal shares, and sizes.
+        Matrix, places in ``some`` of the nodes that have equal shares, and sizes.
+    theta : (size,) float array or None
+        State of the bolts; None: the start values.
     """
-    dofs, units = seen.inputs.dofs, seen.inputs.campaign.unit_system
-    assert dofs is not None
-    moving = np.isin(dofs.component, COMPONENTS[:3]) & ~seen.inputs.model.is_acoustic
-    places = [np.flatnonzero(moving & (dofs.node == node)) for node in nodes]
+    units = seen.inputs.campaign.unit_system
     with suppress(LrbcError):
-        misfits = _misfits(seen, places)
+        misfits = Solved.of(seen, tried.nodes[some]).misfits(theta)
         matrix, foot, sizes = min(ways, key=lambda way: min(misfits(way[0], way[1], each) for each in way[2]))
         # Resonances allow less than the factor of two to three between those.
         size = float(min(np.geomspace(sizes[0], sizes[-1], 25), key=lambda each: misfits(matrix, foot, each)))
-        place = f"({', '.join(f'{value:.4g}' for value in xyz[list(foot)].mean(axis=0) / units.length)}) {units.length_name}"
-        own, at = tuple(int(nodes[k]) for k in foot), np.concatenate([places[k] for k in foot])
-        return _Added(matrix=matrix, size=size, nodes=own, at=at, place=place, left=misfits(matrix, foot, size))
+        own = some[list(foot)]
+        place = f"({', '.join(f'{value:.4g}' for value in tried.xyz[own].mean(axis=0) / units.length)}) {units.length_name}"
+        nodes = tuple(tried.nodes[own].tolist())
+        at = np.concatenate(translations(seen, tried.nodes[own]))
+        return Added(matrix=matrix, size=size, nodes=nodes, at=at, place=place, left=misfits(matrix, foot, size))
     return None
+
+
+def translations(seen: Seen, nodes: Integers) -> list[Integers]:
+    """DOFs of the translations of each node of the structure."""
+    dofs = seen.inputs.dofs
+    assert dofs is not None
+    moving = np.isin(dofs.component, COMPONENTS[:3]) & ~seen.inputs.model.is_acoustic
+    return [np.flatnonzero(moving & (dofs.node == node)) for node in nodes.tolist()]
 
 
 def _feet(xyz: Floats, *, beside: int = 6) -> list[tuple[int, ...]]:
@@ -334,39 +430,3 @@ def loaded_text(seen: Seen, *, least: float = 0.005, most: float = 0.5, steps: i
         "each response removed), and with a mass at any other sensor it does not: the structure probably carries a heavy sensor, its block "
         "or its cable, which the model lacks. Add its mass in the FE model and export it again, or measure with a lighter sensor"
     )
-
-
-def _along(seen: Seen) -> list[Integers]:
-    """DOFs of each translation that the model has."""
-    dofs = seen.inputs.dofs
-    assert dofs is not None
-    every = (np.flatnonzero(dofs.component == component) for component in COMPONENTS[:3])
-    return [at for at in every if at.size]
-
-
-def _misfits(seen: Seen, places: Sequence[Integers]) -> Callable[[str, Sequence[int], float], float]:
-    """Level misfit [dB] with a mass or a support in all translations of places, by the matrix, their numbers, and its size on all of them.
-
-    One full solve a line for all of them.
-    """
-    inputs, settings = seen.inputs, seen.inputs.campaign.reduction
-    model = inputs.model
-    H, D_ref = full_frfs(with_ports(model, np.concatenate(places)), seen.s, settings.band, backend=settings.backend, refine=0)
-    # The terms at their start values.
-    G, loads, outputs = at_values(H, seen.dynamic - D_ref), model.B.shape[1], model.L.shape[0]
-    quantity, each = seen.s[:, None] ** model.output_power, np.arange(outputs)
-    begin = np.cumsum([0, *(place.size for place in places)])
-
-    def misfit(matrix: str, feet: Sequence[int], size: float) -> float:
-        own = np.concatenate([np.arange(begin[k], begin[k + 1]) for k in feet])
-        driven = G[:, outputs + own][:, :, :loads]
-        flexible = (
-            np.eye(own.size) / (size / len(feet) * seen.s[:, None, None] ** (2 if matrix == "mass" else 0))
-            + G[:, outputs + own][:, :, loads + own]
-        )
-        # Inertia or support at each place, for each of its translations.
-        force = np.linalg.solve(flexible, driven)[:, :, inputs.input_of]
-        values = G[:, each, inputs.input_of] - np.einsum("frc,fcr->fr", G[:, :outputs][:, :, loads + own], force)
-        return float(np.median(apart(seen.measured, values * quantity)))
-
-    return misfit

@@ -13,9 +13,9 @@ from lrbc_cli.campaign.findings import Finding, Kind, said
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart, levels, spread
 from lrbc_cli.campaign.identification.nuisances import KELVIN
 from lrbc_cli.campaign.identification.records import Measurement
-from lrbc_cli.campaign.looking.causes.added import left_on_text
 from lrbc_cli.campaign.looking.causes.moved import hammer_text
 from lrbc_cli.campaign.looking.fitted import fitted_frf, multiplied
+from lrbc_cli.campaign.looking.odd.left_on import left_on_text
 from lrbc_cli.campaign.looking.states import Looking, Seen
 from lrbc_cli.campaign.looking.trials import NEAR, NEARER
 from lrbc_cli.campaign.reduced.stage import affine_model
