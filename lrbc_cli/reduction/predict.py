@@ -15,8 +15,9 @@ from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.outcome import ReductionOptions
 from lrbc_cli.reduction.problem.basis import SKETCH
 from lrbc_cli.reduction.problem.problem import Problem
-from lrbc_cli.reduction.solve.dynamic import columns_at_once
-from lrbc_cli.reduction.steps.full_lines import SIDE_BY_SIDE_BYTES, moments_worth
+from lrbc_cli.reduction.solve.dynamic import Analysis, columns_at_once
+from lrbc_cli.reduction.steps.estimate import grid_lines
+from lrbc_cli.reduction.steps.full_lines import COMBINATIONS, SIDE_BY_SIDE_BYTES, moments_worth
 from lrbc_cli.reduction.threads import cores, single_threaded
 
 COMPLEX, REAL = 16, 8
@@ -46,6 +47,10 @@ LIBRARIES = 60e6
 
 #: Expansion points beside the held-out lines.
 POINTS = 4
+
+#: Reduced DOFs for each input and each dual right-hand side, mean over the passes of the error estimate: the first has two, the last two
+#: about four and, compressed, two.
+SIZE_SWEPT = 2.6
 
 #: Speed relative to that of a dense matrix product: (factorisation, solve of many right-hand sides) by solver, and orthogonalisation.
 EFFICIENCY = {"superlu": (0.5, 0.1), "pardiso": (0.5, 0.15)}
@@ -144,19 +149,32 @@ def predict(model: FeModel, options: ReductionOptions, *, backend: str = "auto")
         "estimate": _estimate_bytes(model),
         "libraries": LIBRARIES,
     }
-    factor, solve = EFFICIENCY[backend]
+    work, line = _work(problem, analysis, size)
+    return Cost(memory=memory, work=work, line=line, seconds=work / _product_rate(), nonzeros=analysis.nonzeros, backend=backend)
+
+
+def _work(problem: Problem, analysis: Analysis, size: int) -> tuple[float, float]:
+    """``work`` and ``line`` of ``Cost``, with ``size`` DOFs of the reduced model."""
+    n, inputs, options, terms = problem.model.size, problem.inputs.shape[1], problem.options, problem.model.terms.size
+    columns, moments = inputs + problem.dual.shape[1], moments_worth(problem, analysis)
+    factor, solve = EFFICIENCY[problem.Z.backend]
     # A complex multiplication and addition is eight operations of reals; LU takes two triangles.
-    line = (4 if Z.half else 8) * analysis.operations / factor
+    line = (4 if problem.Z.half else 8) * analysis.operations / factor
     solved = 8 * 2 * analysis.triangle * inputs / solve
-    orthogonalised = 2 * n * (2 * columns * moments) * (2 * columns * moments + 2 * size) / ORTHOGONALISATION
-    reduced = 8 * ESTIMATE_LINES * (size**3 / 3 + (size**2 + 2 * SKETCH * size) * columns) / ORTHOGONALISATION
     more = solved * (columns * moments / inputs - 1)
-    # A model kept whole is evaluated once on the lines of the estimate, and not expanded.
-    dense = 8 * ESTIMATE_LINES * (n**3 / 3 + n**2 * columns) / factor
-    rest = dense if problem.is_small else POINTS * (line + solved + more + orthogonalised + reduced)
-    work = float(options.held_out * (line + solved) + rest)
-    each, seconds = float(line + solved + more), work / _product_rate()
-    return Cost(memory=memory, work=work, line=each, seconds=seconds, nonzeros=analysis.nonzeros, backend=backend)
+    lines = grid_lines(terms, options.held_out)
+    if problem.is_small:
+        # Kept whole, it is evaluated once on the lines of the estimate, and not expanded.
+        rest = 8 * lines * (n**3 / 3 + n**2 * columns) / factor
+    else:
+        # With very many inputs only the first point is expanded for all of them.
+        further = COMBINATIONS + columns - terms if problem.many else columns
+        new = 2 * moments * (columns + (POINTS - 1) * further) / POINTS
+        orthogonalised = 2 * n * new * (new + 2 * size) / ORTHOGONALISATION
+        swept = min(2 * columns + COMBINATIONS if problem.many else SIZE_SWEPT * columns, size)
+        reduced = 8 * lines * (swept**3 / 3 + (swept**2 + 2 * SKETCH * swept) * columns) / ORTHOGONALISATION
+        rest = POINTS * (line + solved + more + orthogonalised + reduced)
+    return float(options.held_out * (line + solved) + rest), float(line + solved + more)
 
 
 def _estimate_bytes(model: FeModel) -> float:

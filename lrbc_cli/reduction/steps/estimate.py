@@ -27,6 +27,11 @@ RESONANCES = 2
 GRID_LINES = 120
 
 
+def grid_lines(terms: int, held_out: int) -> int:
+    """Number of lines of the grid by the numbers of terms and of held-out lines."""
+    return max(int(np.clip(GRID_LINES * (100 / max(terms, 1)) ** 1.25, 16, GRID_LINES)), 3 * held_out)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Sweep:
     """Result of one pass of the reduced system over F lines of the band.
@@ -77,8 +82,7 @@ class Estimator:
         self._problem = problem
         low, high = problem.options.band_hz
         model = problem.model
-        count = int(np.clip(GRID_LINES * (100 / max(model.terms.size, 1)) ** 1.25, 16, GRID_LINES))
-        count = max(count, 3 * problem.options.held_out)
+        count = grid_lines(model.terms.size, problem.options.held_out)
         self.grid = Grid(low, high, count)
         self.local = local_responses(model, 2j * np.pi * float(self.grid.lines_hz[count // 2]), problem.input_of)
         # Equal rows of one response to several hammer points count once.
