@@ -16,7 +16,7 @@ from lrbc_cli.reduction.outcome import ReductionOptions
 from lrbc_cli.reduction.problem.basis import SKETCH
 from lrbc_cli.reduction.problem.problem import Problem
 from lrbc_cli.reduction.solve.dynamic import Analysis, columns_at_once
-from lrbc_cli.reduction.steps.estimate import grid_lines
+from lrbc_cli.reduction.steps.estimate import GRID_LINES, grid_lines
 from lrbc_cli.reduction.steps.full_lines import COMBINATIONS, SIDE_BY_SIDE_BYTES, moments_worth
 from lrbc_cli.reduction.threads import cores, single_threaded
 
@@ -39,8 +39,8 @@ BASIS_ARRAYS = 2
 #: model has terms and responses. Each further mode adds about one DOF; ``max_size`` is the limit.
 SIZE_RELATION = 4
 
-#: Lines of the error estimate, and copies of its largest array.
-ESTIMATE_LINES, ESTIMATE_COPIES = 160, 3
+#: Copies of the largest arrays of the error estimate: of its sketches, and of the port FRFs at its lines, with those in a few states.
+ESTIMATE_COPIES, PORT_COPIES = 3, 8
 
 #: Bytes of libraries and thread buffers that only a reduction loads.
 LIBRARIES = 60e6
@@ -100,7 +100,7 @@ def memory_bound(model: FeModel) -> float:
     columns = model.inputs.shape[1] + model.outputs.shape[0]
     arrays = 2 * SNAPSHOT_COPIES * COMPLEX * n * columns + BASIS_ARRAYS * REAL * n * min(SIZE_RELATION * columns, n)
     pattern = 2 * PATTERN_BYTES["superlu"] * entries
-    return float(SUPERLU_BYTES * min(fill, float(n) ** 2) + pattern + arrays + _estimate_bytes(model) + LIBRARIES)
+    return float(SUPERLU_BYTES * min(fill, float(n) ** 2) + pattern + arrays + _estimate_bytes(model, GRID_LINES) + LIBRARIES)
 
 
 def predict(model: FeModel, options: ReductionOptions, *, backend: str = "auto") -> Cost:
@@ -146,7 +146,7 @@ def predict(model: FeModel, options: ReductionOptions, *, backend: str = "auto")
         "snapshots": max(solving, arrays - factors) if released else max(solving, arrays),
         # With two fields the basis is block diagonal: each column fills one field only.
         "basis": BASIS_ARRAYS * REAL * size * float(n if not model.is_acoustic.any() or model.is_acoustic.all() else 0.5 * n),
-        "estimate": _estimate_bytes(model),
+        "estimate": _estimate_bytes(model, grid_lines(model.terms.size, options.held_out)),
         "libraries": LIBRARIES,
     }
     work, line = _work(problem, analysis, size)
@@ -177,9 +177,10 @@ def _work(problem: Problem, analysis: Analysis, size: int) -> tuple[float, float
     return float(options.held_out * (line + solved) + rest), float(line + solved + more)
 
 
-def _estimate_bytes(model: FeModel) -> float:
+def _estimate_bytes(model: FeModel, lines: int) -> float:
     fields = 2 if model.is_acoustic.any() and not model.is_acoustic.all() else 1
-    return float(ESTIMATE_COPIES * COMPLEX * ESTIMATE_LINES * fields * SKETCH * model.inputs.shape[1])
+    ports = model.inputs.shape[1] * model.outputs.shape[0]
+    return float(COMPLEX * lines * (ESTIMATE_COPIES * fields * SKETCH * model.inputs.shape[1] + PORT_COPIES * ports))
 
 
 def _product_rate() -> float:
