@@ -12,7 +12,7 @@ from pathlib import Path
 
 from lrbc_cli.errors import ConfigError, on_one_line
 from lrbc_cli.results.job import Job
-from lrbc_cli.updating.judging.clearance import FINISHED, JobFinding, not_clear
+from lrbc_cli.updating.judging.clearance import FINISHED, JobFinding, not_clear, open_points
 
 #: Time limit of a hook [s].
 PATIENCE = 30.0
@@ -62,8 +62,12 @@ def verdict_of(record: Job, known: Mapping[str, JobFinding], tight: Collection[s
         word, code = "loose", 6
     else:
         own = {name: known[name] for name in tight if name in known} | {record.job: found}
-        clear = not unseen and not not_clear(own, known)
-        word, code = found.assumed or ("tight" if clear else "inconclusive"), 0 if clear else 7
+        points = not_clear(own, known) | ({"": ["a measurement belongs to no job"]} if unseen else {})
+        word, code = found.assumed or ("inconclusive" if points else "tight"), 7 if points else 0
+        # What stands in the way elsewhere is not in the sentence on this job.
+        if points and found.assumed is None and not open_points(found):
+            others = "; ".join(f"{name}: {told[0]}" if name not in ("", record.job) else told[0] for name, told in points.items())
+            return Verdict(job=record.job, verdict=word, exit_code=code, sentence=f"{record.sentence}; no all-clear: {others}")
     return Verdict(job=record.job, verdict=word, exit_code=code, sentence=record.sentence)
 
 

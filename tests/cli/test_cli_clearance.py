@@ -51,11 +51,19 @@ def test_a_hook_hears_the_exit_code_of_update(tight: Folder) -> None:
     assert record is not None
     bolts = (BoltFinding(name="B1", verdict="tight"),)
     reference = JobFinding(status="converged", bolts=bolts, assumed="reference")
-    codes = [
-        verdict_of(record, {"tight": known}, ("tight",)).exit_code
+    told = [
+        verdict_of(record, {"tight": known}, ("tight",))
         for known in (reference, replace(reference, doubtful=("B1",)), replace(reference, validated=False))
     ]
-    assert codes == [0, 7, 7]
+    assert [verdict.exit_code for verdict in told] == [0, 7, 7]
+    # A sentence on this job alone would read as one.
+    assert "no all-clear" not in told[0].sentence
+    assert told[1].sentence.endswith("; no all-clear: tight: B1 taken as tight, but far looser than the other bolts there")
+    assert told[2].sentence.endswith(
+        "; no all-clear: tight: not validated: no validation channel shows whether the model explains the measurement"
+    )
+    last = verdict_of(record, {"tight": reference}, ("tight",), unseen=True)
+    assert (last.exit_code, last.sentence.partition("; no all-clear: ")[2]) == (7, "a measurement belongs to no job")
 
 
 def test_a_result_of_a_file_that_was_replaced_is_told_on_the_page(tight: Folder) -> None:
