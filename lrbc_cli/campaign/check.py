@@ -12,7 +12,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes
 from lrbc_cli.campaign.beside import passed_over, taken_twice, unnamed
-from lrbc_cli.campaign.findings import Effect, Finding, Kind, kinds_of, once
+from lrbc_cli.campaign.findings import Effect, Finding, Kind, Left, kinds_of, once
 from lrbc_cli.campaign.identification.compared.copies import Earlier, Levels, pasted
 from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
@@ -60,14 +60,7 @@ class Findings:
         Memory [bytes] and time [s] of the reduction, if it has to be done.
     compared : bool
         Whether measured and computed FRFs were compared.
-    far : float
-        Level misfit that is left between the reference job and the model, if it is more than usual; else 0 [dB].
-    away : dict of str to float
-        Level misfits of other jobs that a coarse fit of the bolts leaves far from the measurement [dB].
-    reference : str
-        The reference job.
-    explained : set of str
-        Jobs with findings of the comparison with the model that may explain these misfits.
+    left : Left
     """
 
     sections: dict[str, list[str]] = field(default_factory=dict)
@@ -77,10 +70,7 @@ class Findings:
     tree: dict[str, Any] = field(default_factory=dict)
     predicted: dict[str, Any] | None = None
     compared: bool = False
-    far: float = 0.0
-    away: dict[str, float] = field(default_factory=dict)
-    reference: str = ""
-    explained: set[str] = field(default_factory=set)
+    left: Left = field(default_factory=Left)
 
     def warn(self, *texts: str) -> None:
         """Add findings that no other place shares."""
@@ -176,7 +166,8 @@ def _tree(inputs: Inputs, out: Findings, decision: cache.CacheDecision) -> dict[
         "decision_rule": asdict(inputs.method.rule),
         "calibration": None if use is None else {"used": use.used, "text": use.text, "factors": use.factors},
         "jobs": {p.name: {"run": p.run, "judge": p.judge, "reason": p.reason} for p in out.jobs},
-        "far_db": {inputs.campaign.update.reference: out.far, **out.away} if out.far else out.away,
+        "far_db": out.left.far_db,
+        "unexplained": out.left.text,
         "errors": {name: error.message for name, error in out.errors.items()},
         "warnings": out.warnings,
         "text": out.sections,
@@ -328,7 +319,7 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
     reference = inputs.campaign.update.reference or ""
     lefts = {} if look.source is None else look.source.left
     far = {name: left for name, left in lefts.items() if left > (NEAR if name == reference else LEAST_DIFFERENCE)}
-    out.compared, out.far, out.away = look.compared, far.pop(reference, 0.0), far
+    out.compared, out.left = look.compared, Left(reference=reference, far_db=far)
     of_tight = kinds_of(each for each in look.found if reference and each.job == reference)
     # Peaks of an inverse FRF are the zeros of the FRF, and phases read as imaginary parts jump.
     misread = {each.job for each in look.found if each.kind is Kind.READ}
@@ -371,12 +362,12 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
         out.found = [each for each in out.found if each.kind is not Kind.GUESSED]
     out.found += told
     # Exchanged files concern any job.
-    out.reference, out.explained = reference, {each.job or reference for each in (*told, *chains) if _moves_levels(each)}
-    out.explained |= {reference} if titled else set()
+    out.left.explained |= {each.job or reference for each in (*told, *chains) if _moves_levels(each)}
+    out.left.explained |= {reference} if titled else set()
     if reference in compared and not of_tight & {Kind.DAMPING, Kind.READ} and (damped := uncalibrated_text(inputs, compared[reference])):
         # Beside it, other jobs seem to be unlike any state of the bolts.
         out.found = [*(each for each in out.found if each.kind is not Kind.FOREIGN), Finding(job=reference, text=damped)]
-        out.explained.add(reference)
+        out.left.explained.add(reference)
     return look.note
 
 

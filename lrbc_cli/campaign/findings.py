@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum, Flag, auto, unique
+
+from lrbc_cli.errors import listing
 
 
 class Effect(Flag):
@@ -169,3 +171,41 @@ def once(findings: Iterable[Finding]) -> list[str]:
         # A key of one job mends that job alone.
         told.append(f"{first}{also}{' (each needs its own key)' if also and f'jobs.{first.job}.' in first.text else ''}")
     return told
+
+
+@dataclass(kw_only=True)
+class Left:
+    """What the comparison of measurements with the model leaves unexplained.
+
+    Attributes
+    ----------
+    reference : str
+        The reference job.
+    far_db : dict of str to float
+        Level misfits [dB] of the jobs that are farther from the model than usual: of the reference job, and of others after a coarse fit
+        of the bolts.
+    explained : set of str
+        Jobs with findings that may explain these misfits.
+    """
+
+    reference: str = ""
+    far_db: dict[str, float] = field(default_factory=dict)
+    explained: set[str] = field(default_factory=set)
+
+    @property
+    def text(self) -> str:
+        """What no finding explains, in a sentence; else empty."""
+        # What is wrong with the reference job is wrong beside all others.
+        if self.reference in self.explained:
+            return ""
+        if self.reference in self.far_db:
+            return (
+                f"the reference job is {self.far_db[self.reference]:.1f} dB from the model (1 to 2 dB are usual after a calibration; see "
+                "jobs): an error of the model may hide loose bolts"
+            )
+        if named := [f"{name} ({far:.1f} dB)" for name, far in self.far_db.items() if name not in self.explained]:
+            return (
+                f"the coarse fit of the bolts leaves much of {listing(named, 4)}: many loose bolts (`lrbc update` fits more closely), an "
+                "error of the model, or more than bolts changed"
+            )
+        return ""

@@ -16,7 +16,7 @@ from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
 from lrbc_cli.cli.terminal import complain, say
 from lrbc_cli.config import Campaign, load_unfilled
-from lrbc_cli.errors import LrbcError, listing
+from lrbc_cli.errors import LrbcError
 
 
 @click.command()
@@ -44,7 +44,7 @@ def check(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json:
         say_json(findings.tree | ({"picture": drawn} if picture else {}))
     elif findings.warnings:
         _section("warnings", findings.warnings)
-        if left := _left(findings):
+        if left := findings.left.text:
             say(f"{left[0].upper()}{left[1:]}", finding=True)
     elif not findings.errors:
         say(_nothing_found(findings), finding=True)
@@ -57,24 +57,7 @@ def _nothing_found(findings: Findings) -> str:
     """The last line if there are no warnings: what was not compared, or what is left unexplained."""
     if not findings.compared:
         return "no warnings, but measured and computed FRFs were not compared: see jobs"
-    return f"no warnings, but {left}" if (left := _left(findings)) else "no warnings"
-
-
-def _left(findings: Findings) -> str:
-    """What no finding of the comparison explains, in a sentence; else empty."""
-    if findings.far and findings.reference not in findings.explained:
-        return (
-            f"the reference job is {findings.far:.1f} dB from the model (1 to 2 dB are usual after a calibration; see jobs): an error of "
-            "the model may hide loose bolts"
-        )
-    # What is wrong with the reference job is wrong beside all others.
-    away = {} if findings.reference in findings.explained else findings.away
-    if named := [f"{name} ({left:.1f} dB)" for name, left in away.items() if name not in findings.explained]:
-        return (
-            f"the coarse fit of the bolts leaves much of {listing(named, 4)}: many loose bolts (`lrbc update` fits more closely), an error "
-            "of the model, or more than bolts changed"
-        )
-    return ""
+    return f"no warnings, but {left}" if (left := findings.left.text) else "no warnings"
 
 
 def _section(title: str, lines: Iterable[str]) -> None:

@@ -637,6 +637,8 @@ def test_the_last_line_says_whether_frfs_were_compared(tmp_path: Path, monkeypat
         last = folder.run("check").stdout.splitlines()[-1]
         assert last.startswith("no warnings, but the reference job is ")
         assert last.endswith("an error of the model may hide loose bolts")
+        tree = folder.run("check", "--json").json
+        assert (f"no warnings, but {tree['unexplained']}", list(tree["far_db"])) == (last, ["tight"])
         # A warning that says nothing of it leaves that as it is.
         every = f"update.responses=[{', '.join(folder.tree()['responses'])}]"
         told = folder.run("check", "--override", every).stdout
