@@ -77,7 +77,14 @@ def _beside_loosened(seen: Seen, before: float, *, steps: tuple[float, ...] = (0
     return replace(found, size=step * found.size, left=least)
 
 
-def _together(seen: Seen, *, nodes: int = 60, shares: tuple[float, ...] = (0.03, 0.06, 0.1, 0.2, 0.4), most: int = 4) -> Added | None:
+def _together(
+    seen: Seen,
+    *,
+    nodes: int = 60,
+    shares: tuple[float, ...] = (0.03, 0.06, 0.1, 0.2, 0.4),
+    levels: tuple[float, ...] = LEVELS[1::2],
+    most: int = 4,
+) -> Added | None:
     """A mass and loosened bolts, one after another, each the one that leaves least with the best of all masses; None without bolts.
 
     Parameters
@@ -87,6 +94,8 @@ def _together(seen: Seen, *, nodes: int = 60, shares: tuple[float, ...] = (0.03,
         Number of nodes that are tried, spread over the structure, then about the best of these.
     shares : tuple of float
         Shares of the mass of the model that are tried at each.
+    levels : tuple of float
+        Changes of a bolt that are tried [decades]; the fit that follows needs no more.
     most : int
         Largest number of bolts.
     """
@@ -109,7 +118,7 @@ def _together(seen: Seen, *, nodes: int = 60, shares: tuple[float, ...] = (0.03,
         theta = parameters.initial
         left, _, at, size = best([theta])
         for _ in range(most):
-            states = [np.clip(theta + level * shapes.T[:, own], *parameters.bounds.T) for own in columns for level in LEVELS]
+            states = [np.clip(theta + level * shapes.T[:, own], *parameters.bounds.T) for own in columns for level in levels]
             now = best(states)
             if now[0] >= left:
                 break
