@@ -19,7 +19,7 @@ from lrbc_cli.campaign.identification.records import Measurement, read_measureme
 from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
 from lrbc_cli.campaign.looking.axes import other_lines, without_coherence
-from lrbc_cli.campaign.looking.causes.damped import uncalibrated_text
+from lrbc_cli.campaign.looking.causes.damped import uncalibrated_text, windowed_text
 from lrbc_cli.campaign.looking.exchanges import exchanged_files, foreign_titles, mistitled
 from lrbc_cli.campaign.looking.first_look import FirstLook, first_look
 from lrbc_cli.campaign.looking.fitted import expected_on_all_lines
@@ -372,12 +372,14 @@ def _compared(inputs: Inputs, folder: Path, readable: dict[str, Measurement], ou
 
 
 def _far(source: Looking, measurements: Mapping[str, Measurement]) -> list[str]:
-    """Warnings on factors of the calibration that are far from 1, or on other air in its job alone."""
-    inputs, use = source.inputs, source.inputs.calibration
-    factors = use.factors if use is not None and use.used else source.factors
+    """Warnings on factors of the calibration that are far from 1, on other air in its job alone, or on a window in all jobs."""
+    inputs, use, told = source.inputs, source.inputs.calibration, list[str]()
+    factors, reference = use.factors if use is not None and use.used else source.factors, inputs.campaign.update.reference or ""
     if alone := own_air_text(source, measurements, factors, source.fitted_to or ""):
-        return [alone, *far_factors(without_air(factors), inputs.recipe)]
-    return far_factors(factors, inputs.recipe)
+        told, factors = [alone], without_air(factors)
+    if reference in measurements and (window := windowed_text(source, reference, measurements[reference], factors)):
+        return [*told, window]
+    return [*told, *far_factors(factors, inputs.recipe)]
 
 
 def _moves_levels(finding: Finding) -> bool:

@@ -20,8 +20,9 @@ from lrbc_cli.campaign.identification.records import Measurement, read_measureme
 from lrbc_cli.campaign.looking import all_jobs, fitted
 from lrbc_cli.campaign.looking.all_jobs import misplaced_sensor, of_one_sensor
 from lrbc_cli.campaign.looking.causes.held import idle_text
+from lrbc_cli.campaign.looking.causes.parts import at_bounds_text
 from lrbc_cli.campaign.looking.first_look import _source
-from lrbc_cli.campaign.looking.fitted import at_bounds_text, multiplied
+from lrbc_cli.campaign.looking.fitted import multiplied
 from lrbc_cli.campaign.looking.odd.jobs import _airborne, _of_model, own_air_text
 from lrbc_cli.campaign.looking.odd.left_on import left_on_text
 from lrbc_cli.campaign.looking.states import Looking, Seen

@@ -36,7 +36,7 @@ from lrbc_cli.campaign.looking.causes.added import loaded_text
 from lrbc_cli.campaign.looking.causes.damped import misdamped_text
 from lrbc_cli.campaign.looking.causes.held import idle_text, or_held
 from lrbc_cli.campaign.looking.causes.moved import hammers_text, unmoved_text
-from lrbc_cli.campaign.looking.causes.parts import part_cause
+from lrbc_cli.campaign.looking.causes.parts import at_bounds_text, part_cause
 from lrbc_cli.campaign.looking.causes.recorded import cut_text, field_reading_text, filter_findings
 from lrbc_cli.campaign.looking.causes.rescaled import material_text, overdamped_text, rescaled_text
 from lrbc_cli.campaign.looking.causes.tables import joints_text, of_other_unit_text, other_tables
@@ -53,7 +53,6 @@ from lrbc_cli.campaign.looking.causes.tightness import (
 from lrbc_cli.campaign.looking.exchanges import channel_findings
 from lrbc_cli.campaign.looking.fitted import (
     as_exported,
-    at_bounds_text,
     calibrated_from_another,
     fitted_exchanged,
     fitted_frf,

@@ -420,17 +420,6 @@ def _calibrated_by(source: Looking, problem: FactorProblem, theta: Floats, *, sl
     return replace(known, start=parameters.by_group(theta), factors=factors, at_bounds=near)
 
 
-def at_bounds_text(calibrated: Looking, left: float) -> str:
-    """Warning that names factors that a rough calibration moves to their bounds, with the level misfit ``left`` [dB]; else empty."""
-    if not calibrated.at_bounds:
-        return ""
-    named = ", ".join(f"{name} to {value:.3g}" for name, value in calibrated.at_bounds.items())
-    return (
-        f"a rough calibration moves {named}, the most that it allows, and {left:.1f} dB are left (level misfit, mean of each response "
-        "removed): the model errs by more than a calibration corrects. Check material, thickness and mass of that part in the FE model"
-    )
-
-
 def multiplied(source: Looking, model: AffineModel, factors: Mapping[str, float]) -> Looking:
     """FRFs with these factors of the model."""
     assert source.stage is not None
@@ -440,11 +429,16 @@ def multiplied(source: Looking, model: AffineModel, factors: Mapping[str, float]
     return Looking(inputs=replace(inputs, model=whole, recipe=recipe), stage=stage, kind="port")
 
 
+def undone(source: Looking, factors: Mapping[str, float]) -> Looking:
+    """FRFs of the model without these factors, which it has, at the same start values."""
+    assert source.stage is not None
+    back = {name: 1.0 / value for name, value in factors.items()}
+    return replace(multiplied(source, affine_model(source.inputs, source.stage), back), start=source.start)
+
+
 def as_exported(source: Looking) -> Looking | None:
     """The model without the factors and values of the stored calibration; None if none is used."""
     use = source.inputs.calibration
     if use is None or not use.used or source.stage is None:
         return None
-    inputs = replace(source.inputs, calibration=None)
-    plain = Looking(inputs=inputs, stage=source.stage, kind=source.kind)
-    return multiplied(plain, affine_model(inputs, source.stage), {name: 1.0 / value for name, value in use.factors.items()})
+    return undone(Looking(inputs=replace(source.inputs, calibration=None), stage=source.stage, kind=source.kind), use.factors)

@@ -1,14 +1,18 @@
-"""Compares the damping coefficients of the model with the damping of measured modes, without any solution of the model."""
+"""Compares the damping of the model, its coefficients or its modes, with that of measured modes."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.looking.fitted import undone
+from lrbc_cli.campaign.looking.states import Looking
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.structure import FieldDamping, ProportionalDamping
-from lrbc_cli.updating.statistics.chain.modal import fitted_modes
+from lrbc_cli.updating.statistics.chain.modal import fitted_modes, window_of_model
 
 
 def misdamped_text(inputs: Inputs, own: Measurement, *, decades: float = 1.5, seen: float = 0.2) -> str | None:
@@ -132,4 +136,36 @@ def _of_hertz(own: FieldDamping, omega: Floats, measured: Floats, *, least: floa
         f"rad/s: the damping ratios of {omega.size} measured resonances differ by a factor of {10.0**before:.2g} (rms), with alpha times "
         f"2 pi and beta over 2 pi by {10.0**after:.2g}. Write alpha: {right[0]:.4g}, beta: {right[1]:.4g}; if beta of the damping under "
         "parameters has the same origin, correct it, too"
+    )
+
+
+def windowed_text(source: Looking, job: str, own: Measurement, factors: Mapping[str, float]) -> str:
+    """Warning if all modes of a tight job decay faster than those of the model by the same amount, as with a window; else empty.
+
+    A calibration takes that for damping, which grows with frequency, so its factors of the damping are left out.
+
+    Parameters
+    ----------
+    source : Looking
+        FRFs of the model with ``factors``.
+    job : str
+    own : Measurement
+        On all its lines.
+    factors : mapping of str to float
+    """
+    if source.stage is None:
+        return ""
+    plain = undone(source, {name: value for name, value in factors.items() if name.partition(".")[0] in ("alpha", "beta", "loss_factor")})
+    s = 2j * np.pi * own.frequency_hz
+    parameters = plain.parameters(s)
+    model = plain.model(s, parameters).frf(parameters.initial)
+    count, rate = window_of_model(own.frequency_hz, own.values, model, source.inputs.statistics.modal)
+    if not count:
+        return ""
+    air = " (and of acoustic)" if source.inputs.model.is_acoustic.any() else ""
+    return (
+        f"job {job}: all {count} modes that can be compared decay faster than in the model by the same {rate:.3g} 1/s (median), but "
+        "damping of the material grows with frequency. Check whether an exponential window with a time constant of about "
+        f"{1.0 / rate:.2g} s was set in all jobs. Measure without one, or add its decay to the damping of the model: model.damping.structure"
+        f"{air}: alpha: {2.0 * rate:.3g} more"
     )

@@ -357,3 +357,14 @@ def _body(model: FeModel, mask: Bools) -> MeshPart:
     """The part with these DOFs; the coupling of structure and air is no share of it."""
     own = sp.diags_array(mask.astype(float))
     return MeshPart(mask, sp.csc_array(own @ model.K @ own), sp.csc_array(own @ model.M @ own))
+
+
+def at_bounds_text(calibrated: Looking, left: float) -> str:
+    """Warning that names factors that a rough calibration moves to their bounds, with the level misfit ``left`` [dB]; else empty."""
+    if not calibrated.at_bounds:
+        return ""
+    named = ", ".join(f"{name} to {value:.3g}" for name, value in calibrated.at_bounds.items())
+    return (
+        f"a rough calibration moves {named}, the most that it allows, and {left:.1f} dB are left (level misfit, mean of each response "
+        "removed): the model errs by more than a calibration corrects. Check material, thickness and mass of that part in the FE model"
+    )

@@ -14,7 +14,7 @@ from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DI
 from lrbc_cli.campaign.identification.nuisances import KELVIN
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.causes.moved import hammer_text
-from lrbc_cli.campaign.looking.fitted import fitted_frf, multiplied
+from lrbc_cli.campaign.looking.fitted import fitted_frf, multiplied, undone
 from lrbc_cli.campaign.looking.odd.left_on import left_on_text
 from lrbc_cli.campaign.looking.states import Looking, Seen
 from lrbc_cli.campaign.looking.trials import NEAR, NEARER
@@ -105,8 +105,7 @@ def own_air_text(source: Looking, measurements: Mapping[str, Measurement], facto
     sound, air = far_sound(factors), np.array([response.quantity == "pressure" for response in source.inputs.responses])
     if not sound or source.stage is None:
         return ""
-    back = {name: 1.0 / value for name, value in factors.items() if name not in without_air(factors)}
-    plain = replace(multiplied(source, affine_model(source.inputs, source.stage), back), start=source.start)
+    plain = undone(source, {name: value for name, value in factors.items() if name not in without_air(factors)})
     left = dict[str, tuple[float, float]]()
     for name in (name for name in measurements if name != job):
         both = [Seen.of_model(one, name, measurements[name]) for one in (source, plain)]

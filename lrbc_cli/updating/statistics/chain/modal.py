@@ -291,6 +291,30 @@ def _window_by_curve(one: FittedModes, other: FittedModes, length: float, refere
     return _window(own, there, length, reference, rule)
 
 
+def window_of_model(frequency_hz: Floats, measured: Complexes, model: Complexes, rule: ModalRule = MODAL) -> tuple[int, float]:
+    """Number of modes that decay faster than those of a model by the same amount, and that amount, median [1/s]; zeros if they do not.
+
+    An exponential window in all jobs does that. Each difference must be within ``share`` of their median, of ``clocked`` modes or more.
+
+    Parameters
+    ----------
+    frequency_hz : (F,) float array
+    measured, model : (F, R) complex arrays
+        NaN where a response was not measured.
+    rule : ModalRule
+    """
+    held = np.isfinite(measured).all(axis=0) & (measured != 0).all(axis=0)
+    if not evenly(frequency_hz) or not held.any():
+        return 0, 0.0
+    own, other = (fitted_modes(frequency_hz, values[:, held], rule) for values in (measured, model))
+    pairs = same_modes(own, other, rule)
+    decay, stated = own.decay[[i for i, _ in pairs]], other.decay[[k for _, k in pairs]]
+    length, added = 1.0 / float(np.diff(frequency_hz).mean()), decay - stated
+    middle = float(np.median(added)) if added.size else 0.0
+    same = added.size >= rule.clocked and middle > 0.0 and bool(np.all(np.abs(added - middle) <= rule.share * middle))
+    return (added.size, middle) if same and _window(decay, stated, length, "", rule) else (0, 0.0)
+
+
 def _moved(own: Floats, tight: Floats, step: float, reference: str, rule: ModalRule, *, loosened: bool) -> str | None:
     """Message if the frequencies of the same modes [Hz] differ by a whole number of line spacings, in the upper half of the shifts.
 
