@@ -59,9 +59,12 @@ class _Clock:
 class Reducer:
     """One adaptive reduction and its state: ``run`` expands, compresses and certifies. Parameters as of ``reduce_model``."""
 
-    def __init__(self, model: FeModel, input_of: Integers, options: ReductionOptions, *, backend: str = "auto") -> None:
+    def __init__(
+        self, model: FeModel, input_of: Integers, options: ReductionOptions, *, backend: str = "auto", blocks: int | None = None
+    ) -> None:
         self.clock = _Clock()
         self.problem = Problem.of(model, input_of, options, backend=backend)
+        self.most = np.inf if blocks is None else blocks * (self.problem.inputs.shape[1] + self.problem.dual.shape[1])
         self.lines = FullLines(self.problem)
         self.basis = self.problem.empty_basis()
         self.estimator = Estimator(self.problem)
@@ -159,6 +162,12 @@ class Reducer:
         self.clock.lap("basis")
         self.basis.extend(new)
         self.clock.lap("projection")
+        if self.basis.size > self.most:
+            raise NumericalError(
+                f"the model has very many modes in the band: after {len(self.enriched) + 1} expansion points its error is still too large",
+                place="reduction",
+                hint="check the mass sum and the units of the model; `lrbc reduce` goes on for as long as it takes",
+            )
         self.enriched.append(line.frequency_hz)
         added = sum(block.shape[1] for block in new)
         if added:
@@ -383,6 +392,7 @@ def reduce_model(
     backend: str = "auto",
     progress: Callable[[str], None] = lambda _: None,
     rows: Integers | None = None,
+    blocks: int | None = None,
 ) -> Reduction:
     """Reduce a model so that the FRFs y are within the tolerance in the band for all values of the terms.
 
@@ -398,6 +408,8 @@ def reduce_model(
         Called with one line of text for each factorisation.
     rows : (k,) int array or None
         DOFs at which rows of the basis are kept in the result.
+    blocks : int or None
+        Largest number of basis vectors for each input and each dual right-hand side: two for each expansion point.
 
     Returns
     -------
@@ -407,11 +419,11 @@ def reduce_model(
     Raises
     ------
     NumericalError
-        If the system is singular in the band.
+        If the system is singular in the band, or if the basis would exceed ``blocks``.
     """
     # QR of tall matrices does not gain from threads, and BLAS threads on busy cores cost a factor of ten. PARDISO has its own threads.
     with ThreadpoolController().select(internal_api="openblas").limit(limits=1):
-        reducer = Reducer(model, input_of, options, backend=backend)
+        reducer = Reducer(model, input_of, options, backend=backend, blocks=blocks)
         try:
             reduction = reducer.run(progress)
             return reduction if rows is None else replace(reduction, rows=reducer.basis.rows_at(rows))

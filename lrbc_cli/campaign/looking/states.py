@@ -94,10 +94,18 @@ class Looking(FrfSource):
         return Parameterisation(tuple(_started(group, start) for group in found.groups))
 
 
-def coarsely_reduced(inputs: Inputs, progress: Callable[[str], None] = lambda _: None) -> Reduction:
-    """A reduced model good enough for ``lrbc check``."""
+def coarsely_reduced(inputs: Inputs, progress: Callable[[str], None] = lambda _: None, *, blocks: int = 12) -> Reduction:
+    """A reduced model good enough for ``lrbc check``.
+
+    ``blocks``: see ``reduce_model``. Two to three expansion points are usual. With a mass in a wrong unit there are hundreds of modes in
+    the band, and no measurement is near such a model.
+
+    Raises
+    ------
+    NumericalError
+    """
     options = replace(options_of(inputs), tolerance=max(COARSE, inputs.campaign.reduction.tolerance), held_out=1)
-    return reduce_model(inputs.model, inputs.input_of, options, backend=inputs.campaign.reduction.backend, progress=progress)
+    return reduce_model(inputs.model, inputs.input_of, options, backend=inputs.campaign.reduction.backend, progress=progress, blocks=blocks)
 
 
 def _started(group: ParameterGroup, start: Mapping[str, Floats]) -> ParameterGroup:

@@ -164,10 +164,10 @@ def little_in_common(seen: Seen, measurements: Mapping[str, Measurement], explai
     if float(np.median(own)) > (LEAST_DIFFERENCE if seen.source.fitted_to not in (None, seen.job) else UNLIKE):
         far = f"level misfits of {min(own):.1f} to {max(own):.1f} dB at the start values (mean level of each response removed; after a "
         far += "calibration 1 to 2 dB are usual)"
-        far += _uneven_text(seen)
         if tighter := tighter_text(seen, measurements):
-            text = f"measured and computed FRFs differ: {far}. {tighter}"
-            return said(Kind.NOT_TIGHT, text)
+            # Jobs that fit have the same hammer points.
+            return said(Kind.NOT_TIGHT, f"measured and computed FRFs differ: {far}. {tighter}")
+        far += _uneven_text(seen)
         causes = "the springs whose places are warned of may be the reason; otherwise " if inputs.springs_doubt else ""
         causes += _usual(seen)
         if free := looser(seen, typical):

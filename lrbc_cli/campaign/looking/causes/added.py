@@ -58,6 +58,8 @@ class Added:
         In words.
     left : float
         Level misfit with it [dB].
+    of : array or None
+        Stiffness of the supports that the model has at these DOFs, of which ``size`` times as much is added; None: equal shares.
     """
 
     matrix: str
@@ -66,6 +68,7 @@ class Added:
     at: Integers
     place: str
     left: float
+    of: Floats | Complexes | None = None
 
     @property
     def where(self) -> str:
@@ -120,28 +123,31 @@ class Solved:
     seen : Seen
         The job, on the lines solved.
     begin : (n + 1,) int array
-        First translation of each place.
+        First DOF of each place.
+    share : (N,) array
+        Of what is added to a place, by DOF.
     H : (F, R + N + m, E + N + m) complex array
-        N: translations of all places; terms at the start values.
+        N: DOFs of all places; terms at the start values.
     """
 
     seen: Seen
     begin: Integers
+    share: Floats | Complexes
     H: Complexes = field(repr=False)
 
     @classmethod
-    def of(cls, seen: Seen, nodes: Integers) -> Solved:
-        """The translations of nodes, by number.
+    def of(cls, seen: Seen, places: Sequence[Integers], share: Floats | Complexes | None = None) -> Solved:
+        """By the DOFs of each place; ``share``: None for equal shares.
 
         Raises
         ------
         LrbcError
         """
         model, settings = seen.inputs.model, seen.inputs.campaign.reduction
-        places = translations(seen, nodes)
         H, D_ref = full_frfs(with_ports(model, np.concatenate(places)), seen.s, settings.band, backend=settings.backend, refine=0)
         begin = np.cumsum([0, *(place.size for place in places)])
-        return cls(seen=seen, begin=begin, H=at_values(H, seen.dynamic - D_ref, terms=True))
+        share = np.ones(begin[-1]) if share is None else share
+        return cls(seen=seen, begin=begin, share=share, H=at_values(H, seen.dynamic - D_ref, terms=True))
 
     def misfits(self, theta: Floats | None = None) -> Callable[[str, Sequence[int], float], float]:
         """Level misfit [dB] with a mass or a support in all translations of places, in state ``theta``, if given.
@@ -156,11 +162,9 @@ class Solved:
         def misfit(matrix: str, feet: Sequence[int], size: float) -> float:
             own = np.concatenate([np.arange(self.begin[k], self.begin[k + 1]) for k in feet])
             driven = G[:, outputs + own][:, :, :loads]
-            flexible = (
-                np.eye(own.size) / (size / len(feet) * seen.s[:, None, None] ** (2 if matrix == "mass" else 0))
-                + G[:, outputs + own][:, :, loads + own]
-            )
-            # Inertia or support at each place, for each of its translations.
+            # Inertia or support at each place, for each of its DOFs.
+            dynamic = size / len(feet) * self.share[own] * seen.s[:, None, None] ** (2 if matrix == "mass" else 0)
+            flexible = np.eye(own.size) / dynamic + G[:, outputs + own][:, :, loads + own]
             force = np.linalg.solve(flexible, driven)[:, :, input_of]
             values = G[:, each, input_of] - np.einsum("frc,fcr->fr", G[:, :outputs][:, :, loads + own], force)
             return float(np.median(apart(seen.measured, values * quantity)))
@@ -226,7 +230,8 @@ def with_added(seen: Seen, found: Added) -> Looking:
     """
     plain, lump, stage = seen.inputs.model, picking(found.at, seen.inputs.model.size), seen.source.stage
     assert stage is not None
-    own = sp.csc_array(found.size / len(found.nodes) * (lump.T @ lump))
+    share = np.full(found.at.size, 1.0 / len(found.nodes)) if found.of is None else found.of
+    own = sp.csc_array(found.size * (lump.T @ sp.diags_array(share) @ lump))
     changed = {"M": sp.csc_array(plain.M + own)} if found.matrix == "mass" else {"K": sp.csc_array(plain.K + own)}
     model = replace(plain, **changed, extras={EXTRA: {found.matrix: own}})
     inputs = replace(seen.inputs, model=model, recipe=recipe_of(seen.inputs.campaign, model))
@@ -349,7 +354,7 @@ def best_added(
     """
     units = seen.inputs.campaign.unit_system
     with suppress(LrbcError):
-        misfits = Solved.of(seen, tried.nodes[some]).misfits(theta)
+        misfits = Solved.of(seen, translations(seen, tried.nodes[some])).misfits(theta)
         matrix, foot, sizes = min(ways, key=lambda way: min(misfits(way[0], way[1], each) for each in way[2]))
         # Resonances allow less than the factor of two to three between those.
         size = float(min(np.geomspace(sizes[0], sizes[-1], 25), key=lambda each: misfits(matrix, foot, each)))

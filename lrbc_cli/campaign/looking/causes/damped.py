@@ -166,6 +166,6 @@ def windowed_text(source: Looking, job: str, own: Measurement, factors: Mapping[
     return (
         f"job {job}: all {count} modes that can be compared decay faster than in the model by the same {rate:.3g} 1/s (median), but "
         "damping of the material grows with frequency. Check whether an exponential window with a time constant of about "
-        f"{1.0 / rate:.2g} s was set in all jobs. Measure without one, or add its decay to the damping of the model: model.damping.structure"
-        f"{air}: alpha: {2.0 * rate:.3g} more"
+        f"{1.0 / rate:.2g} s was set in all jobs. Measure without one, or add its decay to the damping of the model: "
+        f"model.damping.structure{air}: alpha: {2.0 * rate:.3g} more"
     )

@@ -119,33 +119,36 @@ def held_text(seen: Seen, before: float, *, most: int = 8) -> str | None:
     dofs, model = seen.inputs.dofs, seen.inputs.model
     if dofs is None or model.is_acoustic.any():
         return None
-    rows, beside = _held(model.K, dofs, np.unique(model.terms.left.indices))
-    nodes, joints = np.unique(dofs.node[rows]), np.unique(dofs.node[beside])
+    rows, beside = _held(model, dofs)
+    nodes, joints, every = np.unique(dofs.node[rows]), np.unique(dofs.node[beside]), np.concatenate([rows, beside])
     alone = [rows[dofs.node[rows] == node] for node in nodes] if 1 < nodes.size <= most else []
     alone += [beside[dofs.node[beside] == node] for node in joints] if joints.size <= most else []
-    cases = [each for each in (rows, *alone) if each.size]
+    # Supports may stand at nodes of bolts, all or some of them.
+    cases = list({each.tobytes(): each for each in (rows, beside, every, *alone) if each.size}.values())
     if not cases or not affordable(seen, len(cases)):
         return None
     left, best = min((_without(seen, each, before), k) for k, each in enumerate(cases))
     if not np.isfinite(left):
-        return _misstated_text(seen, rows, before) if rows.size else None
+        return _misstated_text(seen, every, before)
     at = np.unique(dofs.node[cases[best]])
     named = listing(at.tolist(), 6)
     components = ", ".join(label for label in COMPONENTS if np.any(dofs.component[cases[best]] == label))
     falls = f"the level misfit falls from {before:.1f} to {left:.1f} dB (mean level of each response removed)"
     if np.isin(cases[best], beside).all():
+        of = f"nodes {named} of bolts" if at.size > 1 else f"node {named} of a bolt"
         return (
-            f"the stiffness matrix holds node {named} of a bolt to the ground ({components}) in addition to its springs: without that "
-            f"{falls}. Probably a boundary condition was left in there. Remove it in the FE model, and export the matrices again"
+            f"the stiffness matrix holds {of} to the ground ({components}) in addition to the springs: without that {falls}. Probably a "
+            "boundary condition was left in there, or a support is far too stiff. Remove it in the FE model, or give it the stiffness that "
+            "it has on the test bench, and export the matrices again"
         )
-    if best:
+    if at.size == 1 and nodes.size > 1:
         return (
             f"the stiffness matrix holds {nodes.size} nodes to the ground in addition to the terms ({listing(nodes.tolist(), 6)}). Without "
             f"the support of node {named} alone ({components}) {falls}: probably the structure was not held there in the measurement, as "
             "by a foot in the air. Support it on the test bench and measure again, or remove this support in the FE model"
         )
     return (
-        f"the stiffness matrix holds {nodes.size} node{'s' if nodes.size > 1 else ''} to the ground in addition to the terms "
+        f"the stiffness matrix holds {at.size} node{'s' if at.size > 1 else ''} to the ground in addition to the terms "
         f"({named}; {components}), probably by a boundary condition that was left in: without it {falls}. Remove it in the FE model, "
         "export the matrices again"
     )
@@ -156,8 +159,20 @@ def free_of_supports(seen: Seen) -> FeModel:
     model, dofs = seen.inputs.model, seen.inputs.dofs
     if dofs is None or model.is_acoustic.any():
         return model
-    rows, _ = _held(model.K, dofs, np.unique(model.terms.left.indices))
+    rows, _ = _held(model, dofs)
     return replace(model, K=sp.csc_array(model.K - sp.diags_array(_forces(model.K, dofs, rows)))) if rows.size else model
+
+
+def supports_of(seen: Seen) -> tuple[Integers, Floats | Complexes]:
+    """DOFs that the stiffness matrix holds to the ground in addition to the terms, and the stiffness of these supports.
+
+    Both are empty without a DOF table, and for a model with air.
+    """
+    model, dofs = seen.inputs.model, seen.inputs.dofs
+    if dofs is None or model.is_acoustic.any():
+        return np.zeros(0, dtype=np.int64), np.zeros(0)
+    rows = np.concatenate(_held(model, dofs))
+    return rows, _forces(model.K, dofs, rows)[rows]
 
 
 def _misstated_text(seen: Seen, rows: Integers, before: float, *, times: tuple[float, ...] = (0.1, 10.0, 1e-3, 1e3)) -> str | None:
@@ -206,7 +221,7 @@ def supports_text(seen: Seen) -> str:
     lacking = _lacking(dofs, inputs.campaign.unit_system.length)
     if model.is_acoustic.any():
         return lacking
-    rows, beside = _held(model.K, dofs, np.unique(model.terms.left.indices))
+    rows, beside = _held(model, dofs)
     nodes, first = np.unique(dofs.node[rows], return_index=True)
     tied = _tied_text(model, dofs)
     joints = np.unique(dofs.node[beside]).tolist()
@@ -297,14 +312,19 @@ def _tied_text(model: FeModel, dofs: DofTable) -> str:
     )
 
 
-def _held(K: sp.csc_array, dofs: DofTable, terms: Integers, *, left_over: float = 1e-2) -> tuple[Integers, Integers]:
+def _held(model: FeModel, dofs: DofTable, *, left_over: float = 1e-2) -> tuple[Integers, Integers]:
     """Rows at which a rigid translation, or a rigid rotation about the row's node, causes a force: others than those of terms, and these.
 
-    ``left_over``: least force at a term, from which springs that the matrices held were subtracted, as a share of the row's magnitudes.
+    ``left_over``: least force at a term to the ground, from which springs that the matrices held were subtracted, as a share of the row's
+    magnitudes.
     """
+    K, vectors = model.K, model.terms.left
     size, moving = np.abs(K) @ np.ones(dofs.size), np.isin(dofs.component, COMPONENTS[:3])
+    # What joins two nodes moves with both.
+    net = np.max([np.abs((dofs.component == label) @ vectors) for label in COMPONENTS[:3]], axis=0)
+    grounded = np.flatnonzero(net > _ROUNDING * np.ravel(np.abs(vectors).max(axis=0).toarray()))
     least = np.full(dofs.size, _ROUNDING)
-    least[terms] = left_over
+    least[np.unique(vectors[:, grounded].indices)] = left_over
 
     def held(rows: Integers) -> Integers:
         found: Integers = rows[_forces(K, dofs, rows).real[rows] > least[rows] * size[rows]]
@@ -314,7 +334,7 @@ def _held(K: sp.csc_array, dofs: DofTable, terms: Integers, *, left_over: float 
     nodes = np.unique(dofs.node[found])[:_MOST_NODES]
     turned = held(np.flatnonzero(np.isin(dofs.component, COMPONENTS[3:]) & np.isin(dofs.node, nodes)))
     every = np.concatenate([found, turned])
-    of_terms = np.isin(every, terms)
+    of_terms = np.isin(every, vectors.indices)
     return every[~of_terms], every[of_terms]
 
 
