@@ -19,15 +19,16 @@ from lrbc_cli.campaign.identification.compared.likeness import apart
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.looking import all_jobs, fitted
 from lrbc_cli.campaign.looking.all_jobs import misplaced_sensor, of_one_sensor
+from lrbc_cli.campaign.looking.causes.damped import windowed_text
 from lrbc_cli.campaign.looking.causes.held import idle_text
 from lrbc_cli.campaign.looking.causes.parts import at_bounds_text
 from lrbc_cli.campaign.looking.first_look import _source
 from lrbc_cli.campaign.looking.fitted import multiplied
+from lrbc_cli.campaign.looking.odd import left_on
 from lrbc_cli.campaign.looking.odd.jobs import _airborne, _of_model, own_air_text
-from lrbc_cli.campaign.looking.odd.left_on import left_on_text
 from lrbc_cli.campaign.looking.states import Looking, Seen
 from lrbc_cli.campaign.looking.trials import NEARER, at_values, picking
-from lrbc_cli.campaign.reading.inputs import read_as_exported
+from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.campaign.reduced.stage import affine_model
 from lrbc_cli.config import load_campaign
 from lrbc_cli.io.frf import read_frf, write_frf
@@ -61,12 +62,36 @@ def test_warmer_and_colder_air_is_told_with_its_temperature(tmp_path: Path, spee
     assert f"% {which} that of the reference job" in text
 
 
-@pytest.mark.parametrize(("kg", "node", "loose"), [(0.071, 108, (1, 2, 4, 5)), (0.047, 27, (0, 1, 2)), (0.0, 108, (1, 2, 4, 5))])
-def test_a_tool_left_beside_loosened_bolts(tmp_path: Path, kg: float, node: int, loose: tuple[int, ...]) -> None:
-    """Bolts and mass hide each other: a fit of the bolts leaves much, and so does a mass with all bolts tight."""
-    inputs = read_as_exported(load_campaign(frame(tmp_path).path / "campaign.yaml"))
-    source = _source(inputs, tmp_path / "none", lambda _: None)
+def on_feet(path: Path, stiffness: float) -> tuple[Inputs, Looking, np.ndarray]:
+    """The frame, on soft springs in its middle if there is a ``stiffness``, its reduced model, and the DOFs of these springs."""
+    inputs = read_as_exported(load_campaign(frame(path).path / "campaign.yaml"))
+    assert inputs.dofs is not None
+    at = np.flatnonzero((inputs.dofs.component == "UZ") & np.isin(inputs.dofs.node, [40, 59, 80]))
+    held = sp.csc_array((np.full(at.size, stiffness), (at, at)), inputs.model.K.shape)
+    inputs = replace(inputs, model=replace(inputs.model, K=sp.csc_array(inputs.model.K + held), extras={}))
+    source = _source(inputs, path / "none", lambda _: None)
     assert source is not None
+    return inputs, source, at
+
+
+@pytest.mark.parametrize(
+    ("kg", "node", "times", "loose", "said"),
+    [
+        (0.071, 108, 1.0, (1, 2, 4, 5), "kg"),
+        (0.047, 27, 1.0, (0, 1, 2), "kg"),
+        (0.0, 108, 1.0, (1, 2, 4, 5), ""),
+        (0.0, 108, 60.0, (1, 2, 4, 5), "times as stiff"),
+    ],
+    ids=["a tool", "another", "nothing", "blocks under the feet"],
+)
+def test_what_changed_beside_loosened_bolts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kg: float, node: int, times: float, loose: tuple[int, ...], said: str
+) -> None:
+    """Bolts and mass hide each other: a fit of the bolts leaves much, and so does a mass with all bolts tight."""
+    inputs, source, feet = on_feet(tmp_path, 1e3 if times > 1.0 else 0.0)
+    stiffness = np.full(feet.size, 1e3)
+    # Its edges are held, too, by DOFs that it does not have.
+    monkeypatch.setattr(left_on, "supports_of", lambda _: (feet, stiffness))
     assert inputs.dofs is not None
     assert inputs.bolts is not None
     model, band = inputs.model, inputs.campaign.reduction.band
@@ -75,24 +100,50 @@ def test_a_tool_left_beside_loosened_bolts(tmp_path: Path, kg: float, node: int,
     parameters = source.parameters(s)
     shapes = bolt_shapes(parameters, inputs.bolts.xyz, inputs.statistics.values, inputs.statistics.bolts)
     lump = picking(np.flatnonzero((inputs.dofs.node == node) & (inputs.dofs.component == "UZ")), model.size)
+    blocks = picking(feet, model.size)
 
-    def measured(kg: float, theta: np.ndarray) -> Measurement:
-        H, D_ref = full_frfs(replace(model, M=sp.csc_array(model.M + kg * (lump.T @ lump))), s, band, refine=0)
+    def measured(kg: float, times: float, theta: np.ndarray) -> Measurement:
+        K = model.K + (times - 1.0) * (blocks.T @ sp.diags_array(stiffness) @ blocks)
+        there = replace(model, K=sp.csc_array(K), M=sp.csc_array(model.M + kg * (lump.T @ lump)))
+        H, D_ref = full_frfs(there, s, band, refine=0)
         G = at_values(H, parameters.dynamic(theta, s) - D_ref)
         return measurement(hz, G[:, np.arange(G.shape[1]), inputs.input_of] * s[:, None] ** model.output_power)
 
     theta = np.clip(parameters.initial - 3.0 * shapes.T[:, shapes.bolts[list(loose)]].sum(axis=1), *parameters.bounds.T)
-    job = Seen.of(source, "loose", measured(kg, theta), measured(0.0, parameters.initial))
+    job = Seen.of(source, "loose", measured(kg, times, theta), measured(0.0, 1.0, parameters.initial))
     expected = fitted.fitted_frf(job)
     assert expected is not None
-    text = left_on_text(job, float(np.median(apart(job.measured, expected))))
-    if not kg:
+    text = left_on.left_on_text(job, float(np.median(apart(job.measured, expected))))
+    if not said:
         assert text == ""
         return
-    assert f" kg more near node {node} at " in text
+    assert said in text
     assert ", with the bolts fitted beside it, " in text
-    assert float(text.split()[2]) == pytest.approx(kg, rel=0.15)
     assert float(text.partition("level misfit is ")[2].split()[0]) < 1.0
+    if kg:
+        assert f" kg more near node {node} at " in text
+        assert float(text.split()[2]) == pytest.approx(kg, rel=0.15)
+    else:
+        assert float(text.partition(" times as stiff")[0].split()[-1]) == pytest.approx(times, rel=0.4)
+
+
+@pytest.mark.parametrize(("rate", "is_told"), [(12.0, True), (0.0, False)])
+def test_a_window_in_all_jobs_is_no_damping_of_the_material(tmp_path: Path, rate: float, is_told: bool) -> None:
+    """It moves the axis from s to s + rate; a loss factor that a calibration found instead is taken back."""
+    _, source, _ = on_feet(tmp_path, 0.0)
+    hz = np.arange(20.0, 400.0, 0.5)
+    s = 2j * np.pi * hz + rate
+    parameters = source.parameters(s)
+    own = measurement(hz, source.model(s, parameters).frf(parameters.initial))
+    text = windowed_text(source, "tight", own, {})
+    assert bool(text) is is_told
+    if is_told:
+        assert text.startswith("job tight: all ")
+        assert float(text.partition("by the same ")[2].split()[0]) == pytest.approx(rate, rel=0.15)
+        assert "model.damping.structure: alpha: " in text
+        assert source.stage is not None
+        beta = {"beta.structure": 3.0}
+        assert windowed_text(multiplied(source, affine_model(source.inputs, source.stage), beta), "tight", own, beta) == text
 
 
 @pytest.mark.parametrize(("speed", "is_told"), [(1.0, True), (1.05, False)], ids=["others as the model", "others as the reference"])

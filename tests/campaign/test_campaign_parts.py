@@ -18,7 +18,7 @@ from lrbc_cli.campaign.findings import Finding, Kind
 from lrbc_cli.campaign.looking import unexplained
 from lrbc_cli.campaign.looking.causes import added, parts, rescaled
 from lrbc_cli.campaign.looking.causes.added import added_text, loaded_text
-from lrbc_cli.campaign.looking.causes.held import held_text, supports_text, tied_text
+from lrbc_cli.campaign.looking.causes.held import held_text, supports_of, supports_text, tied_text
 from lrbc_cli.campaign.looking.causes.parts import lump_text
 from lrbc_cli.campaign.looking.odd.left_on import left_on_text
 from lrbc_cli.campaign.looking.states import Seen
@@ -408,6 +408,25 @@ def test_feet_of_a_wrong_stiffness(stated: float, words: str) -> None:
     assert bool(text) is bool(words)
     assert words in text
     assert not words or text.startswith(f"the supports of the model (2, 37, {COUNT + 2}, {COUNT + 37}) are probably {words}")
+
+
+def test_supports_at_nodes_of_bolts() -> None:
+    """Springs of bolts between two nodes put no force to the ground, so even soft supports there are seen; each alone explains little."""
+    feet = (0, 15, COUNT + 5, COUNT + 38)
+    soft = grounded(*feet, stiffness=2e4)
+    text = told(grounded(*feet), soft, lambda job, before: held_text(job, before) or "")
+    assert text.startswith(
+        f"the stiffness matrix holds nodes 0, 15, {COUNT + 5}, {COUNT + 38} of bolts to the ground (UX) in addition to the "
+    )
+    assert "or a support is far too stiff" in text
+    assert told(soft, soft, lambda job, before: held_text(job, before) or "") == ""
+
+    def found(job: Seen, _: float) -> str:
+        at, stiffness = supports_of(job)
+        return " ".join(f"{row}: {size:.6g}" for row, size in zip(at, stiffness, strict=True))
+
+    assert told(soft, soft, found) == f"0: 20000 15: 20000 {COUNT + 5}: 20000 {COUNT + 38}: 20000"
+    assert told(assembly(), assembly(), found) == ""
 
 
 def test_a_tie_that_was_left_beside_the_bolts() -> None:

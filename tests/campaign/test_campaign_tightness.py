@@ -66,6 +66,19 @@ def test_a_baseline_is_not_exchanged_with_the_reference_job_but_a_job_that_is_as
     assert tighter(monkeypatch, 7.0, "tight-2", loose=5.1) == ""
 
 
+@pytest.mark.parametrize(("left", "other", "named"), [(6.6, 8.0, True), (6.6, 7.2, False), (7.6, 8.3, False)])
+def test_a_bolt_that_stands_out_is_named_beside_a_model_with_errors(
+    monkeypatch: pytest.MonkeyPatch, left: float, other: float, named: bool
+) -> None:
+    """Its loss explains too little to be the cause for sure, but far more than that of any other bolt."""
+    freed = [tightness.Freed(["B1"], "free", other), tightness.Freed(["B2"], "at 0.06 of its stiffness", left)]
+    monkeypatch.setattr(tightness, "_partly_loose", lambda _: iter([*freed, tightness.Freed(["B2"], "at 0.5 of its stiffness", 8.2)]))
+    text = tighter(monkeypatch, 4.8, "tight-2", loose=5.1)
+    assert "If a bolt was loose in tight, set update.reference to a tight job, such as tight-2" in text
+    clause = f". With B2 at 0.06 of its stiffness the level misfit is {left:.1f} dB, with a loss of any other bolt {other:.1f} dB or more"
+    assert (clause in text) is named
+
+
 @pytest.mark.parametrize(("left", "exchange"), [(5.2, False), (6.0, True)])
 def test_no_exchange_is_advised_where_one_bolt_explains_the_reference_job(
     monkeypatch: pytest.MonkeyPatch, left: float, exchange: bool

@@ -13,7 +13,9 @@ import pytest
 import scipy.sparse as sp
 from systems import csc, fe_model, grid
 
+from lrbc_cli.errors import NumericalError
 from lrbc_cli.reduction import predict as predict_module
+from lrbc_cli.reduction.build import reduce_model
 from lrbc_cli.reduction.outcome import ReductionOptions
 from lrbc_cli.reduction.predict import LIBRARIES, memory_bound, predict
 from lrbc_cli.reduction.solve import pardiso
@@ -120,6 +122,13 @@ class TestPrediction:
         few, some, many = (predict(cube(18, terms=count), options).work for count in (40, 140, 216))
         assert 3.0 * few < some < 15.0 * few
         assert some < many < 25.0 * few
+
+    def test_a_basis_that_grows_on_and_on_is_refused(self):
+        """A mass in a wrong unit puts hundreds of modes into the band."""
+        model, options = cube(12), ReductionOptions(band_hz=(20.0, 400.0))
+        with pytest.raises(NumericalError, match="very many modes in the band: after 3 expansion points"):
+            reduce_model(model, np.zeros(3, dtype=np.int64), options, blocks=5)
+        assert reduce_model(model, np.zeros(3, dtype=np.int64), ReductionOptions(band_hz=BAND), blocks=12).reached
 
     def test_a_largest_size_bounds_the_basis(self):
         model = cube(12)

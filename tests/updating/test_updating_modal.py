@@ -7,7 +7,7 @@ import pytest
 from samples import ROOT
 
 from lrbc_cli.io.frf import read_frf
-from lrbc_cli.updating.statistics.chain.modal import fitted_modes, other_chain, same_modes
+from lrbc_cli.updating.statistics.chain.modal import fitted_modes, other_chain, same_modes, window_of_model
 from lrbc_cli.updating.statistics.chain.runs import other_run
 
 F = np.arange(30.0, 501.0, 1.0)
@@ -47,6 +47,18 @@ def test_a_window_in_one_of_two_measurements(end):
     other = other_chain(F, tight, own, "windowed", NAMES)
     assert other is not None
     assert "set for windowed" in other.text
+
+
+def test_a_window_beside_a_model():
+    """Of all jobs alike; a model damped otherwise, or with few modes, says nothing."""
+    window = -np.log(0.01)
+    count, rate = window_of_model(F, frfs(window=window, seed=1), frfs(noise=0.0))
+    assert count >= 4
+    assert rate == pytest.approx(window, rel=0.1)
+    assert window_of_model(F, frfs(decay=2.5 * DECAY, seed=1), frfs(noise=0.0)) == (0, 0.0)
+    assert window_of_model(F, frfs(seed=1), frfs(window=window, noise=0.0)) == (0, 0.0)
+    assert window_of_model(F[:150], frfs(window=window)[:150], frfs(noise=0.0)[:150]) == (0, 0.0)
+    assert window_of_model(F, np.full((F.size, 5), np.nan), frfs()) == (0, 0.0)
 
 
 def test_a_window_where_a_loosened_bolt_damps_one_mode():
