@@ -33,11 +33,11 @@ from lrbc_cli.updating.comparison.scale import Known, Offset
 @pytest.mark.parametrize(
     ("factors", "what"),
     [
-        ((2.9, 1.0), "the mass of the part at x 0 to 0.8, y 0.1, z 0 m is probably about 2.9 times too small"),
-        ((1.0, 1.0 / 3.0), "the stiffness of the part at x 0 to 0.8, y 0.1, z 0 m is probably about 2.9 times too large"),
+        ((2.9, 1.0), "the mass of the part of 40 nodes at x 0 to 0.8, y 0.1, z 0 m is probably about 2.9 times too small"),
+        ((1.0, 1.0 / 3.0), "the stiffness of the part of 40 nodes at x 0 to 0.8, y 0.1, z 0 m is probably about 2.9 times too large"),
         (
             (1.0 / 2.9, 1.0 / 3.0),
-            "the stiffness and mass of the part at x 0 to 0.8, y 0.1, z 0 m are probably about 2.9 times",
+            "the stiffness and mass of the part of 40 nodes at x 0 to 0.8, y 0.1, z 0 m are probably about 2.9 times",
         ),
     ],
 )
@@ -52,7 +52,9 @@ def test_feet_and_what_a_baseline_leaves_are_no_share_of_a_part() -> None:
     rounding[0, COUNT + 30] = rounding[COUNT + 30, 0] = 1e-7
     given, true = (replace(model, K=sp.csc_array(model.K + feet + rounding)) for model in (assembly(1.0 / 2.9, 1.0 / 3.0), assembly()))
     text = told(given, true)
-    assert text.startswith("the stiffness and mass of the part at x 0 to 0.8, y 0.1, z 0 m are probably about 2.9 times too small"), text
+    assert text.startswith(
+        "the stiffness and mass of the part of 40 nodes at x 0 to 0.8, y 0.1, z 0 m are probably about 2.9 times too small"
+    ), text
     left = re.search(r"to ([\d.]+) dB", text)
     assert left is not None
     assert float(left[1]) < 1.0  # of proportional damping

@@ -263,11 +263,13 @@ def _part_text(seen: Seen, part: _Alike, number: int, logs: Floats, left: float)
 
 
 def _where(seen: Seen, part: MeshPart, unknown: str) -> str:
-    """A part by its extents, its border among them; ``unknown`` without coordinates."""
+    """A part by its nodes and extents, its border among them; ``unknown`` without coordinates."""
     dofs, units = seen.inputs.dofs, seen.inputs.campaign.unit_system
     if dofs is None:
         return unknown
-    return f"part at {extents(dofs.xyz[part.own | (part.K.diagonal() != 0.0)], units.length, units.length_name)}"
+    there = part.own | (part.K.diagonal() != 0.0)
+    # Parts one on the other have the same extents.
+    return f"part of {np.unique(dofs.node[there]).size} nodes at {extents(dofs.xyz[there], units.length, units.length_name)}"
 
 
 def _begun(
