@@ -17,10 +17,15 @@ import scipy.sparse as sp
 from campaigns import Folder
 from systems import csc
 
+from lrbc_cli.campaign.findings import Finding
 from lrbc_cli.campaign.identification.compared.offsets import factors_of
+from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.looking.causes import damped
 from lrbc_cli.campaign.looking.causes.parts import _cause
+from lrbc_cli.campaign.looking.first_look import _source, _without_sensors
 from lrbc_cli.campaign.reading.doubts.materials import too_heavy
+from lrbc_cli.campaign.reading.inputs import read_as_exported
+from lrbc_cli.config import load_campaign
 from lrbc_cli.io.frf import write_frf
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.frf import FrfRecord, FrfSet
@@ -254,3 +259,22 @@ def test_the_gain_of_one_sensor_stands_out_at_two_hammer_points(monkeypatch: pyt
     once[:, 10] /= 1.6
     twice[:, [2, 8]] *= 1.6
     assert named(once) == named(twice) == []
+
+
+@pytest.mark.parametrize(("stiffness", "fits"), [(1.0, True), (2.2, False)], ids=["one sensor is wrong", "a part is wrong"])
+def test_a_wrong_sensor_that_spoils_a_calibration_is_left_out_of_it(tmp_path: Path, stiffness: float, fits: bool) -> None:
+    """If all others fit then, no part of the model is looked for."""
+    folder = two_parts(tmp_path, stiffness=stiffness)
+    inputs = read_as_exported(load_campaign(folder.config))
+    whole = read_measurement(inputs, inputs.campaign.jobs["tight"], "tight")
+    values = whole.values.copy()
+    values[:, 1] = values[::-1, 1]
+    source = _source(inputs, tmp_path / "none", lambda _: None)
+    assert source is not None
+    others = _without_sensors(source, replace(whole, values=values), "tight", [Finding(text="a2 is far", responses=(1,))])
+    assert (others is not None) is fits
+    if others is not None:
+        assert others.note.startswith("compared with a rough calibration from tight without a2, not stored: level misfit ")
+        assert others.fitted_to == "tight"
+    assert _without_sensors(source, whole, "tight", [Finding(text="all", responses=tuple(range(6)))]) is None
+    assert _without_sensors(source, whole, "tight", []) is None

@@ -28,6 +28,7 @@ from lrbc_cli.campaign.identification.compared.offsets import (
     LEAST_BAND,
     sideways_finding,
 )
+from lrbc_cli.campaign.identification.compared.sensors import same_sensor
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.weights import without_noise
 from lrbc_cli.campaign.looking.all_jobs import OfJob, tight_state, together
@@ -53,6 +54,7 @@ from lrbc_cli.campaign.looking.causes.tightness import (
 from lrbc_cli.campaign.looking.exchanges import channel_findings
 from lrbc_cli.campaign.looking.fitted import (
     as_exported,
+    calibrated_from,
     calibrated_from_another,
     fitted_exchanged,
     fitted_frf,
@@ -77,7 +79,7 @@ from lrbc_cli.campaign.reading.model_doubts import misread
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import reduction_cost
 from lrbc_cli.campaign.reduced.stage import ReductionStage, require_baselines
-from lrbc_cli.errors import DataError, LrbcError
+from lrbc_cli.errors import DataError, LrbcError, listing
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.comparison.scale import Offset
 
@@ -392,9 +394,29 @@ def _calibrated(
     moved = [*said(Kind.LOWERED, or_held(seen, lowered_text(seen, after))), *said(Kind.SPRINGS, raised_text(seen, after))]
     # Single responses stand out by a wrong part or joint, too.
     if kinds_of(again.told) <= {Kind.ALONE, Kind.PLACES} and not moved and after.misfit > USUAL:
+        if (others := _without_sensors(source, measurements[name], name, again.told)) is not None:
+            return others, _looked_at(others, measurements, name)
         part = of_a_part(seen, measurements[name], after.misfit)
         return calibrated, replace(again, told=part or again.told)
     return calibrated, replace(again, told=[*again.told, *moved])
+
+
+def _without_sensors(source: Looking, measurement: Measurement, name: str, told: Sequence[Finding]) -> Looking | None:
+    """Model after a rough calibration from job ``name`` without the sensors that were told; None if it does not fit all others then.
+
+    A single wrong sensor spoils a calibration, and then all responses differ as if a part were wrong.
+    """
+    inputs, alone = source.inputs, {i for each in told for i in each.responses}
+    own = np.ones(len(inputs.responses), dtype=bool)
+    own[list(alone.union(*(same_sensor(inputs, i) for i in alone)))] = False
+    found = calibrated_from(source, measurement, own) if alone and own.any() else None
+    if found is None:
+        return None
+    seen = Seen.of_model(found, name, measurement)
+    left = float(np.median(apart(seen.measured, seen.model)[own]))
+    without = listing([inputs.responses[i].name for i in np.flatnonzero(~own)], 4)
+    note = f"compared with a rough calibration from {name} without {without}, not stored: level misfit {left:.1f} dB"
+    return replace(found, note=note) if left <= USUAL else None
 
 
 def _of_reference(source: Looking, measurements: Mapping[str, Measurement], name: str) -> tuple[Looking, OfJob]:
