@@ -238,7 +238,8 @@ def with_added(seen: Seen, found: Added) -> Looking:
     return Looking(inputs=inputs, stage=replace(stage, reduction=coarsely_reduced(inputs)), kind="port")
 
 
-def _text(inputs: Inputs, found: Added, before: float, *, with_calibration: bool = False) -> str:
+def _text(inputs: Inputs, found: Added, before: float, *, with_calibration: bool = False, heaviest: float = 0.5) -> str:
+    """Warning about what was found; ``heaviest``: largest mass of a sensor with its magnet and cable [kg]."""
     sizes = f"the level misfit falls from {before:.1f} to {found.left:.1f} dB"
     if with_calibration:
         sizes = f"a rough calibration leaves {found.left:.1f} dB, without it {before:.1f} dB"
@@ -246,7 +247,7 @@ def _text(inputs: Inputs, found: Added, before: float, *, with_calibration: bool
     much = ""
     if found.left > EXPLAINED:
         much = ". Of the causes that were tried this one leaves least, but much: check material and thickness of each part as well"
-    sensors = _sensors_at(inputs, found) if found.matrix == "mass" else []
+    sensors = _sensors_at(inputs, found) if found.matrix == "mass" and found.size <= heaviest else []
     if sensors:
         return (
             f"with about {found.size:.2g} kg more near {found.where} {sizes} {removed}: {listing(sensors, 3)} was measured there, so this "

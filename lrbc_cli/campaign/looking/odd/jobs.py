@@ -81,7 +81,7 @@ def odd_jobs(
         further = airborne or (f"{much} job. {MORE}{_of_model(source, reference)}" if left > clearly * usual else "")
         own = air if airborne else np.full(air.size, fill_value=True)
         before = float(min(np.median(away[own]), np.median(source.away[name][own])))
-        odd = _Odd(seen=seen, whole=measurements[name], before=before, own=own)
+        odd = _Odd(seen=seen, whole=measurements[name], before=before, usual=min(usual, before), own=own)
         if cause := _told(odd, f"{much} job", tried, further):
             found[name] = cause[0]
     return found
@@ -150,6 +150,8 @@ class _Odd:
         The job on all its lines.
     before : float
         Level misfit that a fit of the bolts leaves, median over the responses ``own`` [dB].
+    usual : float
+        The same of the best explained job [dB].
     own : (R,) bool array
         Responses that a cause must explain.
     """
@@ -157,6 +159,7 @@ class _Odd:
     seen: Seen
     whole: Measurement
     before: float
+    usual: float
     own: Bools = field(repr=False)
 
     @property
@@ -198,7 +201,7 @@ def _told(odd: _Odd, much: str, tried: list[float], further: str) -> list[Findin
         return said(Kind.FOREIGN, f"{much}. {min(damped, (clock, text))[1]}")
     if moved := hammer_text(seen, apart(seen.measured, seen.states)):
         return said(Kind.HAMMER, f"{much}; {moved}")
-    if odd.own.all() and (standing := left_on_text(seen, odd.before)):
+    if odd.own.all() and (standing := left_on_text(seen, odd.before, odd.usual)):
         return said(Kind.FOREIGN, f"{much}. {standing}")
     return said(Kind.FOREIGN, further)
 

@@ -24,7 +24,7 @@ from lrbc_cli.updating.unknowns.shapes import bolt_shapes
 _Way = tuple[str, int, float]
 
 
-def left_on_text(seen: Seen, before: float) -> str:
+def left_on_text(seen: Seen, before: float, usual: float = 0.0) -> str:
     """Clause on a job that a further mass, or other supports, explain; empty if they do not.
 
     A mass is looked for with all bolts tight first, then either with the bolts fitted beside it.
@@ -35,8 +35,11 @@ def left_on_text(seen: Seen, before: float) -> str:
         A job that no state of the bolts explains.
     before : float
         Level misfit that a fit of the bolts leaves [dB].
+    usual : float
+        What such a fit leaves of the best explained job, by errors of the model, and so of this one, too [dB].
     """
-    most, how, found = min(EXPLAINED, CLEARLY * before), "with all bolts tight", nearest_added(seen, before)
+    most = min(EXPLAINED, usual + CLEARLY * max(before - usual, 0.0))
+    how, found = "with all bolts tight", nearest_added(seen, before)
     if found is None or found.left > min(most, NEARER * seen.misfit):
         how, found = f"with the bolts fitted beside it, {before:.1f} dB without it", _beside_loosened(seen, before)
     if found is None or found.left > most:
