@@ -137,6 +137,17 @@ def test_a_baseline_farther_off_than_most_jobs_to_be_judged() -> None:
     )
 
 
+@pytest.mark.parametrize(("left", "named"), [(1.0, True), (2.0, False)])
+def test_a_bolt_that_stands_out_in_a_job_near_the_reference_job(monkeypatch: pytest.MonkeyPatch, left: float, named: bool) -> None:
+    """The file of a loosened state under the name of a baseline, 2.5 dB from the reference job."""
+    freed = [tightness.Freed(["B1"], "free", 2.4), tightness.Freed(["B2"], "at 0.01 of its stiffness", left)]
+    monkeypatch.setattr(tightness, "_partly_loose", lambda _: iter(freed))
+    held = np.ones((400, 3), dtype=complex)
+    text = tightness.not_tight(beside(campaign("tight-2"), "tight-2", job(2.5, 3)), held)
+    assert bool(text) is named
+    assert not named or "With B2 at 0.01 of its stiffness the level misfit is 1.0 dB, with a loss of any other bolt 2.4 dB or more" in text
+
+
 #: Levels of three responses that one decade of each of three joints moves [dB].
 WAYS = np.random.default_rng(11).normal(0.0, 12.0, (3, 400, 3))
 

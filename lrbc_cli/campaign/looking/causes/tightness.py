@@ -11,7 +11,7 @@ from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.looking.states import Seen
-from lrbc_cli.campaign.looking.trials import NEARER, UNLIKE
+from lrbc_cli.campaign.looking.trials import NEARER, UNLIKE, USUAL
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.search.starts import LEVELS
@@ -125,7 +125,8 @@ def not_tight(seen: Seen, held: Complexes, others: Sequence[Complexes] = (), *, 
     there = np.isfinite(held) & (held != 0)
     own = seen.reading(seen.measured * np.where(there, seen.model / np.where(there, held, 1.0), np.nan))
     before = own.misfit
-    freed = looser(own, before) if before > LEAST_DIFFERENCE else ""
+    # Another tight state differs less, and not by one bolt.
+    freed = (looser(own, before) if before > LEAST_DIFFERENCE else "") or (foremost(own, before) if before > USUAL else "")
     nearer = before > LEAST_DIFFERENCE and found < NEARER * stated
     within = sum(float(np.median(apart(values, held))) < before for values in others)
     farther = len(others) >= least and before > LEAST_DIFFERENCE and 2 * within > len(others)
