@@ -321,3 +321,22 @@ def test_one_cause_at_several_places_is_one_line() -> None:
     # The key of one job mends that job alone.
     keyed = [replace(clock, job=k, text=f"twice. Write jobs.{k}.scale: {k}") for k in "12"]
     assert once(keyed) == ["job 1: twice. Write jobs.1.scale: 1; also found in 2 (each needs its own key)"]
+
+
+@pytest.mark.parametrize(
+    ("cosines", "hammer", "sensors"),
+    [
+        ([0.9, 0.9, 0.9, -0.9, -0.9, 0.2], (1,), (3, 4, 5)),
+        ([0.9, 0.9, 0.9, -0.9, -0.9, 0.9], (), (3, 4)),
+        ([0.9, 0.9, -0.9, 0.9, 0.9, -0.9], (), (2, 5)),
+        ([0.9, 0.9, 0.9, 0.9, -0.9, 0.1], (), (4,)),
+    ],
+    ids=["a hammer, one record unlike the model", "two records", "a sensor", "one record"],
+)
+def test_reversed_hammers_and_sensors(cosines: list[float], hammer: tuple[int, ...], sensors: tuple[int, ...]) -> None:
+    """Of three sensors and two hammer points."""
+    responses = [SimpleNamespace(node=k % 3, direction=3, quantity="acceleration", input=k // 3) for k in range(6)]
+    inputs: Any = SimpleNamespace(responses=responses, campaign=SimpleNamespace(excitation={"H1": None, "H2": None}))
+    found = all_jobs._reversed(inputs, dict(enumerate(cosines)))
+    assert found.excitations == hammer
+    assert set(found.responses) == set(sensors)

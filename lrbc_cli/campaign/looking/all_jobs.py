@@ -204,11 +204,11 @@ class _Reversed:
 
 
 def _reversed(inputs: Inputs, cosines: Mapping[int, float]) -> _Reversed:
-    """Reversed excitations and responses by the mean cosines: a hammer affects all its responses, a sensor all that it measures."""
+    """Reversed excitations and responses by the mean cosines, small ones by chance: a hammer affects all its records, as a sensor does."""
     excitations, hit = [], set[int]()
     for e in range(len(inputs.campaign.excitation)):
         own = [r for r in cosines if inputs.responses[r].input == e]
-        if len(own) > 1 and all(cosines[r] < 0.0 for r in own) and 2 * sum(cosines[r] <= -LEAST_ALIKE for r in own) > len(own):
+        if len(own) > 1 and max(cosines[r] for r in own) < LEAST_ALIKE and 2 * sum(cosines[r] <= -LEAST_ALIKE for r in own) > len(own):
             excitations.append(e)
             hit |= set(own)
     clear = {r for r, cosine in cosines.items() if cosine <= -LEAST_ALIKE and r not in hit}
