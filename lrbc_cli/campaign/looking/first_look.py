@@ -407,9 +407,11 @@ def _without_sensors(source: Looking, measurement: Measurement, name: str, told:
     A single wrong sensor spoils a calibration, and then all responses differ as if a part were wrong.
     """
     inputs, alone = source.inputs, {i for each in told for i in each.responses}
+    if not alone:
+        return None
     own = np.ones(len(inputs.responses), dtype=bool)
     own[list(alone.union(*(same_sensor(inputs, i) for i in alone)))] = False
-    found = calibrated_from(source, measurement, own) if alone and own.any() else None
+    found = calibrated_from(source, measurement, own) if own.any() else None
     if found is None:
         return None
     seen = Seen.of_model(found, name, measurement)
