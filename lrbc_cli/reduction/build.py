@@ -60,11 +60,19 @@ class Reducer:
     """One adaptive reduction and its state: ``run`` expands, compresses and certifies. Parameters as of ``reduce_model``."""
 
     def __init__(
-        self, model: FeModel, input_of: Integers, options: ReductionOptions, *, backend: str = "auto", blocks: int | None = None
+        self,
+        model: FeModel,
+        input_of: Integers,
+        options: ReductionOptions,
+        *,
+        backend: str = "auto",
+        blocks: int | None = None,
+        small: int = 600,
     ) -> None:
         self.clock = _Clock()
         self.problem = Problem.of(model, input_of, options, backend=backend)
-        self.most = np.inf if blocks is None else blocks * (self.problem.inputs.shape[1] + self.problem.dual.shape[1])
+        # A ``small`` basis takes little time, however many modes there are.
+        self.most = np.inf if blocks is None else max(blocks * (self.problem.inputs.shape[1] + self.problem.dual.shape[1]), small)
         self.lines = FullLines(self.problem)
         self.basis = self.problem.empty_basis()
         self.estimator = Estimator(self.problem)
@@ -409,7 +417,7 @@ def reduce_model(
     rows : (k,) int array or None
         DOFs at which rows of the basis are kept in the result.
     blocks : int or None
-        Largest number of basis vectors for each input and each dual right-hand side: two for each expansion point.
+        Largest number of basis vectors for each input and each dual right-hand side, two for each expansion point; 600 in all are allowed.
 
     Returns
     -------

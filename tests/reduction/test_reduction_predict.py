@@ -15,7 +15,7 @@ from systems import csc, fe_model, grid
 
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.reduction import predict as predict_module
-from lrbc_cli.reduction.build import reduce_model
+from lrbc_cli.reduction.build import Reducer, reduce_model
 from lrbc_cli.reduction.outcome import ReductionOptions
 from lrbc_cli.reduction.predict import LIBRARIES, memory_bound, predict
 from lrbc_cli.reduction.solve import pardiso
@@ -127,7 +127,7 @@ class TestPrediction:
         """A mass in a wrong unit puts hundreds of modes into the band."""
         model, options = cube(12), ReductionOptions(band_hz=(20.0, 400.0))
         with pytest.raises(NumericalError, match="very many modes in the band: after 3 expansion points"):
-            reduce_model(model, np.zeros(3, dtype=np.int64), options, blocks=5)
+            Reducer(model, np.zeros(3, dtype=np.int64), options, blocks=5, small=0).run()
         assert reduce_model(model, np.zeros(3, dtype=np.int64), ReductionOptions(band_hz=BAND), blocks=12).reached
 
     def test_a_largest_size_bounds_the_basis(self):
